@@ -159,7 +159,7 @@ def decide(catalog: Catalog, preset: str) -> str:
 def shards(catalog: Catalog) -> str:
     """As a run hands out all of the fleet, and learns what was kept of it."""
     jobs = fleet.decide(catalog, ANOTHER).jobs
-    cut = fleet.bundles(jobs, -(-len({job.target_id for job in jobs}) // SHARDS))
+    cut = fleet.shards(jobs, SHARDS, -(-len({job.target_id for job in jobs}) // SHARDS))
     manifest.write_shards(catalog, "large", cut)
     kept, missing = fleet.known_outcomes(catalog, jobs, "large")
     manifest.remove_shards(catalog, "large")
@@ -201,7 +201,7 @@ def planned(folder: str, request: fleet.PlanRequest, shards: int, pairs: int) ->
 def hand_out(catalog: Catalog, preset: str) -> str:
     """As a run cuts what is to be planned for its machines."""
     jobs = fleet.decide(catalog, fleet.PlanRequest((preset,), scale.CHANGES)).jobs
-    cut = fleet.bundles(jobs, -(-len({job.target_id for job in jobs}) // SHARDS))
+    cut = fleet.shards(jobs, SHARDS, -(-len({job.target_id for job in jobs}) // SHARDS))
     manifest.write_shards(catalog, "large", cut)
     return f"{len(cut)} shards of {len(cut[0])} pairs"
 

@@ -20,7 +20,7 @@ from upplied.fleet import manifest
 
 from . import pool, tasks
 from .parameters import Resources
-from .progress import advancing, progress
+from .progress import advancing
 
 FEW = 5  # of what was lost, in a state's message
 ELSEWHERE = 8  # processes of a cluster that shards are cut for, where nothing is said
@@ -84,14 +84,14 @@ def here(
     run = fleet.Run(open_catalog(catalog), jobs, run_id, resources.of_fleet(), engine=engine)
     tasks.RUNS[run_id] = run
     try:
-        with ThreadPoolTaskRunner(max_workers=run.threads) as runner, run, progress(run):
+        with ThreadPoolTaskRunner(max_workers=run.threads) as runner, run:
             submitted = [
                 runner.submit(
                     tasks.plan_shard, {"name": fleet.shard_name(shard), "run_id": run_id, "shard": number}
                 )
                 for number, shard in enumerate(run.shards)
             ]
-            for future in submitted:
+            for future in advancing(submitted):
                 future.result()
     finally:
         del tasks.RUNS[run_id]
@@ -100,10 +100,9 @@ def here(
 
 def _on_pool(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources, run_id: str) -> Planned:
     """Runs of a deployment on a work pool; what no machine planned is planned here."""
-    size = resources.shard_targets or pool.shard_targets(
-        len({job.target_id for job in jobs}), pool.machines()
-    )
-    shards = fleet.bundles(jobs, size)
+    machines = pool.machines()
+    size = resources.shard_targets or pool.shard_targets(len({job.target_id for job in jobs}), machines)
+    shards = fleet.shards(jobs, machines, size)
     asked = resources.model_dump(include={"workers", "timeout_s", "memory_gib"})
     given = {"catalog": str(catalog.location), "run_id": run_id, "resources": asked}
     runner = ThreadPoolTaskRunner(max_workers=min(len(shards), pool.MOST))

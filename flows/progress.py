@@ -12,8 +12,7 @@ from typing import TypeVar
 import httpx
 from prefect.artifacts import create_progress_artifact, update_progress_artifact
 
-from upplied.cli.terminal import progress as bar
-from upplied.fleet import Run
+from upplied.cli.terminal import progress
 
 EVERY_S = 5.0
 KEY = "transfer-fleet-progress"
@@ -21,18 +20,10 @@ KEY = "transfer-fleet-progress"
 Shard = TypeVar("Shard")
 
 
-@contextmanager
-def progress(run: Run) -> Iterator[None]:
-    """Show the progress of a run while it is worked."""
-    with bar("planning", run.total) as advance, _told(lambda: run.result.total, run.total):
-        run.progress = lambda _: advance()
-        yield
-
-
 def advancing(shards: Sequence[Shard]) -> Iterator[Shard]:
-    """Shards that are worked elsewhere, one after the other; the bar moves as each has been waited for."""
+    """Shards that are being planned, one after the other; the bar moves as each has been waited for."""
     done = 0
-    with bar("shards", len(shards)) as advance, _told(lambda: done, len(shards)):
+    with progress("shards", len(shards)) as advance, _told(lambda: done, len(shards)):
         for shard in shards:
             yield shard
             done += 1

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from upplied.catalog import Catalog, open_catalog
 from upplied.records import (
     Camera,
     Counterpart,
@@ -32,6 +35,11 @@ def quaternions(rng: np.random.Generator, count: int) -> np.ndarray:
     quats = rng.normal(size=(count, 4))
     quats /= np.linalg.norm(quats, axis=1, keepdims=True)
     return np.where(quats[:, 3:] < 0, -quats, quats)
+
+
+def copied(begun: Catalog, place: Path) -> Catalog:
+    """A catalog of a test's own, which begins as one that its module made once."""
+    return open_catalog(shutil.copytree(begun.location, place, dirs_exist_ok=True))
 
 
 def structure(name: str = "boxy", seed: int = 0, **changes: Any) -> Structure:

@@ -26,12 +26,13 @@ from upplied.samples.pilot import fly
 KEPT = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]
 
 RUN = """
-import json, sys
+import json, os, sys
 from upplied.flows.transfer_fleet import transfer_fleet
 if __name__ == "__main__":
     presets, resources = json.loads(sys.argv[2]), json.loads(sys.argv[3])
     state = transfer_fleet(sys.argv[1], "", presets=presets, resources=resources, return_state=True)
-    print(state.type.value, state.message)
+    print(state.type.value, state.message, flush=True)
+    os._exit(0)  # threads of an engine that was killed may end the interpreter badly
 """
 LONGEST_S = 1800.0  # that anything may take on a machine that is busy with other work
 
@@ -73,7 +74,7 @@ def start_run(
 def message(run: subprocess.Popen[str]) -> str:
     """What a run prints: the type of its state and its message, and the warnings of its engine."""
     text, _ = run.communicate(timeout=LONGEST_S)
-    assert run.returncode == 0, text
+    assert run.returncode == 0, (run.returncode, text)
     return text
 
 

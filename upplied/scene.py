@@ -163,25 +163,22 @@ class Scene:
         normal : array, shape (N, 3)
             Unit normal of that triangle, as wound.
         """
-        starts = np.asarray(origins - self.origin, np.float32)
-        rays = np.concatenate([starts, np.asarray(directions, np.float32)], axis=1)
-        found = self._scene.cast_rays(self._tensor(rays), self.threads)
-        triangle = found["primitive_ids"].numpy().astype(np.int64)
+        hit = self._scene.cast_rays(self._rays(origins, directions), self.threads)
+        triangle = hit["primitive_ids"].numpy().astype(np.int64)
         triangle[triangle == self._scene.INVALID_ID] = -1
         if self._cells is not None:
             disc, part = np.divmod(triangle, Discs.TRIANGLES)
             triangle = np.where(triangle < 0, -1, Discs.TRIANGLES * self._cells.index[disc] + part)
         return (
-            found["t_hit"].numpy().astype(float),
+            hit["t_hit"].numpy().astype(float),
             triangle,
-            found["primitive_normals"].numpy().astype(float),
+            hit["primitive_normals"].numpy().astype(float),
         )
 
     def hits(self, origins: Floats, directions: Floats) -> Ints:
         """How many surfaces each ray crosses, (N,)."""
-        starts = np.asarray(origins - self.origin, np.float32)
-        rays = np.concatenate([starts, np.asarray(directions, np.float32)], axis=1)
-        return self._scene.count_intersections(self._tensor(rays), self.threads).numpy().astype(np.int64)
+        rays = self._rays(origins, directions)
+        return self._scene.count_intersections(rays, self.threads).numpy().astype(np.int64)
 
     def distance(self, points: Floats) -> Floats:
         """Unsigned distance (N,) of each point (N, 3) from the surface, m, less what that may be off."""
@@ -209,9 +206,9 @@ class Scene:
             triangle = Discs.TRIANGLES * disc
         else:
             local = np.asarray(points - self.origin, np.float32)
-            found = self._scene.compute_closest_points(self._tensor(local), self.threads)
-            places = found["points"].numpy().astype(float) + self.origin
-            triangle = found["primitive_ids"].numpy().astype(np.int64)
+            nearest = self._scene.compute_closest_points(self._tensor(local), self.threads)
+            places = nearest["points"].numpy().astype(float) + self.origin
+            triangle = nearest["primitive_ids"].numpy().astype(np.int64)
         if self.error_m:
             away = points - places
             length = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
@@ -230,6 +227,10 @@ class Scene:
         across = self.thin_m * normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         rays = [np.hstack([corners.mean(axis=1) + 1e-3 * way, way]) for way in (-across, across)]
         return self.blocked(rays[0], slack=0.0) | self.blocked(rays[1], slack=0.0)
+
+    def _rays(self, origins: Floats, directions: Floats) -> Any:
+        starts = np.asarray(origins - self.origin, np.float32)
+        return self._tensor(np.concatenate([starts, np.asarray(directions, np.float32)], axis=1))
 
     @staticmethod
     def _tensor(array: np.ndarray) -> Any:
@@ -252,14 +253,8 @@ def surface_error_m(structure: Structure) -> float:
 def _new_scene(structure: Structure, threads: int) -> Scene:
     if len(structure.triangles):
         of = reconstruction.held(structure)
-        return Scene(
-            structure.vertices,
-            structure.triangles,
-            threads,
-            error_m=of.error_m,
-            thin_m=of.thin_m,
-            thin_error_m=of.thin_error_m,
-        )
+        own = structure.vertices, structure.triangles, threads
+        return Scene(*own, error_m=of.error_m, thin_m=of.thin_m, thin_error_m=of.thin_error_m)
     discs, error_m = discs_of(structure), surface_error_m(structure)
     cells = DiscCells.of(discs.points, discs.normals, discs.radius_m)
     # In the order of the cells: what lies together in space does so in memory, and the tree is sooner made.

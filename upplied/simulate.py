@@ -9,7 +9,7 @@ little error. Not modelled: propeller wash near walls, lee and speed-up round th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,9 +63,6 @@ class Wind:
     speed_mps: float = 5.0  # mean, at 20 feet for the strength of the gusts
     towards_deg: float = 60.0  # where it blows to, counter-clockwise from the structure's +X
     gusts: bool = True
-
-
-CALM = Wind(speed_mps=0.0, gusts=False)
 
 
 def fly_trajectory(
@@ -209,7 +206,7 @@ def _followed(wanted: Floats, air: Floats, error: Floats, vehicle: Vehicle) -> F
     position, velocity = wanted[0].copy(), np.zeros(3)
     integral = -vehicle.drag_per_s * air[0]  # leaning into the wind already
     thrust = integral.copy()
-    for step, (goal, pace, wind, wrong) in enumerate(_together(wanted, speeds, air, error)):
+    for step, (goal, pace, wind, wrong) in enumerate(zip(wanted, speeds, air, error, strict=True)):
         lacking = goal - position - wrong
         forward = vehicle.drag_per_s * pace  # what flying at that speed costs in still air
         asked = _limited(gain * lacking + rate * (pace - velocity) + integral + forward, vehicle)
@@ -227,10 +224,6 @@ def _followed(wanted: Floats, air: Floats, error: Floats, vehicle: Vehicle) -> F
                 "fly slower, or in less wind",
             )
     return flown
-
-
-def _together(*arrays: Floats) -> Iterator[tuple[Floats, ...]]:
-    return zip(*arrays, strict=True)
 
 
 def _speeds(positions: Floats, reach: int = 10) -> Floats:

@@ -36,22 +36,22 @@ class SupposedScene(Scene):
 
     def blocked(self, rays: np.ndarray, slack: float = 1e-3) -> Bools:
         """As of a `Scene`, by what is known or likely."""
-        found = self.known.blocked(rays, slack)
+        hit = self.known.blocked(rays, slack)
         if self.supposed is None:
-            return found
-        free = np.flatnonzero(~found)
+            return hit
+        free = np.flatnonzero(~hit)
         local = rays[free]
         local[:, :3] += np.asarray(self.known.origin - self.supposed.origin, np.float32)
-        found[free] = self.supposed.blocked(local, slack)
-        return found
+        hit[free] = self.supposed.blocked(local, slack)
+        return hit
 
     def distance(self, points: Floats) -> Floats:
         """As of a `Scene`, from the nearest surface."""
         points = np.reshape(points, (-1, 3))
         away = self.known.distance(points)
         for scene in self.more:
-            asked = _may_be_within(scene, points, away)
-            away[asked] = np.minimum(away[asked], scene.distance(points[asked]))
+            near = _may_be_within(scene, points, away)
+            away[near] = np.minimum(away[near], scene.distance(points[near]))
         return away
 
     def nearer_supposed(self, points: Floats) -> Bools:
@@ -69,11 +69,11 @@ class SupposedScene(Scene):
         places, triangle = self.known.closest(points)
         away = np.linalg.norm(places - points, axis=1)
         for scene in self.more:
-            asked = _may_be_within(scene, points, away)
-            others, _ = scene.closest(points[asked])
-            other = np.linalg.norm(others - points[asked], axis=1)
-            nearer = other < away[asked]
-            chosen = asked[nearer]
+            near = _may_be_within(scene, points, away)
+            others, _ = scene.closest(points[near])
+            other = np.linalg.norm(others - points[near], axis=1)
+            nearer = other < away[near]
+            chosen = near[nearer]
             places[chosen], triangle[chosen], away[chosen] = others[nearer], -1, other[nearer]
         return places, triangle
 

@@ -100,7 +100,7 @@ def settings() -> Iterator[Constant]:
 
 
 def literals() -> dict[str, str]:
-    """Numbers within functions that decide something, by function: ``surface.fine._near`` to ``0.05``."""
+    """Numbers within functions that decide something, by function: ``surface.skin._near`` to ``0.05``."""
     found: dict[str, list[float]] = {}
     for path in sorted(PLANNING.rglob("*.py")):
         module = ".".join(path.relative_to(PLANNING).with_suffix("").parts)

@@ -238,7 +238,7 @@ def test_lerobot_files_are_split_between_episodes(catalog, tmp_path, monkeypatch
 
 
 def test_lerobot_needs_a_trajectory(catalog, tmp_path):
-    with pytest.raises(InputError, match="0 plans with a trajectory and 0 demonstrations"):
+    with pytest.raises(InputError, match="0 plans with a trajectory, 0 demonstrations"):
         export_lerobot(catalog, tmp_path / "x", catalog.transfers(status="refused"), demonstrations=[])
 
 

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from catalog_records import demonstration, differences, key_of, plan, structure
+from catalog_records import copied, demonstration, differences, key_of, plan, structure
 
 from upplied.catalog import changed_structures, diff, history, open_catalog, recipe, runs
 from upplied.catalog.verbs.recipes import settings_of
@@ -15,12 +15,17 @@ from upplied.config import PRESETS, settings_for
 from upplied.errors import CatalogError
 
 
-@pytest.fixture
-def catalog(tmp_path):
-    made = open_catalog(tmp_path)
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
+    made = open_catalog(tmp_path_factory.mktemp("begun"))
     made.add_structures([structure("boxy"), structure("target", 1), structure("other", 2)])
     made.add_demonstrations([demonstration()])
     return made
+
+
+@pytest.fixture
+def catalog(begun, tmp_path):
+    return copied(begun, tmp_path)
 
 
 def planned(catalog, seed, target="target", run="run", **said):

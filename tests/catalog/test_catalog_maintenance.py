@@ -12,7 +12,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from catalog_records import demonstration, key_of, plan, structure
+from catalog_records import copied, demonstration, key_of, plan, structure
 
 from upplied.catalog import compact, export_tables, history, open_catalog, vacuum, verify
 from upplied.catalog.database import Catalog
@@ -20,16 +20,16 @@ from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store import delta, merging
 from upplied.catalog.verbs import verification
-from upplied.catalog.verbs.frames import decoded
+from upplied.catalog.verbs.queries import decoded
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Cloud
 
 DAY = 86_400
 
 
-@pytest.fixture
-def catalog(tmp_path):
-    made = open_catalog(tmp_path / "catalog")
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
+    made = open_catalog(tmp_path_factory.mktemp("begun"))
     made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(4))])
     made.add_demonstrations([demonstration()])
     for night in range(3):
@@ -38,6 +38,11 @@ def catalog(tmp_path):
         ]
         made.add_plans(batch)
     return made
+
+
+@pytest.fixture
+def catalog(begun, tmp_path):
+    return copied(begun, tmp_path / "catalog")
 
 
 def said(catalog) -> str:
@@ -106,7 +111,7 @@ def test_what_is_wrong_is_found(catalog, table, change, words):
 
 
 def test_a_damaged_mesh_is_found(catalog):
-    path = next(Path(catalog.meshes.files.root).iterdir())
+    path = next(Path(catalog.contents["meshes"].files.root).iterdir())
     path.write_bytes(path.read_bytes()[:-100])
     assert f"{path}: is damaged; the mesh of" in said(catalog)
 
@@ -133,7 +138,7 @@ def test_plans_are_looked_at_some_at_a_time_and_told_of_once(catalog, monkeypatc
         return broken(column, values)
 
     monkeypatch.setattr(verification, "broken", noted)
-    monkeypatch.setattr(delta, "_ROW_GROUP", 5)
+    monkeypatch.setattr(delta, "ROW_GROUP", 5)
     found = [str(f) for f in verify(catalog)]
     assert max(looked) == 5 and sum("and 7 more" in f and "'fine' is not" in f for f in found) == 1, found
 
@@ -221,7 +226,7 @@ def test_two_merges_at_the_same_time_do_not_double_rows(catalog, monkeypatch):
     """The second one finds the files of the first gone, and leaves it at that."""
     other = open_catalog(catalog.location)
     before = snapshot(catalog)
-    merge_oldest, met = merging._merge_oldest, []
+    merge_oldest, met = merging._oldest_small, []
 
     def meanwhile(table, delta, size_bytes):
         if table.uri not in met:
@@ -230,7 +235,7 @@ def test_two_merges_at_the_same_time_do_not_double_rows(catalog, monkeypatch):
         return merge_oldest(table, delta, size_bytes)
 
     with monkeypatch.context() as patched:
-        patched.setattr(merging, "_merge_oldest", meanwhile)
+        patched.setattr(merging, "_oldest_small", meanwhile)
         compact(catalog)
     for left, right in zip(before, snapshot(open_catalog(catalog.location)), strict=True):
         pd.testing.assert_frame_equal(left, right)
@@ -310,7 +315,6 @@ def test_publishing_in_pieces_gives_the_same(catalog, tmp_path, monkeypatch):
 
     export_tables(catalog, tmp_path / "whole")
     monkeypatch.setattr(owned, "CHUNK", 70)
-    monkeypatch.setattr(owned, "GATHERED", 100)
     monkeypatch.setattr(parted, "_LOT", 3)
     monkeypatch.setattr(published, "_ROW_GROUP", 2)
     export_tables(catalog, tmp_path / "pieces")

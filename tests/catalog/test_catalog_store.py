@@ -149,7 +149,11 @@ def test_a_store_that_cannot_be_reached_is_said_without_credentials(store, monke
     for location in ("s3://", "s3:///"):
         with pytest.raises(CatalogError, match="names no bucket"):
             open_catalog(location)
-    for ask in (lambda c: c.transfers(), lambda c: c.structures(), lambda c: c.meshes.get("0" * 64)):
+    for ask in (
+        lambda c: c.transfers(),
+        lambda c: c.structures(),
+        lambda c: c.contents["meshes"].get("0" * 64),
+    ):
         with pytest.raises(CatalogError, match=r"ucket no-such-bucket was asked for at http://127"):
             ask(open_catalog("s3://no-such-bucket/catalog"))
     with pytest.raises(CatalogError, match="no-such-bucket") as told:

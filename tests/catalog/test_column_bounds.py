@@ -5,8 +5,7 @@ from __future__ import annotations
 import pyarrow as pa
 import pytest
 
-from upplied.catalog.schema.columns import Column, Table
-from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.schema.tables import TABLES, Column, Table
 from upplied.catalog.verbs.verification import broken as broken_mask
 
 COLUMNS = [(table, column) for table in TABLES.values() for column in table.columns]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from catalog_records import demonstration, differences, key_of, plan, structure
+from catalog_records import copied, demonstration, differences, key_of, plan, structure
 
 from upplied.catalog import export_dataset, import_dataset, open_catalog, vacuum, verify
 from upplied.catalog.database import Catalog
@@ -23,13 +23,18 @@ from upplied.records import Cloud, Measures, SurfaceStates
 DAY = 86_400
 
 
-@pytest.fixture
-def catalog(tmp_path) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory) -> Catalog:
+    made = open_catalog(tmp_path_factory.mktemp("begun"))
     made.add_structures([structure("boxy"), structure("target", 1)])
     made.add_demonstrations([demonstration()])
     made.add_plans([(key_of(at), plan("target", at), {}) for at in range(3)])
     return made
+
+
+@pytest.fixture
+def catalog(begun, tmp_path) -> Catalog:
+    return copied(begun, tmp_path / "catalog")
 
 
 def lose_cache(catalog: Catalog) -> Catalog:

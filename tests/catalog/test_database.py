@@ -14,7 +14,7 @@ from catalog_records import demonstration, differences, key_of, plan, structure
 import upplied
 from upplied.catalog.database import Catalog, open_catalog
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.verbs import adding, current, ordering
+from upplied.catalog.verbs import adding, ordering
 from upplied.errors import CatalogError, InputError
 
 
@@ -59,7 +59,7 @@ def test_records_come_back_equal(catalog):
 
 @pytest.mark.parametrize("most_rows", [0, 100])
 def test_the_current_version_of_one_row_is_that_of_the_whole_table(catalog, monkeypatch, most_rows):
-    monkeypatch.setattr(current, "_MOST_ROWS", most_rows)
+    monkeypatch.setattr(ordering, "_MOST_ROWS", most_rows)
     catalog.add_structures([structure(f"s{at}", at) for at in range(3)])
     other = open_catalog(catalog.location)  # holds what it read, and must see what others write
     for act in (
@@ -69,7 +69,7 @@ def test_the_current_version_of_one_row_is_that_of_the_whole_table(catalog, monk
         lambda: catalog.add_structures([structure("s1", 1)]),
     ):
         act()
-        known = {row["structure_id"]: row for row in ordering.newest_rows(catalog.tables["structures"])}
+        known = ordering.newest_rows(catalog.tables["structures"])
         assert {name: other.newest("structures", name) for name in known} == known
         with pytest.raises(CatalogError, match="structure s9: is not in the catalog"):
             other.newest("structures", "s9")
@@ -148,7 +148,7 @@ def test_the_same_version_added_by_two_writers_counts_once(catalog):
 
 def test_a_mesh_is_kept_once(catalog):
     catalog.add_structures([structure("a"), structure("b"), structure("a", notes="moved")])
-    assert len(list(Path(catalog.meshes.files.root).iterdir())) == 1
+    assert len(list(Path(catalog.contents["meshes"].files.root).iterdir())) == 1
 
 
 def test_retired_structures_leave_the_fleet_and_may_return(catalog):
@@ -267,7 +267,7 @@ def test_unknown_names_are_said(catalog):
 
 def test_a_damaged_mesh_is_noticed(catalog):
     catalog.add_structures([structure()])
-    path = next(Path(catalog.meshes.files.root).iterdir())
+    path = next(Path(catalog.contents["meshes"].files.root).iterdir())
     content = bytearray(path.read_bytes())
     content[len(content) // 3] ^= 1
     path.write_bytes(bytes(content))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from catalog_records import demonstration, key_of, plan, structure
+from catalog_records import copied, demonstration, key_of, plan, structure
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -35,13 +35,18 @@ def add(catalog: Catalog, name: str, seed: int = 1, purpose: str = "", **more) -
     return key(name)
 
 
-@pytest.fixture
-def catalog(tmp_path) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory) -> Catalog:
+    made = open_catalog(tmp_path_factory.mktemp("begun"))
     made.add_structures([structure(), structure("target", 1)])
     made.add_demonstrations([demonstration()])
     add(made, "first")
     return made
+
+
+@pytest.fixture
+def catalog(begun, tmp_path) -> Catalog:
+    return copied(begun, tmp_path / "catalog")
 
 
 def states(catalog: Catalog) -> dict[str, str]:

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from catalog_records import demonstration, key_of, plan, structure
+from catalog_records import copied, demonstration, key_of, plan, structure
 
 from upplied.catalog import compact, diff, history, open_catalog, runs, vacuum, verify
 from upplied.catalog.database import Catalog
@@ -21,14 +21,19 @@ from upplied.fleet import decide, ingest_demonstrations
 from upplied.outputs.publish import publish
 
 
-@pytest.fixture
-def catalog(tmp_path) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory) -> Catalog:
+    made = open_catalog(tmp_path_factory.mktemp("begun"))
     made.add_structures([structure("boxy"), structure("target", 1)])
     made.add_demonstrations([demonstration()])
     for seed in range(3):
         made.add_plans([(key_of(seed), plan("target", seed), {})])
     return made
+
+
+@pytest.fixture
+def catalog(begun, tmp_path) -> Catalog:
+    return copied(begun, tmp_path / "catalog")
 
 
 QUESTIONS = {

@@ -15,6 +15,7 @@ import pytest
 from upplied import fleet
 from upplied.catalog import export_dataset, open_catalog
 from upplied.cli import main
+from upplied.fleet import planner
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
 
@@ -27,8 +28,11 @@ def dataset(tmp_path_factory) -> Path:
     catalog = open_catalog(place / "from")
     catalog.add_structures([cube, random_member("box", 1).structure])
     catalog.add_demonstrations([fly(cube, "sides")])
-    jobs = fleet.decide(catalog, fleet.PlanRequest(("baseline",))).jobs
-    assert fleet.plan_here(str(catalog.location), jobs, "run", "test").ok == 1
+    (job,) = fleet.decide(catalog, fleet.PlanRequest(("baseline",))).jobs
+    planner.prepare(catalog.location)
+    outcome = planner.plan_job(job)
+    assert outcome.plan.status == "ok", outcome.plan.reason
+    catalog.add_plans([(job.key, outcome.plan, {"settings": job.settings})])
     export_dataset(catalog, place / "set", "boxes-v1", catalog.transfers(), "CC0-1.0")
     return place / "set"
 

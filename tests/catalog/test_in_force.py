@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 
 import pyarrow as pa
 import pytest
-from catalog_records import demonstration, key_of, plan, structure
+from catalog_records import copied, demonstration, key_of, plan, structure
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -123,15 +123,20 @@ def test_the_newest_plan_is_that_of_the_last_commit_whatever_clocks_say():
 # --- the command -----------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def catalog(tmp_path) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory) -> Catalog:
+    made = open_catalog(tmp_path_factory.mktemp("begun"))
     made.add_structures([structure(), structure("target", 1), structure("other", 2)])
     made.add_demonstrations([demonstration()])
     for at, (name, target) in enumerate(zip(NAMES, ("target", "other"), strict=True)):
         made.add_plans([(key_of(name), replace(plan(target, at), flyable=True), {})])
         made.release(key_of(name)[:20], "Grace")
     return made
+
+
+@pytest.fixture
+def catalog(begun, tmp_path) -> Catalog:
+    return copied(begun, tmp_path / "catalog")
 
 
 def listed(catalog: Catalog, capsys, *more: str) -> tuple[int, list[dict], str]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from catalog_records import demonstration, key_of, plan, structure
+from catalog_records import copied, demonstration, key_of, plan, structure
 
 from upplied.catalog import Catalog, open_catalog, verify
 from upplied.catalog.verbs.roster import Roster, check_name, key_path, new_key, roster_of
@@ -24,13 +24,18 @@ def keys(tmp_path, monkeypatch) -> Path:
     return tmp_path / "keys"
 
 
-@pytest.fixture
-def catalog(tmp_path) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory) -> Catalog:
+    made = open_catalog(tmp_path_factory.mktemp("begun"))
     made.add_structures([structure(), structure("target", 1)])
     made.add_demonstrations([demonstration()])
     made.add_plans([(key_of("first"), replace(plan("target"), flyable=True), {})])
     return made
+
+
+@pytest.fixture
+def catalog(begun, tmp_path) -> Catalog:
+    return copied(begun, tmp_path / "catalog")
 
 
 def altered(catalog: Catalog) -> list[str]:
@@ -174,6 +179,13 @@ def test_names_that_look_like_others_are_not_added(catalog):
 )
 def test_a_roster_that_cannot_be_read_lets_nobody_release(catalog, content):
     (Path(catalog.location) / "roster.json").write_text(content)
+    with pytest.raises(CatalogError, match="is no roster"):
+        catalog.release(FIRST, "Grace")
+    assert catalog.decisions().empty
+
+
+def test_a_folder_in_the_place_of_the_roster_lets_nobody_release(catalog):
+    (Path(catalog.location) / "roster.json").mkdir()
     with pytest.raises(CatalogError, match="is no roster"):
         catalog.release(FIRST, "Grace")
     assert catalog.decisions().empty

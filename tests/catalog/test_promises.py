@@ -7,7 +7,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from catalog_records import demonstration, key_of, plan, structure
+from catalog_records import copied, demonstration, key_of, plan, structure
 
 from upplied import fleet
 from upplied.catalog import history, open_catalog, verify
@@ -15,12 +15,17 @@ from upplied.catalog.database import Catalog
 from upplied.fleet import planner, reading
 
 
-@pytest.fixture
-def catalog(tmp_path) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory) -> Catalog:
+    made = open_catalog(tmp_path_factory.mktemp("begun"))
     made.add_structures([structure("boxy"), structure("target", 1)])
     made.add_demonstrations([demonstration()])
     return made
+
+
+@pytest.fixture
+def catalog(begun, tmp_path) -> Catalog:
+    return copied(begun, tmp_path / "catalog")
 
 
 @pytest.fixture

@@ -194,5 +194,5 @@ def test_retired_is_what_the_newest_version_says(tmp_path):
     table = made.tables["structures"]
     assert ordering.retired(table) == ["b"]
     assert ordering.retired(table) == [
-        row["structure_id"] for row in ordering.newest_rows(table) if row["retired"]
+        name for name, row in sorted(ordering.newest_rows(table).items()) if row["retired"]
     ]

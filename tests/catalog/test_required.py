@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from catalog_records import structure
+from catalog_records import copied, structure
 
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
@@ -17,11 +17,16 @@ ROOF = {"zone": "roof", "where": "box 0 0 9 10 10 10"}
 SIDE = {"zone": "side", "where": "box 0 0 0 1 10 10", "looks": 2, "gsd_mm": 3.0}
 
 
-@pytest.fixture
-def catalog(tmp_path) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory) -> Catalog:
+    made = open_catalog(tmp_path_factory.mktemp("begun"))
     made.add_structures([structure("boxy"), structure("other", 1)])
     return made
+
+
+@pytest.fixture
+def catalog(begun, tmp_path) -> Catalog:
+    return copied(begun, tmp_path / "catalog")
 
 
 def asked(catalog: Catalog, every: bool = False) -> list[tuple[str, str, int, str]]:
@@ -88,7 +93,7 @@ def test_limits_themselves_may_be_asked_for(catalog: Catalog) -> None:
 
 
 def test_whose_and_by_whom_must_be_known(catalog: Catalog) -> None:
-    with pytest.raises(SettingsError, match="who asks"):
+    with pytest.raises(SettingsError, match="has nobody who says so"):
         catalog.require("structure", "boxy", "monthly", [ROOF], " ")
     for scope, owner in (("structure", "nowhere"), ("kind", "boxy"), ("site", "boxy")):
         with pytest.raises((CatalogError, SettingsError)):

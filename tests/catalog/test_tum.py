@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from catalog_records import demonstration, key_of, plan, structure
+from catalog_records import copied, demonstration, key_of, plan, structure
 
 from upplied.catalog import export_tum, open_catalog
 from upplied.catalog.database import Catalog
@@ -15,14 +15,19 @@ from upplied.cli import main
 from upplied.errors import InputError
 
 
-@pytest.fixture
-def catalog(tmp_path) -> Catalog:
-    made = open_catalog(tmp_path / "catalog")
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory) -> Catalog:
+    made = open_catalog(tmp_path_factory.mktemp("begun"))
     made.add_structures([structure("boxy"), *(structure(f"t{at}", at) for at in range(12))])
     made.add_demonstrations([demonstration()])
     made.add_plans([(key_of(at), plan(f"t{at}", at), {}) for at in range(12)])
     made.add_plans([(key_of("no"), plan("t0", status="refused", preset="paper"), {})])
     return made
+
+
+@pytest.fixture
+def catalog(begun, tmp_path) -> Catalog:
+    return copied(begun, tmp_path / "catalog")
 
 
 def test_every_trajectory_is_a_file_that_evo_reads(catalog, tmp_path):

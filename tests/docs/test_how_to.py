@@ -29,6 +29,7 @@ ELSEWHERE = {
     "queries.md": "catalog/test_catalog_guide.py",
     "operating.md": "flows/test_operating.py",
     "how-to/project.md": "docs/test_project_page.py",
+    "how-to/findings.md": "findings/test_findings_page.py",
 }
 #: Commands that are not run here, and why.
 NOT_RUN = {

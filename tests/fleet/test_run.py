@@ -140,7 +140,7 @@ def test_the_shards_of_a_run_are_read_as_they_were_written_and_nothing_else_is(c
     # Settings of one preset, as those of a kind or a structure are: each job keeps its own.
     own = settings_for("baseline", viewpoints={"shared": 0.6})
     jobs = [replace(jobs[0], settings=own), *jobs[1:]]
-    made = fleet.bundles(jobs, 2)
+    made = fleet.shards(jobs, 1, 2)
     names = manifest.write_shards(catalog, "night-1", made)
     assert [tuple(manifest.read_shard(str(catalog.location), name)) for name in names] == made
     assert max(len(name) for name in names) < 100, "it was to be told where shards lie, not what is in them"

@@ -80,7 +80,7 @@ def test_runs_say_what_they_do_and_leave_something_to_read(server, place):
 
 
 def test_assets_say_what_was_made_of_what(server, place):
-    said = {"filter": {"event": {"prefix": ["prefect.asset."]}}, "limit": 200}
+    said = {"filter": {"event": {"prefix": ["prefect.asset."]}}, "limit": 50}
     here, deadline = place.resolve().as_uri(), time.monotonic() + 600
     made: dict[str, set[str]] = {}
     while len(made) < 3 and time.monotonic() < deadline:

@@ -53,7 +53,7 @@ def test_no_format_lets_a_path_out_that_comes_too_near(tmp_path, format):
     options = MissionOptions(drone="m30")
     near = made_plan(passing_near(1.2), surface=None)
     goal = tmp_path / f"near{FORMATS[format]}"
-    with pytest.raises(RefusedError, match=r"clearance: 1\.2\d? m.*2 m are asked for.*--force clearance"):
+    with pytest.raises(RefusedError, match=r"clearance: 1\.2\d? m.*limit 2 m.*--force clearance"):
         export(near, placed_box(), format, goal, options)
     assert not list(tmp_path.iterdir())  # nothing is left behind
     done = export(near, placed_box(), format, goal, replace(options, force=("clearance",)))

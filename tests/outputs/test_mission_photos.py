@@ -178,7 +178,7 @@ def test_overlap_across_is_measured_and_refused_where_passes_lie_too_far_apart()
         overlap="80/70", trigger_s=0.7, home_m=(0.0, -40.0, 0.0), force=("acceleration",)
     )
     plan = made_plan(path, surface=None)
-    with pytest.raises(RefusedError, match=r"overlap by \d\d % across.*70 % are asked"):
+    with pytest.raises(RefusedError, match=r"overlap by \d\d % across.*limit 70 %"):
         missions_of(plan, box, options, camera=camera)
     assert missions_of(plan, box, replace(options, force=("overlap", "acceleration")), camera=camera)
 
@@ -191,7 +191,7 @@ def test_photos_by_distance_slow_the_legs_or_are_refused_with_the_figure(tmp_pat
         for reading, _ in read(tmp_path, name, options, made_plan(rounds(speed=4.0))):
             assert 2.0 <= reading.every_s < 2.2, name
     with pytest.raises(
-        RefusedError, match=r"a photo every 3 m asks for 0\.15 m/s: the camera takes 20 s for a photo"
+        RefusedError, match=r"a photo every 3 m needs 0\.15 m/s or less: the camera takes 20 s for a photo"
     ):
         missions_of(made_plan(), placed_box(), replace(options, trigger_s=20.0))
     mission = missions_of(made_plan(), placed_box(), replace(options, trigger_s=10.0))[0]

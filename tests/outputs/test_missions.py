@@ -139,7 +139,7 @@ def test_what_stands_in_the_way_is_gone_round_or_refused():
         missions_of(made_plan(), placed_box(ceiling_z_m=8.0), MissionOptions())
     with pytest.raises(RefusedError, match="not free"):
         missions_of(made_plan(), placed_box(), MissionOptions(home_m=(0.0, 0.0, 0.0)))
-    with pytest.raises(RefusedError, match="sortie"):
+    with pytest.raises(RefusedError, match="one flight with its transit legs"):
         missions_of(made_plan(), placed_box(), MissionOptions(endurance_s=30.0))
     between = np.array([[[20.0, -5.0, -1.0], [26.0, 25.0, 20.0]]])
     (mission,) = missions_of(
@@ -240,15 +240,15 @@ def test_stops_count_against_the_battery_and_are_told():
     stopping = missions_of(made_plan(), placed_box(), options, Flying(stop_s=5.0))
     assert len(stopping) > len(straight)
     assert all(mission.duration_s <= 240.0 for mission in stopping)
-    assert "5 s are counted for the stop at each waypoint" in stopping[0].notes
+    assert "5 s are added for the stop at each waypoint" in stopping[0].notes
 
 
 def test_the_notes_say_what_heights_mean_and_how_high_the_way_home_is():
     (mission,) = missions_of(made_plan(), placed_box(), MissionOptions(home_m=(30.0, 0.0, -2.0)))
     told = " ".join(mission.notes)
-    assert "metres above the place of take-off" in told
+    assert "metres above the take-off point" in told
     assert f"{mission.height_m[0]:.1f} m above take-off" in told
-    assert f"about {mission.duration_s:.0f} s in the air; no endurance" in told
+    assert f"flight time about {mission.duration_s:.0f} s; battery not checked" in told
     (mission,) = missions_of(made_plan(), placed_box(), MissionOptions(altitude="ellipsoid"))
     assert "WGS 84 ellipsoid" in " ".join(mission.notes)
 

@@ -333,7 +333,7 @@ def test_a_plan_that_breaks_a_rule_of_the_gate_says_so_on_its_page_and_in_the_re
     catalog.add(replace(near, trajectory=path))
     done = publish_pages(catalog, tmp_path)
     (told,) = [problem for problem in done.problems if "clearance: " in problem]
-    assert "2 m are asked for" in told
+    assert "limit 2 m" in told
     page = (tmp_path / "transfers" / f"{pair_name('orbit-1', 'cuboid-0')}.html").read_text()
     (plan,) = [each for each in Page(page).data["transfer"]["plans"] if each["preset"] == "recommended"]
     assert any("clearance: " in said for said in plan["verdict"]["look"]) and plan["overruled"] == []

@@ -18,9 +18,10 @@ from upplied.outputs.display import display_mesh, display_states, packed, struct
 from upplied.outputs.pages import inert_json
 from upplied.outputs.pair_page import _parts
 from upplied.outputs.pairs import change, meaning, pairs_of, shown_status
+from upplied.outputs.picture_quality import quality_data
 from upplied.outputs.reports import Reader
 from upplied.poses import look_at
-from upplied.records import Camera, Counterpart, Structure, SurfaceStates, Trajectory
+from upplied.records import Camera, Counterpart, Plan, Structure, SurfaceStates, Trajectory
 from upplied.scene import scene_of, simplified
 
 
@@ -156,6 +157,35 @@ def row(
         "planned_at": pd.Timestamp(at, tz="UTC"),
     }
     return given | {"coverage_seen_pct": seen, "min_clearance_m": 3.0} | more
+
+
+def test_pictures_are_as_fine_as_their_distance_says():
+    """A wall of the box, flown past at 1 m/s in 8 m: one side is inspected, the other is not."""
+    box, camera = box_structure("box", (12.0, 8.0, 10.0)), Camera(60.0, 45.0, 1.0, 40.0, 4000, 3000)
+    x = np.linspace(-6.0, 6.0, 49)
+    positions = np.stack([x, 0 * x - 12.0, 0 * x + 5.0], axis=1)
+    path = Trajectory(np.arange(49) * 0.25, positions, look_at(positions, positions + np.array([0, 1.0, 0])))
+    u, v = np.meshgrid(np.linspace(-5.5, 5.5, 12), np.linspace(1.0, 9.0, 9))
+    front = np.stack([u, 0 * u - 4.0, v], axis=-1).reshape(-1, 3)
+    points = np.concatenate([front, front * [1, -1, 1]])
+    normals = np.repeat([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]], len(front), axis=0)
+    surface = SurfaceStates(points, np.repeat([1, 0], len(front)), normals)
+    plan = Plan("d", "s", "box", "cube", "recommended", "ok", trajectory=path, surface=surface)
+    mesh = display_mesh(box)
+    data = quality_data(plan, camera, scene_of(box), mesh, "{}")
+    assert [each["name"] for each in data] == [
+        "resolution, mm/px",
+        "motion blur, px",
+        "time in sharp view, s",
+    ]
+    codes = {each["name"]: np.frombuffer(base64.b64decode(each["codes"]["data"]), np.uint8) for each in data}
+    middle, focal = mesh.vertices[mesh.triangles].mean(axis=1), 2000 / np.tan(np.radians(30.0))
+    near, far = (np.abs(middle - [0.0, y, 5.0]).max(axis=1) < 1.5 for y in (-4.0, 4.0))
+    fine, blur, _ = (each["step"] * codes[each["name"]][near] for each in data)
+    assert near.any() and np.allclose(fine, 8e3 / focal, rtol=0.05)
+    assert np.allclose(blur, 1.0 / 8.0 * focal / 500, rtol=0.05)
+    assert all((each[far] == 255).all() for each in codes.values())
+    assert quality_data(replace(plan, surface=None), camera, scene_of(box), mesh, "{}") == []
 
 
 def test_those_that_need_a_person_come_first():

@@ -12,8 +12,9 @@ from upplied.poses import angle_between, from_yaw_pitch, interpolate
 from upplied.records import Plan, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.simulate import CALM, Vehicle, Wind, dryden, fly_trajectory, measure_flown, wind_along
+from upplied.simulate import Vehicle, Wind, dryden, fly_trajectory, measure_flown, wind_along
 
+CALM = Wind(speed_mps=0.0, gusts=False)
 FLAWLESS = Vehicle(estimate_error_m=0.0, gimbal_error_deg=0.0)
 
 

@@ -9,22 +9,27 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import pyarrow.compute as pc
+
 from upplied.catalog.reading import OWNER
-from upplied.catalog.schema.plan_rows import is_foreign
+from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs import custody, looks, ordering
+from upplied.catalog.schema.steps import PHOTO_COLUMNS, photo_columns
+from upplied.catalog.verbs import custody, looks, ordering, queries
 from upplied.catalog.verbs.decisions import Deciding
 from upplied.catalog.verbs.queries import PlannedTrajectory
 from upplied.errors import RefusedError
+from upplied.records import Bools, Plan, Structure, SupposedSurface, SurfaceStates, Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 #: Of a row of `transfers`, what tells whether it may leave.
-_ASKED = ("transfer_id", "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
+_JUDGED = ("transfer_id", "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
 
 
 def open_catalog(location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> Catalog:
@@ -76,7 +81,7 @@ class Catalog(Deciding):
             If it is for comparison, falls short of its floors, was rejected or
             recalled, or another took its place.
         """
-        row = self.transfer(transfer_id, [*OWNER, *_ASKED])
+        row = self.transfer(transfer_id, [*OWNER, *_JUDGED])
         path = self.path_of(row)
         self._check_leaves(row, force)
         return path
@@ -87,17 +92,17 @@ class Catalog(Deciding):
         The steps of a row are compared with its hash whenever they are read, so they are those that were
         judged when they were planned: clearance, surroundings, speed and other floors stand in its verdict.
         """
-        broken = {}
+        broken: dict[str, str] = {}
         if row["preset"] != "recommended":
             broken["preset"] = f"the plan is of preset {row['preset']}, which is for comparison"
         if row["not_flyable"]:
             broken["verdict"] = str(row["not_flyable"])
-        if is_foreign(row):
+        if plan_rows.is_foreign(row):
             broken["foreign"] = custody.FOREIGN_PLAN[0]
         now = self.standing()
         state = now.of(row["transfer_id"])
-        for wrong in custody.alterations(self, [row["transfer_id"]], now).values():
-            broken["altered"] = wrong
+        for fault in custody.alterations(self, [row["transfer_id"]], now).values():
+            broken["altered"] = fault
         if state in ("rejected", "recalled", "superseded"):
             broken[state] = f"the plan is {state}"
         elif state != "released" and ordering.superseded(self.tables["transfers"], [row]):
@@ -107,9 +112,63 @@ class Catalog(Deciding):
             names = ", ".join(f'"{rule}"' for rule in left)
             remedy = f"to look at it: plan() or waypoints(); to fly it all the same: force=[{names}]"
             words = "; ".join(f"{rule}: {found}" for rule, found in left.items())
-            raise RefusedError(
-                f"transfer {row['transfer_id']}", words, "only what may be flown leaves", remedy
-            )
+            rule = "only what may be flown leaves"
+            raise RefusedError(f"transfer {row['transfer_id']}", words, rule, remedy)
+
+    def plan(self, transfer_id: str) -> Plan:
+        """One plan as it was made, but for what it sees of the surface; see `surface`."""
+        row = self.transfer(transfer_id)
+        plan = plan_rows.plan_of(row, queries.steps(self.tables["waypoints"], row))
+        return replace(plan, supposed=self.supposed(transfer_id))
+
+    def surface(self, transfer_id: str) -> SurfaceStates | None:
+        """What one plan sees of its target; None where it was not kept."""
+        sha256 = self._sha256(transfer_id, "surface_sha256")
+        if sha256:
+            return self.surfaces.get(sha256)
+        return self.cache.get("surface", SurfaceStates, transfer_id, nameless=True)  # of version 0.1.0
+
+    def inspected(self, transfer_id: str) -> SurfaceStates | None:
+        """What of its source structure the demonstration of a plan was about; None where it was not kept."""
+        sha256 = self._sha256(transfer_id, "inspected_sha256")
+        return self.surfaces.get(sha256) if sha256 else None
+
+    def faces_labelled(self, structure: Structure, sha256: str, label: str) -> Bools:
+        """Which faces (T,) of a structure have a label of those that are kept under a hash."""
+        faces: Bools = self.contents["labels"].get(sha256).faces(structure, label)
+        return faces
+
+    def flown(self, flight_sha256: str) -> Trajectory:
+        """The path of one flight, by the hash in its row."""
+        path: Trajectory = self.contents["flown"].get(flight_sha256)
+        return path
+
+    def photos(self, transfer_id: str) -> pd.DataFrame:
+        """The photos of a plan, one a row in the order of flight; none of a plan from a film.
+
+        Columns ``t_s``, ``x_m`` to ``z_m``, ``qx`` to ``qw`` (camera to structure), ``patches`` that it shows
+        sharply, ``gsd_mm`` and ``blur_px``, medians over these, and ``overlap_pct`` with the one before.
+        """
+        import pandas as pd
+
+        sha256 = self._sha256(transfer_id, "photos_sha256")
+        columns = photo_columns(self.contents["photos"].get(sha256)) if sha256 else {}
+        return pd.DataFrame(columns, columns=list(PHOTO_COLUMNS))
+
+    def supposed(self, transfer_id: str) -> SupposedSurface | None:
+        """Surface of a plan's target that nobody scanned, where it is supposed to be; None where none is.
+
+        As the plan was made, or of the target as it is since, where the plan was judged again on that.
+        """
+        where = (pc.field("transfer_id") == transfer_id) & (pc.field("state") == "rechecked")
+        again = rows.rows_of(self.tables["decisions"].read(where))
+        own = self._sha256(transfer_id, "supposed_sha256")
+        last = max(again, key=lambda row: row["commit_version"], default={"supposed_sha256": own})
+        sha256 = last["supposed_sha256"]
+        return self.contents["supposed"].get(sha256) if sha256 else None
+
+    def _sha256(self, transfer_id: str, column: str) -> str:
+        return self.transfer(transfer_id, (column,))[column] or ""
 
     def looks_at(self, structure_id: str, place_m: Sequence[float], kind: str = "") -> pd.DataFrame:
         """How each flight round a structure saw the patch nearest to a place (m, structure frame).

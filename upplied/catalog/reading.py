@@ -3,44 +3,28 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
 
-import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.schema.steps import PHOTO_COLUMNS, photo_columns
 from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store.cache import Cache
 from upplied.catalog.store.clock import Clock
-from upplied.catalog.store.contents import ContentStore
+from upplied.catalog.store.contents import CONTENTS, ContentStore, SurfaceStore
 from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.files import cache_folder, checked
 from upplied.catalog.store.identity import Identity
-from upplied.catalog.store.labels import FaceLabels
-from upplied.catalog.store.looks import StoredLooks
-from upplied.catalog.store.places import cache_folder, checked
 from upplied.catalog.store.steps import StepTable
-from upplied.catalog.store.surfaces import PHOTOS, REMEDY, SUPPOSED, SurfaceStore
 from upplied.catalog.verbs import ordering, queries
-from upplied.catalog.verbs.current import Current
-from upplied.catalog.verbs.frames import When, frame
-from upplied.catalog.verbs.queries import PlannedTrajectory, Which
+from upplied.catalog.verbs.queries import PlannedTrajectory, Units, When, decoded, frame, moment, until
+from upplied.catalog.verbs.standing import DERIVED, Standing, standing_of, with_states
 from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError
-from upplied.records import (
-    Bools,
-    Demonstration,
-    Photos,
-    Plan,
-    Structure,
-    SupposedSurface,
-    SurfaceStates,
-    Trajectory,
-)
+from upplied.records import Demonstration, Structure
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,19 +44,21 @@ class Reading:
             name: (StepTable if name in STEPS else StoredTable)(self.location, table, self.identity)
             for name, table in TABLES.items()
         }
-        remedy = "delete it and add the structure again"
-        self.meshes = ContentStore(self.location, "meshes", Structure, remedy)
-        self.surfaces = SurfaceStore(self.location)
-        self.supposed_surfaces = ContentStore(self.location, SUPPOSED, SupposedSurface, REMEDY)
-        self.plan_photos = ContentStore(self.location, PHOTOS, Photos, REMEDY)
-        self.flown_paths = ContentStore(self.location, "flown", Trajectory, "fly the plan again")
-        self.labels = ContentStore(self.location, "labels", FaceLabels, "require the zones again")
-        self.looks = ContentStore(self.location, "looks", StoredLooks, "add the flight again")
-        self._newest = {name: Current(self.tables[name]) for name in ("structures", "demonstrations")}
+        self.contents: dict[str, ContentStore[Any]] = {
+            name: ContentStore(self.location, name) for name in CONTENTS
+        }
+        self.surfaces = SurfaceStore(self.contents["surfaces"], self.contents["samples"])
+        self.looks = self.contents["looks"]
+        self._newest = {name: ordering.Current(self.tables[name]) for name in ("structures", STEPS["poses"])}
         self.cache = Cache(cache if cache is not None else cache_folder(self.location))
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.location!r})"
+
+    def create(self) -> Self:
+        """Make the catalog where there is none yet; adding does so as well."""
+        self.identity.made()
+        return self
 
     def structures(
         self,
@@ -142,11 +128,52 @@ class Reading:
         in_force : bool
             The plans that a person released and that are in force, instead of the newest.
         """
-        which = Which(
-            kind, site, structure, demonstration, preset, status, since, as_of, version, every, columns,
-            purpose, ids, in_force,
-        )  # fmt: skip
-        return queries.transfers(self.tables, which)
+        import pandas as pd
+
+        # Which rows those are is told from a few columns; of all that a table has, the others are read of
+        # these rows alone.
+        declared, tables = TABLES["transfers"], self.tables
+        wanted = declared.names if columns is None else queries.known_columns(declared.names, columns)
+        as_of = as_of if version is None else queries.moment_of(tables["transfers"], version)
+        derived = in_force or not {*DERIVED}.isdisjoint(wanted)
+        now = standing_of(queries.decided(tables["decisions"], as_of)) if derived else Standing()
+        if in_force:
+            ids = [plan for plan, state in now.state.items() if state == "released"]
+        there = None if site is None else self.structures(site=site, as_of=as_of)["structure_id"]
+        where = queries.matching(
+            {"kind": kind, "target_id": structure, "demonstration_id": demonstration, "preset": preset},
+            {"target_id": there, "transfer_id": ids},
+        )
+        asked = [*queries.NAMED, *ordering.SLOT, "status", "added_at"]
+        asked += [] if columns is None else [name for name in wanted if name not in DERIVED]
+        table = tables["transfers"].narrow([name for name in declared.names if name in asked], where, version)
+        if as_of is not None:
+            table = table.filter(until("added_at", as_of))
+        plans = frame(decoded(ordering.in_order(table, newest=not (every or in_force))))
+        if derived:
+            plans = with_states(plans.assign(**dict.fromkeys(DERIVED)), now)
+        if in_force:
+            plans = plans[plans["state"] == "released"]
+        if not every:
+            if purpose or not in_force:
+                plans = plans[plans["purpose"] == purpose]
+            used = {"structures": "target_id", "demonstrations": "demonstration_id"}
+            if in_force:
+                del used["demonstrations"]  # which a released plan outlives
+            for name, column in used.items():
+                gone = ordering.retired(tables[name], until("added_at", as_of))
+                plans = plans[~plans[column].isin(gone)]
+        if status is not None:
+            plans = plans[plans["status"] == status]
+        if since is not None:
+            plans = plans[plans["planned_at"] >= moment(since)]
+        rest = [name for name in wanted if name not in plans]
+        if rest:
+            more = queries.completed(tables["transfers"], plans, rest, len(table), version)
+            plans = pd.concat([plans.reset_index(drop=True), frame(decoded(more))], axis=1)
+        plans = plans[list(wanted)].reset_index(drop=True)
+        plans.attrs["units"] = Units((c.name, c.unit) for c in declared.columns if c.name in plans)
+        return plans
 
     def waypoints(self, transfer_id: str) -> pd.DataFrame:
         """The steps of one planned trajectory, in order."""
@@ -158,11 +185,9 @@ class Reading:
 
     def path_of(self, row: Row) -> PlannedTrajectory:
         """The trajectory of one row of `transfers`, whether it may be flown or not."""
-        transfer_id = row["transfer_id"]
         if not row["n_waypoints"]:
-            raise CatalogError(
-                f"transfer {transfer_id}", f"has no trajectory: it is {row['status']}: {row['reason']}"
-            )
+            found = f"has no trajectory: it is {row['status']}: {row['reason']}"
+            raise CatalogError(f"transfer {row['transfer_id']}", found)
         path = plan_rows.trajectory_of(queries.steps(self.tables["waypoints"], row))
         return PlannedTrajectory(path.t_s, path.positions, path.quat_xyzw, path.fov_deg)
 
@@ -172,7 +197,7 @@ class Reading:
 
     def structure_of(self, row: Row) -> Structure:
         """The structure of one row of `structures`, of any version."""
-        return rows.structure_of(row, self.meshes.get(row["mesh_sha256"]))
+        return rows.structure_of(row, self.contents["meshes"].get(row["mesh_sha256"]))
 
     def demonstration(self, demonstration_id: str) -> Demonstration:
         """The current version of one demonstration, complete."""
@@ -181,53 +206,6 @@ class Reading:
     def demonstration_of(self, row: Row) -> Demonstration:
         """The demonstration of one row of `demonstrations`, of any version."""
         return rows.demonstration_of(row, queries.steps(self.tables["poses"], row))
-
-    def plan(self, transfer_id: str) -> Plan:
-        """One plan as it was made, but for what it sees of the surface; see `surface`."""
-        row = self.transfer(transfer_id)
-        plan = plan_rows.plan_of(row, queries.steps(self.tables["waypoints"], row))
-        return replace(plan, supposed=self.supposed(transfer_id))
-
-    def surface(self, transfer_id: str) -> SurfaceStates | None:
-        """What one plan sees of its target; None where it was not kept."""
-        sha256 = self.transfer(transfer_id, ("surface_sha256",))["surface_sha256"]
-        if sha256:
-            return self.surfaces.get(sha256)
-        return self.cache.get("surface", SurfaceStates, transfer_id, nameless=True)  # of version 0.1.0
-
-    def faces_labelled(self, structure: Structure, sha256: str, label: str) -> Bools:
-        """Which faces (T,) of a structure have a label of those that are kept under a hash."""
-        return self.labels.get(sha256).faces(structure, label)
-
-    def inspected(self, transfer_id: str) -> SurfaceStates | None:
-        """What of its source structure the demonstration of a plan was about; None where it was not kept."""
-        sha256 = self.transfer(transfer_id, ("inspected_sha256",))["inspected_sha256"]
-        return self.surfaces.get(sha256) if sha256 else None
-
-    def photos(self, transfer_id: str) -> pd.DataFrame:
-        """The photos of a plan, one a row in the order of flight; none of a plan from a film.
-
-        Columns ``t_s``, ``x_m`` to ``z_m``, ``qx`` to ``qw`` (camera to structure), ``patches`` that it shows
-        sharply, ``gsd_mm`` and ``blur_px``, medians over these, and ``overlap_pct`` with the one before.
-        """
-        import pandas as pd
-
-        sha256 = self.transfer(transfer_id, ("photos_sha256",))["photos_sha256"]
-        found = self.plan_photos.get(sha256) if sha256 else None
-        columns: dict[str, Any] = {} if found is None else photo_columns(found)
-        return pd.DataFrame(columns, columns=list(PHOTO_COLUMNS))
-
-    def supposed(self, transfer_id: str) -> SupposedSurface | None:
-        """Surface of a plan's target that nobody scanned, where it is supposed to be; None where none is.
-
-        As the plan was made, or of the target as it is since, where the plan was judged again on that.
-        """
-        plan = pc.field("transfer_id") == transfer_id
-        again = self.tables["decisions"].read(plan & (pc.field("state") == "rechecked"))
-        row = self.transfer(transfer_id, ("supposed_sha256",))
-        last = max(rows.rows_of(again), key=lambda one: one["commit_version"], default=row)
-        sha256 = last["supposed_sha256"]
-        return self.supposed_surfaces.get(sha256) if sha256 else None
 
     def flights(
         self, transfer_id: str | None = None, *, structure: str | None = None, kind: str | None = None
@@ -240,20 +218,18 @@ class Reading:
             Those of one plan, or round one structure.
         kind : {"flown", "simulated"}, optional
         """
-        rows = self._of_plans("flights", transfer_id)
-        rows["kind"] = rows["kind"].where(rows["kind"] != "", "simulated")
-        if structure is not None:
-            rows = rows[rows["target_id"] == structure]
-        if kind is not None:
-            rows = rows[rows["kind"] == kind]
-        return rows.reset_index(drop=True)
+        flights = self._of_plans("flights", transfer_id)
+        flights["kind"] = flights["kind"].where(flights["kind"] != "", "simulated")
+        for column, value in (("target_id", structure), ("kind", kind)):
+            if value is not None:
+                flights = flights[flights[column] == value]
+        return flights.reset_index(drop=True)
 
     def overruled(self, transfer_id: str | None = None) -> pd.DataFrame:
         """Rules of the gate that a person overruled, in the order they were added; of one plan, or all."""
         return self._of_plans("overruled", transfer_id)
 
     def _of_plans(self, name: str, transfer_id: str | None) -> pd.DataFrame:
-        """Rows of a table that name plans, in the order they were added; of one plan, or all."""
         where = None if transfer_id is None else pc.field("transfer_id") == transfer_id
         return self.by_commit(name, where, ["transfer_id", "commit_version"])
 
@@ -264,34 +240,14 @@ class Reading:
         rows = frame(self.tables[name].read(where)).sort_values(list(order), kind="stable")
         return rows.reset_index(drop=True)
 
-    def flown(self, flight_sha256: str) -> Trajectory:
-        """The path of one flight, by the hash in its row."""
-        return self.flown_paths.get(flight_sha256)
-
     def transfer(self, transfer_id: str, columns: Sequence[str] | None = None) -> Row:
         """The row of one plan; only the columns that are named."""
         check_id(transfer_id, "transfer id")
         wanted = None if columns is None else list(dict.fromkeys([*columns, *ordering.STANDING]))
         found = self.tables["transfers"].read(pc.field("transfer_id") == transfer_id, wanted)
         if not len(found):
-            raise CatalogError(
-                f"transfer {transfer_id}",
-                "is not in the catalog",
-                suggested(transfer_id, self._transfer_ids(), 0),
-                "see: upplied catalog transfers",
-            )
+            raise self._unknown(transfer_id)
         return ordering.standing(rows.rows_of(found))
-
-    def newest(self, table: str, name: str) -> Row:
-        """The row of the current version of one structure or demonstration, retired or not."""
-        column = TABLES[table].names[0]
-        check_id(name, column.replace("_", " "))
-        found = self._newest[table].row(name)
-        if found is None:
-            known = self.tables[table].read(None, [column])[column].to_pylist()
-            what = f"{table.removesuffix('s')} {name}"
-            raise CatalogError(what, "is not in the catalog", suggested(name, set(known)))
-        return found
 
     def find_transfer(self, start: str) -> str:
         """The id of the one plan whose id begins so; a whole id is found at once.
@@ -304,65 +260,27 @@ class Reading:
         check_id(start, "transfer id")
         if len(self.tables["transfers"].read(pc.field("transfer_id") == start, ["transfer_id"])):
             return start
-        every = self._transfer_ids()
-        matches = [name for name in every if name.startswith(start)]
-        if len(matches) == 1:
-            return matches[0]
-        what = f"transfer {start}"
-        if matches:
-            raise CatalogError(what, f"may be {len(matches)}: {', '.join(matches[:5])}")
-        known = suggested(start, every, 0)
-        raise CatalogError(what, "is not in the catalog", known, "see: upplied catalog transfers")
+        matches = [name for name in self._ids("transfers") if name.startswith(start)]
+        if len(matches) > 1:
+            raise CatalogError(f"transfer {start}", f"may be {len(matches)}: {', '.join(matches[:5])}")
+        if not matches:
+            raise self._unknown(start)
+        return matches[0]
 
-    def _transfer_ids(self) -> list[str]:
-        return sorted(
-            self.tables["transfers"].read(None, ["transfer_id"])["transfer_id"].unique().to_pylist()
-        )
+    def _unknown(self, transfer_id: str) -> CatalogError:
+        known = suggested(transfer_id, self._ids("transfers"), 0)
+        what, remedy = f"transfer {transfer_id}", "see: upplied catalog transfers"
+        return CatalogError(what, "is not in the catalog", known, remedy)
 
-    def settled(
-        self, keys: Iterable[str], *, retry_failed: bool = False, run_id: str = ""
-    ) -> dict[str, tuple[str, str]]:
-        """Those of the keys that need no planning, each with status and reason of its plan.
+    def newest(self, table: str, name: str) -> Row:
+        """The row of the current version of one structure or demonstration, retired or not."""
+        check_id(name, TABLES[table].names[0].replace("_", " "))
+        row = self._newest[table].row(name)
+        if row is None:
+            what = f"{table.removesuffix('s')} {name}"
+            raise CatalogError(what, "is not in the catalog", suggested(name, self._ids(table)))
+        return row
 
-        A key is settled when the plan of that key is the current one of its demonstration, target and
-        preset: one that was followed by another, as by one of other settings, is not.
-
-        Parameters
-        ----------
-        keys : iterable of str
-        retry_failed : bool
-            Failures are not settled, but for those of the run `run_id`.
-        run_id : str
-        """
-        wanted = list(dict.fromkeys(keys))
-        ids = ordering.ids_of(wanted)
-        plans = ordering.settled_plans(self.tables["transfers"], ids, retry_failed, run_id, ["reason"])
-        places = pc.index_in(ids, plans["transfer_id"].combine_chunks())
-        once: dict[tuple[str, str], tuple[str, str]] = {}  # few, of many plans
-        outcomes = [
-            once.setdefault(outcome, outcome)
-            for outcome in zip(plans["status"].to_pylist(), plans["reason"].to_pylist(), strict=True)
-        ]
-        return {
-            key: outcomes[at] for key, at in zip(wanted, places.to_pylist(), strict=True) if at is not None
-        }
-
-    def unsettled(self, keys: pa.Array, *, retry_failed: bool = False) -> Bools:
-        """Which of an array of keys are not `settled`, (N,); for as many as a large fleet has."""
-        ids = ordering.ids_of(keys)
-        plans = ordering.settled_plans(self.tables["transfers"], ids, retry_failed, "", [])
-        return ~pc.is_in(ids, plans["transfer_id"].combine_chunks()).to_numpy(zero_copy_only=False)
-
-    def newest_plans(self, columns: Sequence[str]) -> pa.Table:
-        """The newest plan of each demonstration, target and preset, and its id; repeated texts are kept once.
-
-        Of retired demonstrations and targets as well.
-        """
-        read = ["transfer_id", *ordering.SLOT, *ordering.NEWEST, "status", *columns]
-        plans = ordering.in_order(self.tables["transfers"].narrow(list(dict.fromkeys(read))), newest=True)
-        return plans.filter(pc.equal(plans["purpose"], "")).select(["transfer_id", *columns])
-
-    def create(self) -> Self:
-        """Make the catalog where there is none yet; adding does so as well."""
-        self.identity.made()
-        return self
+    def _ids(self, table: str) -> list[str]:
+        column = TABLES[table].names[0]
+        return sorted(self.tables[table].read(None, [column])[column].unique().to_pylist())

@@ -100,7 +100,7 @@ def add(
     stored = [item.name for item in ingested if item.status in ("added", "unchanged")]
     names = [name for name in stored if name in set(opened(catalog).demonstrations()["demonstration_id"])]
     if not code and names:
-        next_step(f"transfer {names[0]}", "carry it to every other structure of its kind", catalog)
+        next_step(f"transfer {names[0]}", "transfer it to every other structure of its kind", catalog)
     return code
 
 

@@ -58,7 +58,9 @@ def add(
     class_name: Annotated[str, Parameter(name="--class", help="What it is, such as corrosion.")] = "",
     severity: Annotated[str, Parameter(help="How grave it is.")] = "",
     note: NoteOption = "",
-    pose_error: Annotated[float, Parameter(help="Of positions, m, where the flight states none.")] = 0.5,
+    pose_error: Annotated[
+        float | None, Parameter(help="Of positions, m, whatever the flight states.")
+    ] = None,
     attitude_error: Annotated[float, Parameter(help="Of the camera, one sigma, degrees.")] = 0.4,
     pixel_error: Annotated[float, Parameter(help="Of the mark, one sigma, px.")] = 1.0,
     catalog: CatalogOption = "catalog",
@@ -95,10 +97,11 @@ def add(
         )
         about = {"class_name": class_name, "severity": severity, "note": note, "t_s": time, "flight": flight}
         marks = [Mark("the finding", photo, pixels, at, structure, **about)]  # type: ignore[arg-type]
-    if min(pose_error, attitude_error, pixel_error) < 0:
+    if min(pose_error or 0.0, attitude_error, pixel_error) < 0:
         raise SettingsError("an error", "is below 0", "0 or more")
+    kinds_of_error = Errors(attitude_deg=attitude_error, pixel_px=pixel_error)
     with errors.status("casting rays"):
-        done = add_marks(opened(catalog), marks, by, Errors(pose_error, attitude_error, pixel_error))
+        done = add_marks(opened(catalog), marks, by, kinds_of_error, pose_error)
     for reason in done.refused:
         complain(f"refused: {reason}")
     rows = opened(catalog).findings()
@@ -365,9 +368,8 @@ def _looks(store: Any, title: str, spot: Any, out: Any, photos: Any, simulated: 
     if out is None:
         return 0
     from upplied.findings.crops import write_crops
-    from upplied.scene import scene_of
 
-    page, missing = write_crops(out, title, found, spot, scene_of(store.structure(spot.structure_id)), photos)
+    page, missing = write_crops(out, title, found, spot, store.structure(spot.structure_id), photos)
     for reason in missing:
         complain(f"missing: {reason}")
     if not json:

@@ -30,23 +30,23 @@ SHOWN = {
     "operator": "operator",
     "transfer_id": "plan",
     "target_id": "target",
-    "flown_pct": "of the plan's length, flown, %",
-    "inspected_pct": "of what the plan shows, inspected as asked, %",
-    "required_pct": "of what the plan shows, certainly in view, %",
-    "assumed_pct": "and besides, if the log was rightly moved onto its plan, %",
+    "flown_pct": "share of the plan's length flown, %",
+    "inspected_pct": "share of the planned surface inspected as requested, %",
+    "required_pct": "share of the planned surface certainly in view, %",
+    "assumed_pct": "additional share in view if the alignment is right, %",
     "min_clearance_m": "minimum clearance, m",
     "silent_s": "clearance not known for, s",
-    "cross_track_p95_m": "off the planned path, 95th percentile, m",
-    "plan_frechet_m": "Frechet distance from the part of the plan that was flown, m",
+    "cross_track_p95_m": "deviation from the planned path, 95th percentile, m",
+    "plan_frechet_m": "Frechet distance from the flown part of the plan, m",
     "duration_s": "duration, s",
     "photos": "photos",
     "photos_missing": "viewpoints whose photo is missing",
-    "clock_s": "the plan begins at this time of the log, s",
-    "clock_error_s": "error of that, one sigma, s",
-    "shift_m": "the log was moved by, m",
-    "turn_deg": "and turned by, deg",
-    "place_error_m": "positions may be off by, m",
-    "camera_yaw_deg": "its camera was turned by, deg",
+    "clock_s": "start of the plan in the log, s",
+    "clock_error_s": "standard error of that start, s",
+    "shift_m": "shift of the log, m",
+    "turn_deg": "turn of the log, deg",
+    "place_error_m": "position error, m",
+    "camera_yaw_deg": "turn of the logged camera, deg",
     "wind": "wind",
     "findings": "findings",
 }
@@ -83,7 +83,7 @@ def add(
     _tell(row, json)
     if not json and left_out(store, row):
         name = row["flight_id"][:_DIGITS]
-        next_step(f"flights gap {name}", "the flight that shows what is missing", catalog)
+        next_step(f"flights gap {name}", "plan a flight over the missed surface", catalog)
     return 0
 
 
@@ -180,7 +180,7 @@ def promote(
 
     made = promote_flight(opened(catalog), flight, by, name, force)
     console.print(f"{made.demonstration_id}: a demonstration of {made.structure_id}", markup=False)
-    next_step("plan --dry-run", "which plans it makes", catalog)
+    next_step("plan --dry-run", "show the resulting plans", catalog)
     return 0
 
 

@@ -64,7 +64,7 @@ def best(location: str, structure: str) -> str:
             f"structure {structure}",
             f"is declared a {kind}, but {fitting.demonstration_id}, which fits best, was flown on a "
             f"{fitting.kind}",
-            "flights are carried within a kind",
+            "demonstrations are transferred within a kind",
             "correct the kind in the manifest if they are of one",
         )
     complain(f"{fitting.demonstration_id}: {fitting.why}")

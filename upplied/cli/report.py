@@ -64,7 +64,7 @@ def report(
         made = publish_file(store, self_contained, demonstration_id=demonstration, target_id=target)
         say(made)
     if not problems:
-        next_step("fly TRANSFER", "what margin a plan keeps in wind; its id is on its page", catalog)
+        next_step("fly TRANSFER", "simulate a plan in wind; its ID is on its page", catalog)
     for problem in problems:
         complain(f"problem: {problem}")
     return int(bool(problems))

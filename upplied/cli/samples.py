@@ -26,5 +26,5 @@ def write(folder: Path = Path("samples")) -> int:
     with progress("files", FILES) as advance:
         write_sample_fleet(folder, lambda _: advance())
     console.print(f"{folder / 'structures.toml'} and its logs", soft_wrap=True)
-    next_step(f"structures add {shlex.quote(str(folder / 'structures.toml'))}", "take the meshes in")
+    next_step(f"structures add {shlex.quote(str(folder / 'structures.toml'))}", "import the meshes")
     return 0

@@ -50,7 +50,7 @@ def say(
             made |= {f"{stage}.{name}": value for name, value in names.items()}
     opened(catalog).set("kind" if kind else "structure", owner, made, by, note)
     console.print(f"{owner}: {len(made)} set", markup=False)
-    next_step("plan --dry-run", "which plans that changes", catalog)
+    next_step("plan --dry-run", "show the plans that change", catalog)
     return 0
 
 

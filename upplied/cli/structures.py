@@ -56,9 +56,9 @@ def add(
         ingested = fleet.ingest_structures(store, manifest, workers, lambda _: advance(), prune, asked)
     code = ingested_report(ingested)
     if not code and len(store.demonstrations()):
-        next_step("plan", "carry the demonstrations to what is new or changed", catalog)
+        next_step("plan", "transfer the demonstrations to new and changed structures", catalog)
     elif not code:
-        next_step("demonstrations add LOG.mcap", "take in what an expert flew", catalog)
+        next_step("demonstrations add LOG.mcap", "import an expert's flight", catalog)
     return code
 
 

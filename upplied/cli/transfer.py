@@ -106,7 +106,7 @@ def transfer(
     rows = current(opened_catalog, plan_request)
     show_plans(demonstration, rows, json)
     if not json and any(row["status"] == "ok" for row in rows):
-        next_step("report", "draw the plans as pages to look at", catalog)
+        next_step("report", "publish the plans as pages", catalog)
     return int(len(wanted) < len(to) or any(row["status"] != "ok" for row in rows))
 
 
@@ -133,7 +133,7 @@ def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> t
         elif kind and kinds[name] != kind:
             reasons.append(
                 f"structure {name}: is of kind {kinds[name]}, and {demonstration} was flown on {flown}, "
-                f"of kind {kind}: a demonstration is carried to structures of its own kind"
+                f"of kind {kind}: a demonstration is transferred within its kind"
             )
         else:
             found.append(name)
@@ -173,7 +173,7 @@ def plan_fleet(
         (complain if found.troubled else say)(found)
     result = run(opened_catalog, decision, workers, timeout)
     console.print(f"{result}, {decision.unchanged} unchanged")
-    next_step("report", "draw the plans as pages to look at", catalog)
+    next_step("report", "publish the plans as pages", catalog)
     return int(result.ok < result.total or any(found.troubled for found in checked))
 
 

@@ -61,8 +61,8 @@ def require(
     name, store = str(said.get("name", file.stem)), opened(catalog)
     zones = _with_labels(store, zones, said.get("labels"), file, "" if kind else owner)
     store.require("kind" if kind else "structure", owner, name, zones, by, note)
-    console.print(f"{owner}: {name} asks for {len(zones)} zone(s)", markup=False)
-    next_step(f"zones {'STRUCTURE' if kind else owner}", "what becomes of each", catalog)
+    console.print(f"{owner}: {name} requires {len(zones)} zone(s)", markup=False)
+    next_step(f"zones {'STRUCTURE' if kind else owner}", "show whether each is covered", catalog)
     return 0
 
 

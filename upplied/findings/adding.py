@@ -6,10 +6,11 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.checks import check_id
@@ -21,9 +22,12 @@ from upplied.findings.place import Errors, located
 from upplied.findings.rays import size_px
 from upplied.records import Floats, Structure
 from upplied.scene import Scene, scene_of, surface_error_m
+from upplied.vectors import sphere
 
 _DIGITS = 12  # of a finding's id
 _MOST_OUTLINE = 64
+_WAYS = sphere(64)
+_CLEARLY = 0.05  # share of rays, by which more escape from one side than from the other
 _OFF_SURFACE = 0.02  # of the diagonal, that a stated place may be off the surface
 
 
@@ -43,11 +47,13 @@ class Placing:
     ----------
     catalog : Catalog
     errors : Errors
-        Of the camera and, where a flight does not state its own, of its positions.
+        Of the camera, and of the positions of flights that do not state theirs.
+    pose_m : float, optional
+        Of all positions, whatever flights state.
     """
 
-    def __init__(self, catalog: Catalog, errors: Errors | None = None) -> None:
-        self.catalog, self.errors = catalog, errors or Errors()
+    def __init__(self, catalog: Catalog, errors: Errors | None = None, pose_m: float | None = None) -> None:
+        self.catalog, self.errors, self.pose_m = catalog, errors or Errors(), pose_m
         self._flights: dict[str, Flown] = {}
         self._structures: dict[str, tuple[Structure, Scene]] = {}
 
@@ -106,7 +112,9 @@ class Placing:
         if not 0 <= t_s <= float(flight.path.t_s[-1]):
             when = f"is of {t_s:g} s, the flight took {float(flight.path.t_s[-1]):.1f} s"
             raise RefusedError(mark.what, when, "a time of the flight", "count from its first pose")
-        width, height = (int(photo.get(name) or 0) for name in ("width_px", "height_px"))
+        width, height = (
+            0 if pd.isna(photo.get(name)) else int(photo[name]) for name in ("width_px", "height_px")
+        )
         size = (width, height) if width and height else mark.size_px
         camera = with_size(flight.seen_by(t_s), *size, f"{mark.what}, photo {mark.photo or f'of {t_s:g} s'}")
         corners = mark.corners
@@ -116,7 +124,7 @@ class Placing:
             raise RefusedError(mark.what, "lies outside of its photo", rule, "check the pixels and the photo")
         structure, scene = self.structure(flight.target_id)
         pose = flight.at(np.array([t_s]))
-        stated = flight.pose_error_m
+        stated = flight.pose_error_m if self.pose_m is None else self.pose_m
         errors = replace(
             self.errors,
             pose_m=self.errors.pose_m if math.isnan(stated) else stated,
@@ -157,7 +165,14 @@ class Placing:
     def _about(
         self, mark: Mark, structure: Structure, place: Any, normal: Any, seen_by: str
     ) -> dict[str, Any]:
-        key: list[Any] = [structure.structure_id, seen_by, mark.photo, mark.t_s, mark.pixels, mark.class_name]
+        key: list[Any] = [
+            structure.structure_id,
+            seen_by,
+            Path(mark.photo).name,
+            mark.t_s,
+            mark.pixels,
+            mark.class_name,
+        ]
         key += [] if mark.place is None else [list(mark.place)]
         return {
             "finding_id": digest(key)[:_DIGITS],
@@ -171,7 +186,13 @@ class Placing:
         }
 
 
-def add_marks(catalog: Catalog, marks: Sequence[Mark], by: str, errors: Errors | None = None) -> Added:
+def add_marks(
+    catalog: Catalog,
+    marks: Sequence[Mark],
+    by: str,
+    errors: Errors | None = None,
+    pose_m: float | None = None,
+) -> Added:
     """Place marks and add those that can be placed, in one commit.
 
     Parameters
@@ -180,14 +201,15 @@ def add_marks(catalog: Catalog, marks: Sequence[Mark], by: str, errors: Errors |
     marks : sequence of Mark
     by : str
         Who found them.
-    errors : Errors, optional
+    errors, pose_m
+        See `Placing`.
 
     Returns
     -------
     Added
         What is refused is told with its reason; nothing of it is stored.
     """
-    placing, rows, refused = Placing(catalog, errors), [], []
+    placing, rows, refused = Placing(catalog, errors, pose_m), [], []
     for mark in marks:
         try:
             rows.append(placing.row(mark))
@@ -200,20 +222,32 @@ def add_marks(catalog: Catalog, marks: Sequence[Mark], by: str, errors: Errors |
 def on_surface(scene: Scene, places: Floats) -> tuple[Floats, Floats]:
     """The points of the surface that are nearest to places (N, 3), m, and its normals (N, 3), outward.
 
-    The side of a place that lies on the surface is the one from which the nearest ray meets it.
+    Outward is the side from which more rays escape, as samples have it; of a sheet the side of the place.
     """
     found, _ = scene.closest(places)
-    low, high = scene.box
-    step = 1e-3 * float(np.linalg.norm(high - low))
-    ways = np.concatenate([np.eye(3), -np.eye(3), np.array(list(product((-1, 1), repeat=3))) / np.sqrt(3)])
+    rows, size = np.arange(len(found)), float(np.linalg.norm(np.subtract(*scene.box)))
+    step = 1e-3 * size
+    ways = sphere(26)
     origins = (found[:, None] + step * ways).reshape(-1, 3)
     reach, _, normals = scene.cast(origins, np.tile(-ways, (len(found), 1)))
     reach, normals = reach.reshape(len(found), -1), normals.reshape(len(found), -1, 3)
-    facing = np.einsum("nwi,wi->nw", normals, ways)
     # What is met where the place is, as frontally as can be.
-    cost = np.where(np.abs(reach - step) < 0.2 * step, 1 - np.abs(facing), 2 + np.abs(reach - step))
-    best, rows = cost.argmin(axis=1), np.arange(len(found))
-    return found, normals[rows, best] * np.sign(facing[rows, best])[:, None]
+    facing = np.abs(np.einsum("nwi,wi->nw", normals, ways))
+    normal = normals[rows, np.where(np.abs(reach - step) < 0.2 * step, facing, -1.0).argmax(axis=1)]
+    free = np.stack([_escaping(scene, found, side * normal, size) for side in (1, -1)])
+    beside = np.einsum("ni,ni->n", places - found, normal)
+    side = np.where(np.abs(beside) > 1e-6 * size, np.sign(beside), 1.0)
+    side = np.where(np.abs(free[0] - free[1]) > _CLEARLY, np.sign(free[0] - free[1]), side)
+    return found, normal * side[:, None]
+
+
+def _escaping(scene: Scene, points: Floats, normals: Floats, size: float) -> Floats:
+    """Share (N,) of the rays from before a surface that meet nothing."""
+    ahead = normals @ _WAYS.T > 0.1
+    owner, which = np.nonzero(ahead)
+    starts = (points + 1e-5 * size * normals)[owner]
+    met = scene.occluded(starts, starts + 2 * size * _WAYS[which], slack=0.0)
+    return np.bincount(owner, ~met, len(points)) / np.maximum(ahead.sum(axis=1), 1)
 
 
 def outline_of(row: Any) -> Floats:

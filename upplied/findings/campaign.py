@@ -8,7 +8,7 @@ import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.catalog.verbs.findings import STATES
-from upplied.catalog.verbs.frames import When
+from upplied.catalog.verbs.queries import When
 from upplied.errors import RefusedError, UppliedError
 from upplied.findings.carried import Carrying
 from upplied.findings.queries import photographed

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import html
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,14 +12,14 @@ import numpy as np
 from scipy.ndimage import laplace, map_coordinates
 
 from upplied.errors import InputError, UppliedError
-from upplied.extras import extra
 from upplied.findings.looks import Look, Spot, plane_axes
 from upplied.findings.photos import MOST_BYTES
+from upplied.findings.pictures import pixels_in, png
 from upplied.findings.rays import pixels_of
 from upplied.inputs.files import read_regular
 from upplied.outputs.files import replace_file
-from upplied.records import Floats
-from upplied.scene import Scene
+from upplied.records import Floats, Structure
+from upplied.scene import Scene, scene_of
 
 _LEAST_PX, _MOST_PX = 64, 800  # of a crop's sides
 _WIDER = 1.3  # than what is meant
@@ -39,7 +38,12 @@ figure,img{{max-width:{width}px}} figcaption{{font-size:13px}}</style></head>
 
 
 def write_crops(
-    folder: Path, title: str, looks: Sequence[Look], spot: Spot, scene: Scene, photos: Path | None = None
+    folder: Path,
+    title: str,
+    looks: Sequence[Look],
+    spot: Spot,
+    structure: Structure,
+    photos: Path | None = None,
 ) -> tuple[Path, list[str]]:
     """Write the crops of looks that have a photo, and a page that shows them side by side.
 
@@ -50,8 +54,7 @@ def write_crops(
     title : str
     looks : sequence of Look
     spot : Spot
-    scene : Scene
-        Of the structure.
+    structure : Structure
     photos : path, optional
         A folder where photos are looked for that are not where they were.
 
@@ -62,7 +65,7 @@ def write_crops(
     """
     shown = [look for look in looks if look.row["photo"]][:_MOST]
     finest = min((look.row["mm_px"] for look in shown), default=1.0)
-    grid, wide_m = _grid(spot, scene, finest)
+    grid, wide_m = _grid(spot, scene_of(structure), finest)
     figures, missing = [], []
     folder.mkdir(parents=True, exist_ok=True)
     for number, look in enumerate(shown, 1):
@@ -72,7 +75,7 @@ def write_crops(
             missing.append(str(error))
             continue
         name = f"look-{number:03}.png"
-        replace_file(folder / name, _png(crop))
+        replace_file(folder / name, png(crop))
         figures.append(_figure(name, look.row, sharpness(crop)))
     scale = 1e3 * wide_m / grid.shape[1]
     about = f"Each picture is {wide_m:.2f} m wide, {scale:.2f} mm a pixel, seen along the normal."
@@ -110,8 +113,6 @@ def _grid(spot: Spot, scene: Scene, mm_px: float) -> tuple[Floats, float]:
 
 def _photo(look: Look, folder: Path | None) -> np.ndarray:
     """The pixels (H, W, 3) of a photo at its path, else in a folder, if its bytes are the same."""
-    with extra("export"):
-        from PIL import Image
     row = look.row
     places = [Path(row["path"]), *([folder / row["photo"]] if folder is not None else [])]
     place = next((path for path in places if path.is_file()), None)
@@ -125,11 +126,7 @@ def _photo(look: Look, folder: Path | None) -> np.ndarray:
         raise InputError(
             f"photo {row['photo']}", f"at {place} is another one", "the bytes that were registered"
         )
-    try:
-        with Image.open(io.BytesIO(data)) as picture:
-            return np.asarray(picture.convert("RGB"))
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise InputError(f"photo {row['photo']}", f"cannot be read: {error}", "a picture") from None
+    return pixels_in(data, f"photo {row['photo']}")
 
 
 def _warped(photo: np.ndarray, look: Look, grid: Floats) -> np.ndarray:
@@ -140,14 +137,6 @@ def _warped(photo: np.ndarray, look: Look, grid: Floats) -> np.ndarray:
     at = np.nan_to_num(np.stack([rows, columns]), nan=-1e6)
     bands = [map_coordinates(photo[:, :, band], at, order=1, cval=0) for band in range(3)]
     return np.stack(bands, axis=1).reshape(*grid.shape[:2], 3).astype(np.uint8)
-
-
-def _png(pixels: np.ndarray) -> bytes:
-    from PIL import Image
-
-    stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, "PNG")
-    return stream.getvalue()
 
 
 def _figure(name: str, row: dict[str, Any], sharp: float) -> str:

@@ -111,8 +111,9 @@ def looks_frame(looks: Sequence[Look]) -> pd.DataFrame:
 
 def _look(flight: Flown, spot: Spot, t_s: float, photo: dict[Any, Any]) -> Look:
     pose, camera = flight.at(np.array([t_s])), flight.seen_by(t_s)
-    if photo.get("width_px") and photo.get("height_px"):
-        camera = with_size(camera, int(photo["width_px"]), int(photo["height_px"]), f"photo {photo['name']}")
+    size = [0 if pd.isna(photo.get(name)) else int(photo[name]) for name in ("width_px", "height_px")]
+    if all(size):
+        camera = with_size(camera, size[0], size[1], f"photo {photo['name']}")
     position, quat = pose.positions[0], pose.quat_xyzw[0]
     ray = spot.place - position
     distance = float(np.linalg.norm(ray))

@@ -38,7 +38,7 @@ class Flown(Record):
     path: Trajectory  # from 0
     camera: Camera
     began: pd.Timestamp | None  # the first pose, by the log's clock
-    pose_error_m: float  # as stated; NaN: not stated
+    pose_error_m: float  # as its alignment states; NaN: nothing does
     stills: bool = False
 
     def moment(self, t_s: float) -> pd.Timestamp | None:
@@ -99,9 +99,10 @@ def _of_row(catalog: Catalog, row: dict[Any, Any], cameras: dict[str, Camera]) -
         values = {item.name: known[item.name] for item in fields(Camera) if known[item.name] is not None}
         cameras[name] = Camera(**values)
     began = None if pd.isna(row["flown_at"]) else row["flown_at"]
-    error = row["place_error_m"]
+    # A log beside its plan may be off by that much, whether its frame or the vehicle was (`proof.align`).
+    error = [row[name] for name in ("place_error_m", "residual_p95_m") if not pd.isna(row[name])]
     path = catalog.flown(str(row["flight_sha256"]))
-    stated = float("nan") if error is None else float(error)
+    stated = max(map(float, error), default=float("nan"))
     about = str(row["flight_id"]), str(row["target_id"]), str(row["kind"]), path, cameras[name], began, stated
     return Flown(*about)
 
@@ -186,7 +187,7 @@ def _photo_row(
     sha256, t_s = hashlib.sha256(data).hexdigest(), min(max(t_s, 0.0), end)
     size = {name: int(head[name]) if math.isfinite(head[name]) else 0 for name in ("width", "height")}
     if not all(size.values()):
-        size = dict(zip(("width", "height"), pixels_in(data), strict=True))
+        size = dict(zip(("width", "height"), _size(data, path), strict=True))
     return {
         "photo_id": digest([flight.flight_id, sha256, round(t_s, 3)]),
         "flight_id": flight.flight_id,
@@ -200,16 +201,13 @@ def _photo_row(
     }
 
 
-def pixels_in(data: bytes) -> tuple[int, int]:
-    """Width and height of a picture, px; 0 where it is none that can be read."""
-    from upplied.extras import extra
-
-    with extra("export"):
-        from PIL import Image
+def _size(data: bytes, path: Path) -> tuple[int, int]:
+    """Width and height of a photo, px; 0 where it cannot be read here, as of a raw one."""
     try:
-        with Image.open(io.BytesIO(data)) as picture:
-            return picture.size
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        from upplied.findings.pictures import size_of
+
+        return size_of(data, str(path))
+    except InputError:
         return 0, 0
 
 

@@ -11,15 +11,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm, qmc
 
 from upplied.errors import RefusedError
 from upplied.findings.rays import footprint_m, rays_of
 from upplied.planning.visibility.observations import TRULY
 from upplied.poses import matrices
-from upplied.records import Camera, Floats, Ints, Record
+from upplied.records import Camera, Floats, Record
 from upplied.scene import Scene
 
-_DRAWS, _OUTLINES = 1000, 60
+_DRAWS, _OUTLINES = 1024, 64
 _MOST_CORNERS = 64  # of an outline, that are cast
 _WITHIN_3D = 2.7955  # sigmas: 95 % of a normal error in three axes lie within
 _WITHIN_1D = 1.96
@@ -31,7 +32,7 @@ _GRAZING_DEG = TRULY.max_incidence_deg
 class Errors:
     """How well it is known from where and along which ray a mark was seen; three of them hold in 95 %."""
 
-    pose_m: float = 0.5  # of the position
+    pose_m: float = 0.5  # of the position, where nothing states it
     attitude_deg: float = 0.4  # of the camera, one sigma about each axis: as of usual gimbals
     pixel_px: float = 1.0  # of the mark, one sigma across and down
     mesh_m: float = 0.0  # of the surface, along its normal
@@ -55,6 +56,16 @@ class Located(Record):
     length_error_m: float
     area_m2: float
     area_error_m2: float
+
+
+@dataclass(frozen=True)
+class _View:
+    """A photo of a structure."""
+
+    scene: Scene
+    camera: Camera
+    position: Floats  # (3,) m
+    turn: Floats  # (3, 3) camera to structure
 
 
 def located(
@@ -91,7 +102,7 @@ def located(
     middle = np.asarray(_centroid(corners))
     turn = matrices(quat_xyzw)
     aims = np.concatenate([middle[None], corners]) if len(corners) > 1 else middle[None]
-    reach, _, normals = _cast(scene, position, rays_of(camera, aims) @ turn.T)
+    reach, _, normals = scene.cast(np.tile(position, (len(aims), 1)), rays_of(camera, aims) @ turn.T)
     hit = np.isfinite(reach)
     if not hit[0] and hit[1:].any():  # the middle of a ring: the nearest of its corners
         near = 1 + int(np.where(hit[1:], np.linalg.norm(corners - middle, axis=1), np.inf).argmin())
@@ -113,7 +124,6 @@ def located(
             f"at most {_GRAZING_DEG:g} degrees",
             "mark it in a photo that looks more frontally",
         )
-    rng = np.random.default_rng(0)
     alone = Errors(0.0, 0.0, 0.0, 0.0)
     parts = (
         errors,
@@ -121,78 +131,64 @@ def located(
         replace(alone, pixel_px=errors.pixel_px),
         replace(alone, mesh_m=errors.mesh_m),
     )
-    known = scene, camera, position, turn, middle
-    off, pose, pixel, mesh = (_error_m(*known, place, part, rng) for part in parts)
+    noise = norm.ppf(qmc.Sobol(9, rng=0).random(_DRAWS))
+    view = _View(scene, camera, position, turn)
+    off, pose, pixel, mesh = (_error_m(view, middle, place, part, noise) for part in parts)
     outline = place[None]
     if len(corners) > 1:
         outline = (position + reach[1:, None] * (rays_of(camera, corners) @ turn.T))[hit[1:]]
-    size = _sized(scene, camera, position, turn, corners, outline, errors, rng)
+    size = _sized(view, corners, outline, errors, noise)
     fine = 1e3 * footprint_m(camera, position, quat_xyzw, place, normal)
     looked = float(reach[0]), incidence, fine
     return Located(place, normal, outline, *looked, off, pose, pixel, mesh, *size)
 
 
-def _cast(scene: Scene, positions: Floats, rays: Floats) -> tuple[Floats, Ints, Floats]:
-    return scene.cast(np.ascontiguousarray(np.broadcast_to(positions, rays.shape)), rays)
+def _drawn(view: _View, pixels: Floats, errors: Errors, noise: Floats) -> tuple[Floats, Floats]:
+    """Origins (D, K, 3) and rays (D, K, 3) of draws of pixels (D, K, 2) by normal noise (D, 9)."""
+    origins = view.position + errors.pose_m / _WITHIN_3D * noise[:, :3]
+    wobble = Rotation.from_rotvec(np.radians(errors.attitude_deg) * noise[:, 3:6]).as_matrix()
+    rays = np.einsum("ij,djk,dnk->dni", view.turn, wobble, rays_of(view.camera, pixels))
+    return np.ascontiguousarray(np.broadcast_to(origins[:, None], rays.shape)), rays
 
 
-def _drawn(
-    camera: Camera, position: Floats, turn: Floats, pixels: Floats, errors: Errors, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Origins (D, K, 3) and rays (D, K, 3) of draws of pixels (D, K, 2)."""
-    count = len(pixels)
-    origins = position + rng.normal(0, errors.pose_m / _WITHIN_3D, (count, 3))
-    wobble = Rotation.from_rotvec(rng.normal(0, np.radians(errors.attitude_deg), (count, 3))).as_matrix()
-    rays = rays_of(camera, pixels + rng.normal(0, errors.pixel_px, pixels.shape))
-    rays = np.einsum("ij,djk,dnk->dni", turn, wobble, rays)
-    return np.broadcast_to(origins[:, None], rays.shape), rays
-
-
-def _error_m(
-    scene: Scene, camera: Camera, position: Floats, turn: Floats, pixel: Floats, place: Floats,
-    errors: Errors, rng: np.random.Generator,
-) -> float:  # fmt: skip
+def _error_m(view: _View, pixel: Floats, place: Floats, errors: Errors, noise: Floats) -> float:
     """How far from the place, m, 95 % of the draws lie."""
-    if not any((errors.pose_m, errors.attitude_deg, errors.pixel_px, errors.mesh_m)):
+    if errors == Errors(0.0, 0.0, 0.0, 0.0):
         return 0.0
-    pixels = np.broadcast_to(pixel, (_DRAWS, 1, 2))
-    origins, rays = (each[:, 0] for each in _drawn(camera, position, turn, pixels, errors, rng))
-    reach, _, normals = scene.cast(np.ascontiguousarray(origins), rays)
+    pixels = pixel + errors.pixel_px * noise[:, None, 6:8]
+    origins, rays = (each[:, 0] for each in _drawn(view, pixels, errors, noise))
+    reach, _, normals = view.scene.cast(origins, rays)
     hit = np.isfinite(reach)
     if not hit.any():
         return 0.0
     steep = np.maximum(np.abs(np.einsum("ij,ij->i", normals, rays)), np.cos(np.radians(_GRAZING_DEG)))
-    deeper = rng.normal(0, errors.mesh_m / _WITHIN_1D, len(reach)) / steep
+    deeper = errors.mesh_m / _WITHIN_1D * noise[:, 8] / steep
     places = origins[hit] + (reach + deeper)[hit, None] * rays[hit]
     return float(np.percentile(np.linalg.norm(places - place, axis=1), 95))
 
 
 def _sized(
-    scene: Scene, camera: Camera, position: Floats, turn: Floats, corners: Floats, outline: Floats,
-    errors: Errors, rng: np.random.Generator,
-) -> tuple[float, float, float, float]:  # fmt: skip
+    view: _View, corners: Floats, outline: Floats, errors: Errors, noise: Floats
+) -> tuple[float, float, float, float]:
     """Length and area of an outline on the surface, each with its error."""
     if len(outline) < 2:
         return (float("nan"),) * 4
-    pixels = np.broadcast_to(corners, (_OUTLINES, *corners.shape))
-    origins, rays = _drawn(camera, position, turn, pixels, errors, rng)
-    flat = np.ascontiguousarray(origins.reshape(-1, 3)), np.ascontiguousarray(rays.reshape(-1, 3))
-    reach = scene.cast(*flat)[0].reshape(rays.shape[:2])
+    noise = noise[:_OUTLINES]
+    read = np.random.default_rng(0).normal(0, errors.pixel_px, (_OUTLINES, *corners.shape))
+    origins, rays = _drawn(view, corners + read, errors, noise)
+    reach = view.scene.cast(origins.reshape(-1, 3), rays.reshape(-1, 3))[0].reshape(rays.shape[:2])
     whole = np.isfinite(reach).all(axis=1)
     drawn = (origins + reach[..., None] * rays)[whole]
     length, area = _length(outline), _area(outline)
     if not len(drawn):
         return length, length, area, area
     # A surface that is nearer or farther shows a mark smaller or larger, by as much as its distance.
-    nearer = 1 + rng.normal(0, errors.mesh_m / _WITHIN_1D, len(drawn)) / max(float(reach[whole].min()), 1e-6)
-    lengths = nearer * [_length(each) for each in drawn]
-    areas = nearer**2 * [_area(each) for each in drawn]
-    return (
-        length,
-        float(np.percentile(np.abs(lengths - length), 95)),
-        area,
-        float(np.percentile(np.abs(areas - area), 95)),
+    nearer = 1 + errors.mesh_m / _WITHIN_1D * noise[whole, 8] / max(float(reach[whole].min()), 1e-6)
+    off = (
+        np.abs(nearer * [_length(each) for each in drawn] - length),
+        np.abs(nearer**2 * [_area(each) for each in drawn] - area),
     )
+    return length, float(np.percentile(off[0], 95)), area, float(np.percentile(off[1], 95))
 
 
 def _length(outline: Floats) -> float:

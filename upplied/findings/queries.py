@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from upplied.catalog import Catalog
-from upplied.catalog.verbs.frames import When, moment
+from upplied.catalog.verbs.queries import When, moment
 from upplied.errors import CatalogError
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, spot_of
@@ -83,7 +83,7 @@ def photographed(
             looks = (
                 []
                 if np.isnan(place[0])
-                else [_seen(catalog, each, place, focal) for each in own.get(name, ())]
+                else [_seen(catalog, each, place, there.normal[0], focal) for each in own.get(name, ())]
             )
             count = [look for look in looks if look is not None and look["mm_px"] <= mm_px]
             last: dict[str, Any] = max(count, key=lambda one: one["looked_at"], default={})
@@ -142,13 +142,13 @@ def _mapped(rows: pd.DataFrame, carrying: Carrying, reference_id: str) -> Mapped
 
 
 def _seen(
-    catalog: Catalog, flight: dict[Any, Any], place: Any, focal: dict[str, float]
+    catalog: Catalog, flight: dict[Any, Any], place: Any, normal: Any, focal: dict[str, float]
 ) -> dict[str, Any] | None:
     """The look of a flight at the patch nearest to a place; None where it did not see it for certain."""
     looks = catalog.looks.get(flight["looks_sha256"]).certain
-    away = np.linalg.norm(catalog.surfaces.points(looks.samples_sha256) - place, axis=1)
-    at = int(np.searchsorted(looks.patch, int(away.argmin())))
-    if at == len(looks.patch) or looks.patch[at] != away.argmin():
+    patch = catalog.surfaces.nearest(looks.samples_sha256, place, normal)
+    at = int(np.searchsorted(looks.patch, patch))
+    if at == len(looks.patch) or looks.patch[at] != patch:
         return None
     ways = [(looks.distance_m[at], looks.incidence_deg[at])]
     if looks.frontal_distance_m is not None and looks.frontal_incidence_deg is not None:

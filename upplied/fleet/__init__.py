@@ -24,7 +24,6 @@ if TYPE_CHECKING:
         Resources,
         Run,
         Shard,
-        bundles,
         cores,
         plan_here,
         shard_name,
@@ -45,7 +44,7 @@ _NAMES = {
     "fleet.ingest": "Ingested ingest_demonstrations ingest_structures",
     "fleet.keeping": "Result known_outcomes",
     "fleet.rechecking": "Rechecked recheck",
-    "fleet.run": "SHARD_TARGETS Resources Run Shard bundles cores plan_here shard_name shards transfer",
+    "fleet.run": "SHARD_TARGETS Resources Run Shard cores plan_here shard_name shards transfer",
     "fleet.workers": "Limits",
     "outputs.publish": "publish",
 }

@@ -68,7 +68,6 @@ class Run:
         resources = resources or Resources()
         self.count = max(1, min(resources.workers or cores(), len(jobs)))
         self.progress = progress
-        self.total = len(jobs)
         self.shards = shards(jobs, self.count)
         self._workers = Workers(self.count, prepare, (str(catalog.location),), resources.limits)
         self._keeper = Keeper(catalog, run_id, engine)
@@ -164,34 +163,22 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def shards(jobs: Sequence[Job], workers: int) -> list[Shard]:
+def shards(jobs: Sequence[Job], workers: int, targets: int = 0) -> list[Shard]:
     """Group jobs into what one task of an engine does, in an order that does not depend on timing.
 
     Jobs on one target share its clouds and its registration through the cache, so they follow one
     another. Where targets are too few to keep the workers busy, those on one target are parted, and
-    the first job of every target comes before the second of any.
+    the first job of every target comes before the second of any; never where a shard is to be of so many
+    `targets`.
     """
-    units = _by_target(jobs)
-    if len(units) < 4 * workers:
-        units = [(job,) for row in zip_longest(*units) for job in row if job is not None]
-    count = min(len(units), max(SHARDS_EACH * workers, -(-len(units) // SHARD_TARGETS)))
-    ends = [len(units) * number // (count or 1) for number in range(count + 1)]
-    return [_joined(units[begin:end]) for begin, end in pairwise(ends)]
-
-
-def bundles(jobs: Sequence[Job], size: int) -> list[Shard]:
-    """Group jobs by so many targets; the jobs on one target stay together."""
-    targets = _by_target(jobs)
-    return [_joined(targets[at : at + size]) for at in range(0, len(targets), size)]
-
-
-def _joined(units: Sequence[Shard]) -> Shard:
-    return tuple(chain.from_iterable(units))
-
-
-def _by_target(jobs: Sequence[Job]) -> list[Shard]:
     ordered = sorted(jobs, key=lambda job: (*_PAIR(job), job.demonstration_id, job.settings.preset, job.key))
-    return [tuple(group) for _, group in groupby(ordered, key=_PAIR)]
+    units: list[Shard] = [tuple(group) for _, group in groupby(ordered, key=_PAIR)]
+    if not targets and len(units) < 4 * workers:
+        units = [(job,) for row in zip_longest(*units) for job in row if job is not None]
+    least = 0 if targets else SHARDS_EACH * workers
+    count = min(len(units), max(least, -(-len(units) // (targets or SHARD_TARGETS))))
+    ends = [len(units) * number // (count or 1) for number in range(count + 1)]
+    return [tuple(chain.from_iterable(units[begin:end])) for begin, end in pairwise(ends)]
 
 
 def shard_name(shard: Shard) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from upplied.catalog.store.looks import StoredLooks
+from upplied.catalog.store.contents import StoredLooks
 from upplied.outputs.pairs import number, stamp
 from upplied.records import SURFACE_STATES, Measures, Record, SurfaceStates, Trajectory
 

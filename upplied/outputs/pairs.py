@@ -26,7 +26,7 @@ _REFUSALS = (  # words of a plan's reason, and what they mean for a reader
         "structure, or compare the 3-D views and raise the limit if the parts do correspond.",
     ),
     (
-        ("clearance", "keep-out", "ceiling", "geofence", "ground", "free way", "way round"),
+        ("clearance", "keep-out", "ceiling", "geofence", "ground", "free way", "transit leg", "way round"),
         "No path keeps the clearance within the allowed airspace. Check the place named in the reason; a "
         "smaller clearance, other surroundings or another stand-off may help.",
     ),

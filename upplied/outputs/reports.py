@@ -37,6 +37,7 @@ from upplied.outputs.pair_page import (
 )
 from upplied.outputs.pairs import Pair, number, shown_status
 from upplied.outputs.passport_page import passport_data
+from upplied.outputs.picture_quality import quality_data
 from upplied.outputs.source import Source
 from upplied.outputs.structure_page import structure_facts
 from upplied.outputs.zones import zones
@@ -84,7 +85,8 @@ class Reader:
     def pair_data(self, pair: Pair, picture: str = "", sorties: bool = True) -> dict[str, Any]:
         """What a plan's page shows; `picture` is where a PNG of it lies.
 
-        Without `sorties` the mission that follows from the plan is left out, which takes a second to make.
+        Without `sorties` the mission that follows from the plan and the quality of its pictures are left
+        out, which take a second to make.
         """
         origin = np.array(self._data(pair.target_id)["origin"])
         paths = {}
@@ -116,12 +118,16 @@ class Reader:
         if inspected is not None:
             states = display_states(self._mesh(pair.source_id), inspected)
             demonstration["states"] = packed(states)
-        mission = {}
+        mission: dict[str, Any] = {}
+        quality: list[dict[str, Any]] = []
         if sorties:
             camera = self.demonstration(pair.demonstration_id).camera
             plan, target = plan_of(self.source, pair.main), self.structure(pair.target_id)
             mission = fly_data(pair.main, plan, target, camera, origin)
-        return pair_data(pair, demonstration, paths, picture) | {"zones": zones, "mission": mission}
+            scene, mesh = scene_for(target, plan.supposed), self._mesh(pair.target_id)
+            quality = quality_data(plan, camera, scene, mesh, str(pair.main.get("settings_json") or "{}"))
+        more = {"zones": zones, "mission": mission, "quality": quality}
+        return pair_data(pair, demonstration, paths, picture) | more
 
     def structure_page(self, structure_id: str, pairs: Sequence[Pair], picture: str = "") -> dict[str, Any]:
         """What the page of a structure shows; `picture` is where a PNG of it lies."""

@@ -38,6 +38,20 @@ def structure_facts(
         ],
         "findings": [str(finding) for finding in from_json(structure.verdicts_json)],
         "zones": list(zones),
+        "marks": [
+            {
+                "finding": str(row["finding_id"]),
+                "class": str(row["class"] or ""),
+                "severity": str(row["severity"] or ""),
+                "state": str(row["state"]),
+                "place": ", ".join(f"{row[name]:.2f}" for name in ("x_m", "y_m", "z_m")),
+                "error": number(row, "place_error_m"),
+                "length": number(row, "length_mm"),
+                "photo": str(row["photo"] or ""),
+                "by": f"{row['by']}, {stamp(row['added_at'])}",
+            }
+            for row in _rows(source, "findings", name)
+        ],
         "plans": [_plan(pair, preset, row) for pair in pairs for preset, row in _plans(pair)],
         "flights": [
             {

@@ -13,12 +13,7 @@ from upplied.config import Settings, digest
 from upplied.errors import RefusedError, SettingsError
 from upplied.photographed import photographed
 from upplied.planning.carry.carried import carry
-from upplied.planning.carry.counterparts import (
-    counterparts_of,
-    doubts,
-    least_probability,
-    undecided,
-)
+from upplied.planning.carry.counterparts import counterparts_of, doubts, least_probability, undecided
 from upplied.planning.carry.forecast import forecast_of, unlikely
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by
 from upplied.planning.carry.missing_parts import missing_of
@@ -39,7 +34,7 @@ from upplied.planning.surface.frames import (
 )
 from upplied.planning.trajectory.propose import propose
 from upplied.provenance import method
-from upplied.records import Bools, Demonstration, Floats, Measures, Photos, Plan, Structure, Trajectory
+from upplied.records import Bools, Demonstration, Floats, Measures, Plan, Structure, Trajectory
 from upplied.records.required import RequiredSurface
 from upplied.threads import one_thread
 
@@ -82,20 +77,15 @@ def plan_transfer(
     """
     if bool(settings.required.zones) != (required is not None):
         given = "no surface is" if required is None else "a surface is"
-        found = f"is {settings.required.zones[:12]!r}, and {given} given"
-        raise SettingsError("setting required.zones", found, "zones are asked for by `upplied require`")
+        state = f"is {settings.required.zones[:12]!r}, and {given} given"
+        raise SettingsError("setting required.zones", state, "zones are asked for by `upplied require`")
     # A frame that turns and moves with the structures: the plan does not depend on the axes it is given in.
     here, there = frames_for(source, target, settings)
+    flight = demonstration_in(here, demonstration)
+    structures = structure_in(here, source), structure_in(there, target)
+    zones = None if required is None else in_frame(there, required)
     with one_thread():
-        plan = _planned(
-            demonstration_in(here, demonstration),
-            structure_in(here, source),
-            structure_in(there, target),
-            settings,
-            memo,
-            None if required is None else in_frame(there, required),
-            siblings,
-        )
+        plan = _planned(flight, *structures, settings, memo, zones, siblings)
     of_target = ("trajectory", "surface", "supposed", "photos")
     moved: dict[str, Any] = {name: in_declared(there, getattr(plan, name)) for name in of_target}
     moved["inspected"] = in_declared(here, plan.inspected)
@@ -145,12 +135,12 @@ def _on_pair(
     except RefusedError as refusal:  # a part that was named is ambiguous
         return replace(plan, status="refused", reason=str(refusal)), ()
     registration = pair.fit_for(settings).registration
-    labelled = pair.surface.told
+    labelling = pair.surface.told
     plan = replace(
         plan,
         registration=registration,
         counterpart_summary=pair.surface.correspondences.summary,
-        parts_told_by="" if labelled is None else labelled.sibling_id,
+        parts_told_by="" if labelling is None else labelling.sibling_id,
     )
     least = settings.registration.least_probability
     if not registration.accepted and least is None:
@@ -233,23 +223,23 @@ def _planned(
     except RefusedError as refusal:
         reason = "; ".join((str(refusal), *in_the_way(takes[0].pair)))
         return replace(plan, status="refused", reason=reason, warnings=(), not_flyable="")
-    if (
-        demonstration.stills
-    ):  # A flight of photos becomes one: as many as its camera takes, where they are needed.
+    # A flight of photos becomes one: as many as its camera takes, where they are needed.
+    if demonstration.stills:
         trajectory, is_viewpoint, demonstrated_s = _photographed(takes, settings, trajectory, demonstrated_s)
     # How good is it? The same measures for every preset.
     measures, surface, warnings = judge(trajectory, demonstrated_s, takes, settings)
-    measures = replace(
-        measures,
-        acceptance_probability=plan.measures.acceptance_probability,
-        counterpart_probability=plan.measures.counterpart_probability,
-    )
+    likely, certain = plan.measures.acceptance_probability, plan.measures.counterpart_probability
+    measures = replace(measures, acceptance_probability=likely, counterpart_probability=certain)
     # May it be flown? What falls short is refused, or says so where it is for comparison.
     reasons = shortfalls(trajectory, measures, takes, settings)
     short = "; ".join((*([plan.not_flyable] if plan.not_flyable else []), *reasons))
     warnings = (*plan.warnings, *warnings, *odd_shape(measures, settings))
     if short and settings.verdict.enforce:
         return replace(plan, status="refused", reason=short, measures=measures, warnings=warnings)
+    pair, camera, photos = takes[0].pair, takes[0].inspection.camera, None
+    if demonstration.stills:
+        seen = camera, pair.target_scene, settings.inspection
+        photos = photos_of(trajectory, is_viewpoint, pair.surface.target, *seen)
     return replace(
         plan,
         flyable=not short,
@@ -259,9 +249,9 @@ def _planned(
         is_added=added_to(takes, demonstrated_s),
         measures=measures,
         surface=surface,
-        supposed=takes[0].pair.supposed,
+        supposed=pair.supposed,
         warnings=warnings,
-        photos=_photos(trajectory, is_viewpoint, takes, settings) if demonstration.stills else None,
+        photos=photos,
     )
 
 
@@ -270,15 +260,10 @@ def _photographed(
 ) -> tuple[Trajectory, Bools, Floats]:
     """The path with its photos for viewpoints, no two nearer in time than the camera takes them."""
     camera, pair = takes[0].inspection.camera, takes[0].pair
-    asked = InspectedSurface.together([inspected_by(take, settings) for take in takes])
-    surface = asked.cloud.at(asked.need > 0)
-    found = photographed(trajectory, camera, pair.target_scene, surface, least_interval(camera)[0])
-    return found.path, found.photo, np.interp(found.planned_s, trajectory.t_s, demonstrated_s)
-
-
-def _photos(path: Trajectory, photo: Bools, takes: Sequence[Take], settings: Settings) -> Photos:
-    pair, camera = takes[0].pair, takes[0].inspection.camera
-    return photos_of(path, photo, pair.surface.target, camera, pair.target_scene, settings.inspection)
+    inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
+    surface = inspected.cloud.at(inspected.need > 0)
+    shots = photographed(trajectory, camera, pair.target_scene, surface, least_interval(camera)[0])
+    return shots.path, shots.photo, np.interp(shots.planned_s, trajectory.t_s, demonstrated_s)
 
 
 def transfer_key(

@@ -24,9 +24,10 @@ _MOST_CUTS = 150  # in a round; those that bind no more go when there are so man
 _WHOLE = 10**6  # of one unit of flow
 _SLACK = 1e-4
 _ENOUGH, _PATIENCE = 1e-3, 6  # of the bound: what some of so many rounds must raise it by
+_CLOSE = 0.99  # of a known way's length: a bound so near to it says that the way is short
 
 
-def bound_m(apart: Floats, seen: Bools) -> float:
+def bound_m(apart: Floats, seen: Bools, known_m: float = np.inf) -> float:
     """A length, m, below which no way by some of these poses shows every sample.
 
     Parameters
@@ -35,6 +36,8 @@ def bound_m(apart: Floats, seen: Bools) -> float:
         Lengths of the legs between poses, which keep the triangle inequality.
     seen : array of bool, shape (P, S)
         Which pose sees which sample; each is seen by one at least.
+    known_m : float
+        Length of a way that does, m: a bound near to it is not raised any more.
     """
     seen = _hardest(seen[:, seen.any(axis=0)])
     useful = np.flatnonzero(seen.any(axis=1))
@@ -47,7 +50,7 @@ def bound_m(apart: Floats, seen: Bools) -> float:
         bound, missing_legs = relaxed.solved()
         idle = 0 if bound > best * (1 + _ENOUGH) else idle + 1
         best = max(best, bound)
-        if not (relaxed.cut() or missing_legs) or idle > _PATIENCE:
+        if best >= _CLOSE * known_m or idle > _PATIENCE or not (relaxed.cut() or missing_legs):
             break
     return best
 

@@ -51,7 +51,7 @@ class GapFlight(Record):
     @cached_property
     def bound_m(self) -> float:
         """A length that no way by those poses and the known safe legs that shows the same is below, m."""
-        return min(bound_m(self.legs_m, self.seen), self.length_m)
+        return min(bound_m(self.legs_m, self.seen, self.length_m), self.length_m)
 
 
 def gap_flight(

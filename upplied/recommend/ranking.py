@@ -225,20 +225,20 @@ def _ranked(one: _Judged, place: int) -> Recommendation:
 
 def _why(one: _Judged) -> str:
     if one.own:
-        return f"flown on this very structure; {one.seen.summary}"
+        return f"flown on this structure; {one.seen.summary}"
     parts = one.agreement
     if parts is None:
         return one.registration.reason + _of_another_kind(one)
     said = [
         f"the structures fit (misfit {one.registration.acceptance:.2f})",
-        f"{parts.parts_matched} of {parts.parts} parts match ({100 * parts.area_matched:.0f} % of it)",
-        f"{one.size:.2f} times its size",
+        f"{parts.parts_matched} of {parts.parts} parts match ({100 * parts.area_matched:.0f} % by area)",
+        f"size ratio {one.size:.2f}",
         one.seen.summary,
     ]
     if one.foreseen.without_pct > 0.5:
         said.append(f"{one.foreseen.without_pct:.0f} % of that has no counterpart here")
     if _verdict(one) == "doubtful":
-        said.append(f"but that is not sure (unlikeness {one.unlike:.2f}): look at both before flying")
+        said.append(f"uncertain match (unlikeness {one.unlike:.2f}): compare both structures before flying")
     return "; ".join(said) + _of_another_kind(one)
 
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from upplied.config import CloudSettings, settings_for
-from upplied.planning.correspondence.orientation import _cost, _Few
+from upplied.planning.correspondence.orientation import _cost
 from upplied.planning.correspondence.registration import register
 from upplied.planning.geometry.clouds import box_scale, icp, mean_squared_nn_distance, rigid_fit
 from upplied.planning.surface.samples import surface_samples
@@ -224,7 +224,7 @@ def test_normals_tell_a_sheet_from_its_back():
     """A plate sampled on its upper side lies on itself upside down, point for point; its normals do not."""
     x, y = np.meshgrid(np.linspace(-3, 3, 13), np.linspace(-2, 2, 9))
     points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    up = _Few(points, np.tile([0.0, 0, 1], (len(points), 1)))
+    up = Cloud(points, np.tile([0.0, 0, 1], (len(points), 1)))
     over = np.diag([1.0, -1, -1])  # about X
     same, turned = _cost(up, up, np.eye(3)), _cost(up, up, over)
     assert same == pytest.approx(0, abs=1e-9)

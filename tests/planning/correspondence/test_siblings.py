@@ -19,7 +19,7 @@ from upplied.planning import plan as planning
 from upplied.planning.correspondence import certainty as probabilities
 from upplied.planning.correspondence import siblings as telling
 from upplied.planning.correspondence.certainty import certainty, named_by
-from upplied.planning.correspondence.fit import Fit, Told
+from upplied.planning.correspondence.fit import Fit, Labelling
 from upplied.planning.correspondence.label_transfer import has_parts
 from upplied.planning.correspondence.pair import Task, study_pair, surfaces_of
 from upplied.planning.correspondence.siblings import nearest_in_proportions, study
@@ -176,7 +176,7 @@ def told_fit(route: dict[int, list[int]], back: bool = False) -> Any:
         return SimpleNamespace(source=cloud, target=cloud, correspondences=found)
 
     first = fit({5: [0]} if back else {0: [5]}, 6)
-    return Told("s", "s", fit(route, 6), None if back else first, first if back else None, None)
+    return Labelling("s", "s", fit(route, 6), None if back else first, first if back else None, None)
 
 
 @pytest.mark.parametrize("back", [False, True])

@@ -7,8 +7,7 @@ import pytest
 
 from upplied.config import CloudSettings
 from upplied.planning.correspondence.pair import grained
-from upplied.planning.surface.fine import FINE, beside, with_fine
-from upplied.planning.surface.samples import surface_samples
+from upplied.planning.surface.samples import FINE, beside, surface_samples, with_fine
 from upplied.records import Cloud, Floats, Structure
 from upplied.samples.fleet import member
 from upplied.scene import scene_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upplied.planning.surface.floor import Floor, floor_of
+from upplied.planning.surface.escape import Floor, floor_of
 from upplied.records import Floats, Structure
 
 

@@ -8,8 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from upplied.planning.surface.escape import lets_out
-from upplied.planning.surface.floor import Floor
+from upplied.planning.surface.escape import Floor, lets_out
 from upplied.records import Bools, Floats
 from upplied.scene import Scene
 from upplied.vectors import sphere

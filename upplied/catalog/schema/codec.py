@@ -39,12 +39,11 @@ def encode(record: Any, name: str = "") -> bytes:
     metadata[_FILE_SHA256] = _UNKNOWN
     if name:
         metadata[b"name"] = name.encode()
-    schema_fields, columns = [], []
+    schema_fields, columns = list[pa.Field](), list[pa.Array]()
     for name, array in arrays.items():
-        column = _column(array)
-        said = {"shape": json.dumps(array.shape), "dtype": array.dtype.str}
-        schema_fields.append(pa.field(name, column.type, metadata=said))
-        columns.append(column)
+        columns.append(column := _column(array))
+        form = {"shape": json.dumps(array.shape), "dtype": array.dtype.str}
+        schema_fields.append(pa.field(name, column.type, metadata=form))
     table = pa.table(columns, schema=pa.schema(schema_fields, metadata=metadata))
     sink = BytesIO()
     pq.write_table(
@@ -58,12 +57,12 @@ def is_as_written(content: bytes) -> bool:
     """Whether no byte was changed since `encode`; nobody can tell of what an older program wrote."""
     try:
         file = pq.ParquetFile(BytesIO(content))
-        said, declared = file.metadata.metadata.get(_FILE_SHA256, b""), file.schema_arrow.metadata or {}
+        stated, declared = file.metadata.metadata.get(_FILE_SHA256, b""), file.schema_arrow.metadata or {}
     except (pa.ArrowException, OSError, ValueError, AttributeError):
         return False
-    if not said:
+    if not stated:
         return _FILE_SHA256 not in declared
-    return hashlib.sha256(content.replace(said, _UNKNOWN, 1)).hexdigest().encode() == said
+    return hashlib.sha256(content.replace(stated, _UNKNOWN, 1)).hexdigest().encode() == stated
 
 
 def decode(content: bytes, record_type: type[R], sha256: str | None = None, name: str = "") -> R:
@@ -130,8 +129,8 @@ def _plain(value: Any, path: str, arrays: dict[str, Array]) -> Any:
     if isinstance(value, np.generic):
         return _plain(value.item(), path, arrays)
     if is_dataclass(value) and not isinstance(value, type):
-        kept = [f for f in fields(value) if not _left_out(f, getattr(value, f.name))]
-        inner = {f.name: _plain(getattr(value, f.name), _join(path, f.name), arrays) for f in kept}
+        known = {f.name: getattr(value, f.name) for f in fields(value) if not _left_out(f, value)}
+        inner = {name: _plain(item, _join(path, name), arrays) for name, item in known.items()}
         return {"fields": inner, "type": type(value).__name__}
     if isinstance(value, tuple | list):
         return {"items": [_plain(item, _join(path, str(i)), arrays) for i, item in enumerate(value)]}
@@ -144,9 +143,10 @@ def _plain(value: Any, path: str, arrays: dict[str, Array]) -> Any:
     raise TypeError(f"{path}: a {type(value).__name__} cannot be kept")
 
 
-def _left_out(told: Field, value: Any) -> bool:
+def _left_out(field: Field, record: Any) -> bool:
     """Whether a field that came later says nothing: so records of before keep their hash."""
-    return bool(told.metadata.get("later")) and (value is told.default or bool(np.all(value == told.default)))
+    value, default = getattr(record, field.name), field.default
+    return bool(field.metadata.get("later")) and (value is default or bool(np.all(value == default)))
 
 
 def _record(plain: Any, hint: Any, path: str, arrays: Mapping[str, Array]) -> Any:
@@ -158,9 +158,9 @@ def _record(plain: Any, hint: Any, path: str, arrays: Mapping[str, Array]) -> An
     if "float" in plain:
         return float(plain["float"])
     if "items" in plain:
-        hints = get_args(hint)
+        of = get_args(hint)
         each = [
-            _record(item, _item_hint(hints, i), _join(path, str(i)), arrays)
+            _record(item, _item_hint(of, i), _join(path, str(i)), arrays)
             for i, item in enumerate(plain["items"])
         ]
         return each if get_origin(hint) is list or hint is list else tuple(each)
@@ -168,12 +168,11 @@ def _record(plain: Any, hint: Any, path: str, arrays: Mapping[str, Array]) -> An
         inner_hint = (*get_args(hint), None, None)[1]
         return {key: _record(item, inner_hint, _join(path, key), arrays) for key, item in plain["map"]}
     record_type = _class_named(plain["type"], hint)
-    hints_of = _hints(record_type)
-    given = {
-        name: _record(item, hints_of[name], _join(path, name), arrays)
-        for name, item in plain["fields"].items()
-    }
-    return record_type(**given)
+    hints = _hints(record_type)
+    values = plain["fields"].items()
+    return record_type(
+        **{name: _record(item, hints[name], _join(path, name), arrays) for name, item in values}
+    )
 
 
 def _class_named(name: str, hint: Any) -> type:

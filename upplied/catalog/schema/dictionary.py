@@ -5,9 +5,8 @@ from __future__ import annotations
 from importlib.resources import files
 from pathlib import Path
 
-from upplied.catalog.schema.columns import TYPES
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
-from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.schema.tables import TABLES, TYPES
 
 
 def data_dictionary() -> str:

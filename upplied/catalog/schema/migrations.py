@@ -21,7 +21,7 @@ from collections.abc import Collection
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from upplied.catalog.schema.columns import Table
+from upplied.catalog.schema.tables import Table
 
 SCHEMA_VERSION = 3
 
@@ -64,3 +64,13 @@ def upgraded(table: Table, rows: pa.Table) -> pa.Table:
             continue
         rows = rows.set_column(at, field, column)
     return rows
+
+
+def in_schema(rows: pa.Table, schema: pa.Schema) -> pa.Table:
+    """Rows in these columns and types; those that an older program lacked are null."""
+    known = set(rows.schema.names)
+    columns = [
+        rows[field.name].cast(field.type) if field.name in known else pa.nulls(len(rows), field.type)
+        for field in schema
+    ]
+    return pa.table(columns, schema=schema)

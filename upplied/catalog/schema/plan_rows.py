@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from upplied.catalog.schema.rows import Row, json_text
+from upplied.catalog.schema.rows import Row, json_text, same_named
 from upplied.catalog.schema.steps import added_of, pose_arrays, poses_sha256, step_table, zoom_of
 from upplied.catalog.schema.tables import TABLES
 from upplied.config import Settings, settings_for
@@ -20,25 +20,11 @@ from upplied.records import Bools, Counterpart, Measures, Plan, Registration, Tr
 
 #: What may be said of how a plan came about; see `transfer_row`.
 PROVENANCE = (
-    "run_id",
-    "planned_on",
-    "code_version",
-    "method_version",
-    "sources_sha256",
-    "libraries",
-    "machine",
-    "planned_at",
-    "planning_s",
-    "settings",
-    "demonstration_sha256",
-    "source_sha256",
-    "target_sha256",
-    "siblings",
-    "purpose",
-)
-
+    "run_id", "planned_on", "code_version", "method_version", "sources_sha256", "libraries", "machine",
+    "planned_at", "planning_s", "settings", "demonstration_sha256", "source_sha256", "target_sha256",
+    "siblings", "purpose",
+)  # fmt: skip
 ID_DIGITS = 20  # of the key in `transfer_id`: 80 bits, still short enough to type
-
 
 #: What `imported_from` ends with: whether what a dataset says of a plan was measured here.
 AS_IT_SAYS = "measures as it says"
@@ -76,46 +62,25 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         raise CatalogError(
             f"provenance of {key}", f"has {', '.join(unknown)}", f"any of {', '.join(PROVENANCE)}"
         )
-    said = dict(provenance)
-    settings: Settings = said.pop("settings", None) or settings_for(plan.preset)
-    siblings = [list(one) for one in said.pop("siblings", ())]
-    registration = plan.registration
-    path = plan.trajectory
+    about = dict(provenance)
+    settings: Settings = about.pop("settings", None) or settings_for(plan.preset)
+    siblings = [list(one) for one in about.pop("siblings", ())]
+    registration, path = plan.registration, plan.trajectory
+    icp: Row = {}
+    if registration is not None:
+        icp = {name: getattr(registration, name) for name in ("acceptance", "runner_up_gap")}
+        icp["icp_score_m2"] = registration.score_m2
     return {
         "planned_at": datetime.now(UTC),
-        **said,
+        **about,
         "transfer_id": transfer_id(key),
         "key": key,
-        **{
-            name: getattr(plan, name)
-            for name in (
-                "demonstration_id",
-                "source_id",
-                "target_id",
-                "kind",
-                "preset",
-                "status",
-                "reason",
-                "flyable",
-                "not_flyable",
-                "counterpart_summary",
-                "parts_told_by",
-                "acceptance_evidence",
-            )
-        },
+        **{name: getattr(plan, name) for name in same_named(plan, "transfers")},
         **_values(plan.measures),
         "standoff_mode": standoff_mode(settings),
         "n_viewpoints": plan.n_viewpoints,
         "n_waypoints": 0 if path is None else len(path),
-        **(
-            {}
-            if registration is None
-            else {
-                "icp_score_m2": registration.score_m2,
-                "acceptance": registration.acceptance,
-                "runner_up_gap": registration.runner_up_gap,
-            }
-        ),
+        **icp,
         "counterparts": json_text([asdict(one) for one in plan.counterparts]),
         "siblings": json_text(siblings) if siblings else "",
         "warnings": json_text(list(plan.warnings)),
@@ -123,25 +88,20 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         "settings_json": settings_text(settings),
         "registration_json": "" if registration is None else _registration_json(registration),
         "waypoints_sha256": "" if path is None else _plan_sha256(plan),
-        "surface_sha256": plan.surface_sha256,
-        "inspected_sha256": plan.inspected_sha256,
-        "supposed_sha256": plan.supposed_sha256,
-        "photos_sha256": plan.photos_sha256,
     }
 
 
 def waypoint_table(name: str, plan: Plan) -> pa.Table:
     """The rows of `waypoints` of one plan that has a trajectory, without their commit."""
     assert plan.trajectory is not None
-    path = plan.trajectory
     columns = {
         "transfer_id": name,
         "commit_id": "",
-        "t_s": np.asarray(path.t_s, float),
+        "t_s": np.asarray(plan.trajectory.t_s, float),
         "is_viewpoint": _viewpoint_flags(plan),
         "origin": plan.origin,
     }
-    return step_table(TABLES["waypoints"], columns, path.positions, path.quat_xyzw, path.fov_deg)
+    return step_table(TABLES["waypoints"], columns, plan.trajectory)
 
 
 def plan_of(row: Row, waypoints: pa.Table) -> Plan:
@@ -172,12 +132,15 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
 def _counterparts(text: str | None) -> tuple[Counterpart, ...]:
     """What a row keeps of the inspected parts; none in rows of before there was such a column."""
     known = {item.name for item in fields(Counterpart)}
-    rows: list[dict[str, Any]] = json.loads(text or "[]")
-    plain: list[dict[str, Any]] = [
-        {name: tuple(value) if isinstance(value, list) else value for name, value in one.items()}
-        for one in rows
-    ]
-    return tuple(Counterpart(**{name: one[name] for name in known & one.keys()}) for one in plain)
+    rows: list[Row] = json.loads(text or "[]")
+    return tuple(
+        Counterpart(**{name: tuples(value) for name, value in one.items() if name in known}) for one in rows
+    )
+
+
+def tuples(value: Any) -> Any:
+    """A value of JSON with tuples for its lists."""
+    return tuple(map(tuples, value)) if isinstance(value, list) else value
 
 
 def trajectory_of(waypoints: pa.Table) -> Trajectory:

@@ -10,40 +10,31 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table, zoom_of
-from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.schema.tables import TABLES, Table
 from upplied.polylines import leg_lengths
-from upplied.records import (
-    Camera,
-    Demonstration,
-    Placement,
-    Structure,
-    Surroundings,
-)
+from upplied.records import Camera, Demonstration, Placement, Record, Structure, Surroundings
 
 Row = dict[str, Any]
 
 #: Figures of a passport that are columns of their own.
 PASSPORT = (
-    "lowest_m",
-    "inside_pct",
-    "axis_pct",
-    "shown_pct",
-    "fit_pct",
-    "speed_p99_mps",
-    "recorded_pct",
-    "longest_gap_s",
-    "hover_s",
-)
+    "lowest_m", "inside_pct", "axis_pct", "shown_pct", "fit_pct", "speed_p99_mps", "recorded_pct",
+    "longest_gap_s", "hover_s",
+)  # fmt: skip
 _OPTICS = ("exposure_s", "trigger_s", "focus_m", "focal_mm", "f_number")  # null where they are not known
-ADDED = (
-    "version",
-    "added_at",
-    "commit_id",
-    "commit_version",
-    "row_sha256",
-)  # of a row: when and by which commit it was added
+#: Of a row: when and by which commit it was added.
+ADDED = ("version", "added_at", "commit_id", "commit_version", "row_sha256")
+
+
+def same_named(record: Any, table: str) -> list[str]:
+    """The fields of a record, or of a class of them, that are columns of a table under the same names."""
+    return [field.name for field in fields(record) if field.name in TABLES[table].names]
+
+
+def _columns(record: Record, table: str) -> Row:
+    return {name: getattr(record, name) for name in same_named(record, table)}
+
 
 # --- structures --------------------------------------------------------------------------------
 
@@ -51,40 +42,28 @@ ADDED = (
 def structure_row(structure: Structure, mesh_sha256: str) -> Row:
     """The row of `structures`, without the moment and commit that add it."""
     size = np.ptp(structure.vertices, axis=0)
-    placement = structure.placement
     around = structure.surroundings
+    verdicts = json.loads(structure.verdicts_json or "[]")
+    surroundings = {
+        "ground_z_m": around.ground_z_m,
+        "keep_out_m": np.asarray(around.keep_out_m, float).tolist(),
+        "geofence_m": np.asarray(around.geofence_m, float).tolist(),
+        "ceiling_z_m": around.ceiling_z_m,
+        **({"rally_m": np.asarray(around.rally_m, float).tolist()} if len(around.rally_m) else {}),
+    }
     return {
-        "structure_id": structure.structure_id,
-        "kind": structure.kind,
-        "site": structure.site,
-        "notes": structure.notes,
-        "sha256": structure.sha256,
+        **_columns(structure, "structures"),
         "mesh_sha256": mesh_sha256,
         "n_vertices": len(structure.vertices),
         "n_triangles": len(structure.triangles),
-        "size_x_m": size[0],
-        "size_y_m": size[1],
-        "size_z_m": size[2],
+        **dict(zip(("size_x_m", "size_y_m", "size_z_m"), size, strict=True)),
         "diagonal_m": structure.diagonal_m,
-        **({} if placement is None else asdict(placement)),
-        "datum": "" if placement is None else placement.datum,
-        "surroundings_json": json_text(
-            {
-                "ground_z_m": around.ground_z_m,
-                "keep_out_m": np.asarray(around.keep_out_m, float).tolist(),
-                "geofence_m": np.asarray(around.geofence_m, float).tolist(),
-                "ceiling_z_m": around.ceiling_z_m,
-                **({"rally_m": np.asarray(around.rally_m, float).tolist()} if len(around.rally_m) else {}),
-            }
-        ),
+        **({"datum": ""} if structure.placement is None else asdict(structure.placement)),
+        "surroundings_json": json_text(surroundings),
         "landmarks_json": json_text({name: list(map(float, at)) for name, at in structure.landmarks.items()}),
-        "symmetric": structure.symmetric,
-        "tells_parts": structure.tells_parts,
         "surface": structure.surface or "",
-        "surface_error_m": structure.surface_error_m,
-        "findings": "; ".join(_found(item) for item in json.loads(structure.verdicts_json or "[]")),
-        "verdicts_json": structure.verdicts_json,
-        "overruled": _overruled(json.loads(structure.verdicts_json or "[]")),
+        "findings": "; ".join(map(_found, verdicts)),
+        "overruled": _overruled(verdicts),
         "retired": False,
     }
 
@@ -101,30 +80,20 @@ def structure_of(row: Row, mesh: Structure) -> Structure:
     """The structure of a row and its stored mesh (whose other fields are ignored)."""
     around = json.loads(row["surroundings_json"] or "{}")
     placed = row["lat_deg"] is not None
-    return Structure(
-        structure_id=row["structure_id"],
-        kind=row["kind"],
-        vertices=mesh.vertices,
-        triangles=mesh.triangles,
-        normals=mesh.normals,
-        site=row["site"],
-        sha256=row["sha256"],
-        placement=Placement(**{f.name: row[f.name] for f in fields(Placement)}) if placed else None,
-        surroundings=Surroundings(
+    values: Row = {name: row[name] for name in same_named(Structure, "structures")}
+    values |= {
+        "placement": Placement(**{f.name: row[f.name] for f in fields(Placement)}) if placed else None,
+        "surroundings": Surroundings(
             ground_z_m=around.get("ground_z_m"),
             keep_out_m=np.array(around.get("keep_out_m", []), float).reshape(-1, 2, 3),
             geofence_m=np.array(around.get("geofence_m", []), float).reshape(-1, 2),
             ceiling_z_m=around.get("ceiling_z_m"),
             rally_m=np.array(around.get("rally_m", []), float).reshape(-1, 3),
         ),
-        landmarks={name: (x, y, z) for name, (x, y, z) in json.loads(row["landmarks_json"] or "{}").items()},
-        symmetric=row["symmetric"],
-        notes=row["notes"],
-        verdicts_json=row["verdicts_json"],
-        surface=row["surface"] or None,
-        surface_error_m=row["surface_error_m"],
-        tells_parts=row["tells_parts"],
-    )
+        "landmarks": {name: tuple(at) for name, at in json.loads(row["landmarks_json"] or "{}").items()},
+        "surface": row["surface"] or None,
+    }
+    return Structure(vertices=mesh.vertices, triangles=mesh.triangles, normals=mesh.normals, **values)
 
 
 # --- demonstrations ----------------------------------------------------------------------------
@@ -134,31 +103,20 @@ def demonstration_row(demonstration: Demonstration) -> Row:
     """The row of `demonstrations`, without the moment and commit that add it."""
     steps = leg_lengths(demonstration.positions)
     steps[demonstration.breaks - 1] = 0.0
+    sha256 = poses_sha256(
+        demonstration.t_ns, demonstration.positions, demonstration.quat_xyzw, fov_deg=demonstration.fov_deg
+    )
     return {
-        "demonstration_id": demonstration.demonstration_id,
-        "structure_id": demonstration.structure_id,
-        "operator": demonstration.operator,
-        "site": demonstration.site,
-        "notes": demonstration.notes,
-        "about": demonstration.about,
-        "sha256": demonstration.sha256,
-        "poses_sha256": poses_sha256(
-            demonstration.t_ns,
-            demonstration.positions,
-            demonstration.quat_xyzw,
-            fov_deg=demonstration.fov_deg,
-        ),
+        **_columns(demonstration, "demonstrations"),
+        "poses_sha256": sha256,
         "n_poses": len(demonstration),
         "duration_s": float(demonstration.t_ns[-1] - demonstration.t_ns[0]) * 1e-9,
         "path_length_m": float(steps.sum()),
         **asdict(demonstration.camera),
         **{name: None for name in _OPTICS if not getattr(demonstration.camera, name)},
         "stills": demonstration.stills or None,
-        "clock": demonstration.clock,
-        "topic": demonstration.topic,
         "breaks_json": json_text(demonstration.breaks.tolist()),
         "dropped_json": json_text(dict(demonstration.dropped)),
-        "degraded": demonstration.degraded,
         **_passport_columns(demonstration.passport),
         "retired": False,
     }
@@ -186,34 +144,23 @@ def pose_table(demonstration: Demonstration) -> pa.Table:
         "commit_id": "",
         "t_ns": np.asarray(demonstration.t_ns, np.int64),
     }
-    flown = demonstration
-    return step_table(TABLES["poses"], columns, flown.positions, flown.quat_xyzw, flown.fov_deg)
+    return step_table(TABLES["poses"], columns, demonstration)
 
 
 def demonstration_of(row: Row, poses: pa.Table) -> Demonstration:
     """The demonstration of a row and its poses in order."""
     positions, quats = pose_arrays(poses)
-    return Demonstration(
-        demonstration_id=row["demonstration_id"],
-        structure_id=row["structure_id"],
-        t_ns=np.array(poses["t_ns"]),
-        positions=positions,
-        quat_xyzw=quats,
-        fov_deg=zoom_of(poses),
-        camera=Camera(**{f.name: row[f.name] for f in fields(Camera) if row[f.name] is not None}),
-        stills=bool(row["stills"]),
-        operator=row["operator"],
-        site=row["site"],
-        sha256=row["sha256"],
-        breaks=np.array(json.loads(row["breaks_json"] or "[]"), np.int64),
-        degraded=row["degraded"],
-        dropped=json.loads(row["dropped_json"] or "{}"),
-        clock=row["clock"],
-        topic=row["topic"],
-        notes=row["notes"],
-        about=row["about"] or "",
-        passport=json.loads(row["passport_json"] or "{}"),
-    )
+    values: Row = {name: row[name] for name in same_named(Demonstration, "demonstrations")}
+    values |= {
+        "camera": Camera(**{f.name: row[f.name] for f in fields(Camera) if row[f.name] is not None}),
+        "stills": bool(row["stills"]),
+        "breaks": np.array(json.loads(row["breaks_json"] or "[]"), np.int64),
+        "dropped": json.loads(row["dropped_json"] or "{}"),
+        "about": row["about"] or "",
+        "passport": json.loads(row["passport_json"] or "{}"),
+    }
+    t_ns = np.array(poses["t_ns"])
+    return Demonstration(t_ns=t_ns, positions=positions, quat_xyzw=quats, fov_deg=zoom_of(poses), **values)
 
 
 # --- all of them -------------------------------------------------------------------------------

@@ -10,9 +10,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from upplied.catalog.schema.columns import Table
-from upplied.catalog.schema.tables import TABLES
-from upplied.records import Bools, Floats, Ints, Photos
+from upplied.catalog.schema.tables import TABLES, Table
+from upplied.records import Bools, Demonstration, Floats, Ints, Photos, Trajectory
 from upplied.records.plans import ORIGINS
 
 _POSITION = ("x_m", "y_m", "z_m")
@@ -20,24 +19,17 @@ _QUATERNION = ("qx", "qy", "qz", "qw")
 _ZOOM = ("hfov_deg", "vfov_deg")
 
 
-def step_table(
-    table: Table,
-    columns: dict[str, Any],
-    positions: Floats,
-    quat_xyzw: Floats,
-    fov_deg: Floats | None = None,
-) -> pa.Table:
-    """Rows of a table of steps: columns by name (a text stands for every row), positions, orientations.
+def step_table(table: Table, columns: dict[str, Any], path: Trajectory | Demonstration) -> pa.Table:
+    """Rows of a table of steps: columns by name (a text stands for every row), and the poses of a path.
 
-    Fields of view (N, 2) are those of a camera that zooms; null where there is none.
+    Fields of view are those of a camera that zooms; null where there is none.
     """
-    count = len(positions)
-    quats = stored_quats(quat_xyzw)
+    count, fov_deg = len(path.positions), path.fov_deg
     columns = {
         **columns,
         "seq": np.arange(count),
-        **dict(zip(_POSITION, np.asarray(positions, float).T, strict=True)),
-        **dict(zip(_QUATERNION, quats.T, strict=True)),
+        **dict(zip(_POSITION, np.asarray(path.positions, float).T, strict=True)),
+        **dict(zip(_QUATERNION, stored_quats(path.quat_xyzw).T, strict=True)),
         **(dict.fromkeys(_ZOOM) if fov_deg is None else dict(zip(_ZOOM, fov_deg.T, strict=True))),
     }
     arrays = [_column(columns[name], count) for name in table.names]

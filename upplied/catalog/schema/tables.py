@@ -11,9 +11,76 @@ schema version is raised, is told in `upplied.catalog.schema.migrations`.
 from __future__ import annotations
 
 import csv
+from dataclasses import dataclass
+from functools import cached_property
 from importlib.resources import files
 
-from upplied.catalog.schema.columns import TYPES, Column, Table
+import pyarrow as pa
+
+TYPES = {
+    "text": pa.string(),
+    "real": pa.float64(),
+    "whole": pa.int64(),
+    "truth": pa.bool_(),
+    "moment": pa.timestamp("us", tz="UTC"),
+}
+MOMENT = TYPES["moment"]
+#: Hash of a row, and that of the row before it in a table whose rows follow each other.
+ROW_SHA256, BEFORE_SHA256 = "row_sha256", "before_sha256"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column, and what is allowed in it."""
+
+    name: str
+    type: pa.DataType
+    unit: str
+    meaning: str
+    required: bool = False  # never null, never an empty text
+    allowed: tuple[str, ...] = ()  # the only ones allowed, where there are any
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def constraint(self) -> str:
+        """What is allowed, in words."""
+        parts = ["required"] if self.required else []
+        if self.allowed:
+            parts.append("one of " + ", ".join(self.allowed))
+        if self.low is not None and self.high is not None:
+            parts.append(f"{self.low:g} to {self.high:g}")
+        elif self.low is not None:
+            parts.append(f"at least {self.low:g}")
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table: what a row is, what names it, and its columns."""
+
+    name: str
+    meaning: str
+    key: tuple[str, ...]
+    columns: tuple[Column, ...]
+    order: tuple[str, ...]  # of the rows in merged files: what is asked for together lies together
+
+    @cached_property
+    def schema(self) -> pa.Schema:
+        """The Arrow schema, with unit and meaning as metadata of each field."""
+        return pa.schema(
+            [pa.field(c.name, c.type, metadata={"unit": c.unit, "meaning": c.meaning}) for c in self.columns]
+        )
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the columns, in order."""
+        return [column.name for column in self.columns]
+
+    @property
+    def is_chained(self) -> bool:
+        """Whether the rows follow each other by their hashes."""
+        return BEFORE_SHA256 in self.names
 
 
 def _rows(name: str) -> csv.DictReader[str]:
@@ -28,8 +95,7 @@ def _columns() -> dict[str, list[Column]]:
         name, allowed = row["column"], tuple(row["allowed"].split("|")) if row["allowed"] else ()
         low, high = (float(bound) if bound else None for bound in (row["low"], row["high"]))
         if row["type"]:
-            required = row["required"] == "yes"
-            kind = TYPES[row["type"]]
+            required, kind = row["required"] == "yes", TYPES[row["type"]]
             last[name] = Column(name, kind, row["unit"], row["meaning"], required, allowed, low, high)
         tables.setdefault(row["table"], []).append(last[name])
     return tables

@@ -67,16 +67,16 @@ class Cache:
         except (OSError, CatalogError) as error:
             log.warning("cache entry %s is not believed and will be computed again: %s", path, error)
             return None
-        _touch(path)
+        with contextlib.suppress(OSError):  # read-only: the entry only looks older to `prune` than it is
+            os.utime(path)
         return record
 
     def put(self, stage: str, key: str, record: object) -> None:
         """Remember a record; where that is impossible (disk full, read-only) only time is lost."""
         path = self.path(stage, key)
         try:
-            replace_file(
-                path, encode(record, _name(stage, key)), lasting=False
-            )  # an entry that a power cut tore is noticed
+            # An entry that a power cut tore is noticed.
+            replace_file(path, encode(record, _name(stage, key)), lasting=False)
         except OSError as error:
             log.warning("cannot remember %s: %s", path, error)
 
@@ -111,9 +111,3 @@ class Cache:
 
 def _name(stage: str, key: str) -> str:
     return f"{stage}/{key}"
-
-
-def _touch(path: Path) -> None:
-    """Note the use, for `prune`."""
-    with contextlib.suppress(OSError):  # read-only: the entry only looks older than it is
-        os.utime(path)

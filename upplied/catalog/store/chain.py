@@ -1,5 +1,7 @@
 """Rows with their hashes: each of its own content and, in the tables of one place, of the row before it.
 
+A hash is of the names and values of all fields, the same on every machine. A field that is null or an empty
+text has no part in it: columns that came later leave older hashes as they are. Numbers count by their bits.
 Who knows the hash of the last row (`head_of`) can tell later that no row before it was changed, taken away or
 put in: it is printed where people keep it.
 """
@@ -12,10 +14,12 @@ from collections.abc import Iterable, Iterator
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from upplied.catalog.schema.columns import BEFORE_SHA256, ROW_SHA256, Table
-from upplied.catalog.schema.row_hashes import content_hashes, link
+from upplied.catalog.schema.tables import BEFORE_SHA256, MOMENT, ROW_SHA256, Table
 
 _HASH, _BEFORE = ROW_SHA256, BEFORE_SHA256
+_TEXT = pa.large_string()
+_COLON = pa.scalar(":", _TEXT)
+_ROWS = 4096  # hashed at a time: a row of plans takes kilobytes
 
 
 def sealed(rows: pa.Table, stored: pa.Table | None) -> pa.Table:
@@ -34,7 +38,7 @@ def sealed(rows: pa.Table, stored: pa.Table | None) -> pa.Table:
     if stored is not None:
         before = [head_of(stored)]
         for content in hashes:
-            before.append(link(before[-1], content))
+            before.append(_link(before[-1], content))
         rows, hashes = _with(rows, _BEFORE, before[:-1]), before[1:]
     return _with(rows, _HASH, hashes)
 
@@ -45,15 +49,12 @@ def head_of(stored: pa.Table) -> str:
     Rows of before there were hashes count as one: by the hash of all of theirs.
     """
     followed = set(stored[_BEFORE].to_pylist())
-    last = [name for name in stored[_HASH].to_pylist() if name and name not in followed]
-    newest = stored.filter(pc.is_in(stored[_HASH], pa.array(last, pa.string())))
-    if not last:
-        return root_of(stored)
-    order = newest["commit_version"].to_pylist()
-    return str(newest[_HASH][max(range(len(order)), key=order.__getitem__)])
+    hashes = zip(stored[_HASH].to_pylist(), stored["commit_version"].to_pylist(), strict=True)
+    last = [(version, name) for name, version in hashes if name and name not in followed]
+    return str(max(last, key=lambda one: one[0])[1]) if last else _root_of(stored)
 
 
-def root_of(stored: pa.Table) -> str:
+def _root_of(stored: pa.Table) -> str:
     """What the first row with a hash follows: the hash of all that have none; empty where there are none."""
     older = content_hashes(stored.filter(pc.equal(pc.coalesce(stored[_HASH], ""), "")))
     return hashlib.sha256("\n".join(sorted(older)).encode()).hexdigest() if older else ""
@@ -81,15 +82,15 @@ def changed_rows(table: Table, rows: pa.Table) -> Iterator[tuple[str, str]]:
     """Rows, with all their columns, that do not match their own hashes: which, and what is wrong."""
     before = rows[_BEFORE].to_pylist() if table.is_chained else [None] * len(rows)
     names, stated = rows[table.names[0]].to_pylist(), rows[_HASH].to_pylist()
-    for name, content, said, one in zip(names, content_hashes(rows), stated, before, strict=True):
-        if said and said != (content if one is None else link(one, content)):
+    for name, content, own, one in zip(names, content_hashes(rows), stated, before, strict=True):
+        if own and own != (content if one is None else _link(one, content)):
             yield str(name), "does not match its hash: it was changed after it was written"
 
 
 def _loose(key: str, rows: pa.Table) -> Iterator[tuple[str, str]]:
     """Rows of a chain that follow no other one, or follow one that another follows."""
     linked = rows.filter(pc.not_equal(pc.coalesce(rows[_HASH], ""), "")).sort_by("commit_version")
-    known, followed = {root_of(rows), *linked[_HASH].to_pylist()}, set()
+    known, followed = {_root_of(rows), *linked[_HASH].to_pylist()}, set()
     for name, before in zip(linked[key].to_pylist(), linked[_BEFORE].to_pylist(), strict=True):
         before = before or ""
         if before not in known:
@@ -102,3 +103,49 @@ def _loose(key: str, rows: pa.Table) -> Iterator[tuple[str, str]]:
 def _with(rows: pa.Table, name: str, values: list[str]) -> pa.Table:
     at = rows.schema.get_field_index(name)
     return rows.set_column(at, rows.schema.field(at), pa.array(values, pa.string()))
+
+
+def _link(before: str, content: str) -> str:
+    """The hash of a row of some content that follows the one of a hash, empty for the first of all."""
+    return hashlib.sha256(f"{before}\n{content}".encode()).hexdigest()
+
+
+def content_hashes(rows: pa.Table) -> list[str]:
+    """The hash of each row, but for its own hash and that of the row before it."""
+    names = sorted(set(rows.column_names) - {_HASH, _BEFORE})
+    return [
+        hashlib.sha256(text).hexdigest()
+        for start in range(0, len(rows), _ROWS)
+        for text in _texts(rows.select(names).slice(start, _ROWS))
+    ]
+
+
+def _texts(rows: pa.Table) -> list[bytes]:
+    """What is hashed of each row: its fields by name, each with its length, so that none runs on."""
+    parts = []
+    for name in rows.column_names:
+        values = _text(rows[name].combine_chunks())
+        if values.null_count < len(values):
+            length = pc.binary_length(values).cast(_TEXT)
+            parts.append(pc.binary_join_element_wise(pa.scalar(name, _TEXT), length, values, _COLON))
+    if not parts:
+        return [b""] * len(rows)
+    joined = pc.binary_join_element_wise(*parts, pa.scalar("\n", _TEXT), null_handling="skip")
+    texts: list[bytes] = joined.cast(pa.large_binary()).to_pylist()
+    return texts
+
+
+def _text(values: pa.Array) -> pa.Array:
+    """Values as texts, nothing where they say nothing."""
+    kind = values.type
+    if pa.types.is_dictionary(kind):
+        return _text(values.cast(kind.value_type))
+    if pa.types.is_timestamp(kind):
+        values = values.cast(MOMENT).cast(pa.int64())
+    elif pa.types.is_floating(kind):
+        values = pc.if_else(pc.is_nan(values), None, values.cast(pa.float64()))
+        values = pa.Array.from_buffers(pa.int64(), len(values), values.buffers(), offset=values.offset)
+    elif pa.types.is_nested(kind):  # of a newer program; we have none
+        values = pa.array([None if value is None else repr(value) for value in values.to_pylist()])
+    texts = values.cast(_TEXT)
+    return pc.if_else(pc.equal(texts, ""), None, texts)

@@ -1,15 +1,13 @@
 """What time it is where a catalog lies, whatever the clock of this machine says.
 
 Machines that fill one catalog disagree about the time. The place itself does not: a file that is
-touched there is stamped by one clock, that of the disk's machine or of the object store.
+written there is stamped by one clock, that of the disk's machine or of the object store.
 """
 
 from __future__ import annotations
 
-import os
 import time
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import pyarrow as pa
 
@@ -21,13 +19,7 @@ _ASKED_AGAIN_S = 600.0  # an object store: each look costs two requests
 
 
 class Clock:
-    """The time at one place.
-
-    Parameters
-    ----------
-    root : str
-        Folder or object-store URI of a catalog.
-    """
+    """The time at the root of a catalog, a folder or an object-store URI."""
 
     def __init__(self, root: str) -> None:
         self._files = FileStore(f"{root.rstrip('/')}/heads")
@@ -44,16 +36,10 @@ class Clock:
         return datetime.now(UTC) + self._ahead
 
     def _there(self) -> datetime | None:
-        """The stamp of a file that is touched now; None where nothing may be written."""
+        """The stamp of a file that is written now; None where nothing may be written."""
         try:
-            if self._files.local:
-                path = Path(self._files.path(_FILE))
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.touch()
-                os.utime(path)
-                return datetime.fromtimestamp(path.stat().st_mtime_ns * 1e-9, UTC)
-            self._files.write(_FILE, b"")
-            stamp: datetime = self._files.filesystem().get_file_info(_FILE).mtime
+            self._files.write(_FILE, b"", lasting=False)
+            stamp: datetime | None = self._files.filesystem().get_file_info(_FILE).mtime
         except (OSError, pa.ArrowException):
             return None
-        return stamp.replace(tzinfo=UTC) if stamp.tzinfo is None else stamp
+        return stamp

@@ -3,44 +3,130 @@
 from __future__ import annotations
 
 import re
-from typing import Generic, TypeVar
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
+from typing import Any, Generic, NamedTuple, TypeVar
 
+import numpy as np
 import pyarrow as pa
 
 from upplied.catalog.schema.codec import decode, encode, sha256_of
 from upplied.catalog.store.errors import remedy_of
 from upplied.catalog.store.files import FileStore
+from upplied.catalog.store.labels import FaceLabels
 from upplied.errors import CatalogError
+from upplied.records import (
+    Floats,
+    Ints,
+    Photos,
+    Record,
+    Structure,
+    SupposedSurface,
+    SurfaceStates,
+    Trajectory,
+)
 
 R = TypeVar("R")
 
 _HASH = re.compile(r"[0-9a-f]{64}")
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples(Record):
+    """Where a target's surface was sampled."""
+
+    points: Floats  # (N, 3) m, target frame
+    normals: Floats | None = None  # (N, 3) unit, outward
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class States(Record):
+    """What became of each sample, as a plan sees it; the samples, a hundred times as large, are shared."""
+
+    samples_sha256: str
+    state: Ints  # (N,) index into SURFACE_STATES, as small numbers
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StoredLooks(Record):
+    """The nearest look of one flight at each patch, a sample of its structure's surface, that it saw."""
+
+    samples_sha256: str  # where the patches are, as of surfaces
+    patch: Ints  # (K,) rising; small numbers
+    distance_m: Floats  # (K,) single precision, as are the others
+    incidence_deg: Floats  # (K,)
+    speed_mps: Floats  # (K,)
+    t_s: Floats  # (K,) from the first pose
+    pictures: Ints | None = None  # (K,) that show it; None: not counted then
+    # Of the most frontal look; None: not told then.
+    frontal_distance_m: Floats | None = field(default=None, metadata={"later": True})  # (K,)
+    frontal_incidence_deg: Floats | None = field(default=None, metadata={"later": True})  # (K,)
+    # 1 where it was seen only if the correction of the log is right; None: nothing was corrected.
+    assumed: Ints | None = field(default=None, metadata={"later": True})  # (K,)
+    # 1 where it was looked at as its plan asks; None: not asked then.
+    inspected: Ints | None = field(default=None, metadata={"later": True})  # (K,)
+
+    @property
+    def as_asked(self) -> Ints:
+        """The patches that were certainly looked at as the plan asks; where that is not known, all seen."""
+        certain = self.certain
+        return certain.patch if certain.inspected is None else certain.patch[certain.inspected > 0]
+
+    @property
+    def certain(self) -> StoredLooks:
+        """The looks that do not depend on a correction of the log."""
+        if self.assumed is None:
+            return self
+        columns = [item.name for item in fields(self) if item.name not in ("samples_sha256", "assumed")]
+        values = {name: getattr(self, name) for name in columns}
+        known = {name: value[self.assumed == 0] for name, value in values.items() if value is not None}
+        return replace(self, assumed=None, **known)
+
+
+class Content(NamedTuple):
+    """What lies in one folder."""
+
+    record_type: type[Any]
+    remedy: str  # what a person does where one is damaged
+    columns: tuple[tuple[str, str], ...] = ()  # tables and columns that name it by its hash
+    of_plans: bool = False  # what planners that were stopped leave is removed
+
+
+_PLANNED = "take it from a backup, or plan it again"
+#: By folder.
+CONTENTS = {
+    "meshes": Content(Structure, "delete it and add the structure again", (("structures", "mesh_sha256"),)),
+    "surfaces": Content(
+        States, _PLANNED, (("transfers", "surface_sha256"), ("transfers", "inspected_sha256")), True
+    ),
+    "samples": Content(Samples, _PLANNED),
+    "supposed": Content(
+        SupposedSurface,
+        _PLANNED,
+        (("transfers", "supposed_sha256"), ("decisions", "supposed_sha256")),
+        True,
+    ),
+    "photos": Content(Photos, _PLANNED, (("transfers", "photos_sha256"),), True),
+    "flown": Content(Trajectory, "fly the plan again", (("flights", "flight_sha256"),)),
+    "looks": Content(StoredLooks, "add the flight again", (("flights", "looks_sha256"),)),
+    "labels": Content(FaceLabels, "require the zones again"),
+}
+#: What rows name by its hash: the folder, the table, the column.
+NAMED_CONTENTS = [(name, *each) for name, content in CONTENTS.items() for each in content.columns]
+
+
 class ContentStore(Generic[R]):
-    """The records of one kind in one catalog.
+    """The records of one kind, a folder of `CONTENTS`, in the catalog at a root."""
 
-    Parameters
-    ----------
-    root : str
-        Folder or object-store URI of the catalog.
-    folder : str
-        Such as ``meshes``.
-    record_type : type
-    remedy : str
-        What a person does where one is damaged.
-    """
-
-    def __init__(self, root: str, folder: str, record_type: type[R], remedy: str) -> None:
+    def __init__(self, root: str, folder: str) -> None:
         self.files = FileStore(f"{root.rstrip('/')}/{folder}")
-        self.folder = folder
-        self.record_type, self._remedy = record_type, remedy
-        self._kept: set[str] = set()  # by this process: a surface's samples serve many plans
+        self.about = CONTENTS[folder]
+        self._stored: set[str] = set()  # by this process: a surface's samples serve many plans
 
     def put(self, record: R) -> str:
         """Keep a record; returns its hash."""
         sha256 = sha256_of(record)
-        if sha256 in self._kept:
+        if sha256 in self._stored:
             return sha256
         try:
             if not self.files.touched(file_name(sha256)):
@@ -48,7 +134,7 @@ class ContentStore(Generic[R]):
         except (OSError, pa.ArrowException) as error:
             remedy = "free space, or ask for the right to write there; nothing was changed"
             raise CatalogError(self.path(sha256), f"cannot be written: {error}", "", remedy) from None
-        self._kept.add(sha256)
+        self._stored.add(sha256)
         return sha256
 
     def get(self, sha256: str) -> R:
@@ -59,13 +145,14 @@ class ContentStore(Generic[R]):
         CatalogError
             If it is not there, or is damaged.
         """
+        path = self.path(sha256)
         try:
-            return decode(self.files.read(file_name(sha256)), self.record_type, sha256)
+            record: R = decode(self.files.read(file_name(sha256)), self.about.record_type, sha256)
         except (OSError, pa.ArrowException) as error:
-            path = self.path(sha256)
             raise CatalogError(path, f"cannot be read: {error}", "", remedy_of(path, str(error))) from None
         except CatalogError:
-            raise CatalogError(self.path(sha256), "is damaged", "", self._remedy) from None
+            raise CatalogError(path, "is damaged", "", self.about.remedy) from None
+        return record
 
     def path(self, sha256: str) -> str:
         """Where a record lies."""
@@ -77,3 +164,40 @@ def file_name(sha256: str) -> str:
     if not _HASH.fullmatch(sha256):
         raise CatalogError(f"content {sha256[:80]!r}", "is no hash", "64 hexadecimal digits")
     return f"{sha256}.parquet"
+
+
+class SurfaceStore:
+    """What the plans of a catalog see of their targets, and the samples that many share."""
+
+    def __init__(self, states: ContentStore[States], samples: ContentStore[Samples]) -> None:
+        self.states, self.samples = states, samples
+        self._samples = lru_cache(4)(samples.get)
+
+    def put(self, surface: SurfaceStates) -> str:
+        """Keep a surface; returns the hash of its states, which name their samples."""
+        samples = self.put_samples(surface.points, surface.normals)
+        state = np.asarray(surface.state)
+        small: Any = state.astype(np.int8)
+        return self.states.put(States(samples, small if np.array_equal(small, state) else state))
+
+    def put_samples(self, points: Floats, normals: Floats | None) -> str:
+        """Keep where a surface is sampled; returns the hash."""
+        return self.samples.put(Samples(points, normals))
+
+    def points(self, samples_sha256: str) -> Floats:
+        """Where samples are, (N, 3), m."""
+        return self._samples(samples_sha256).points
+
+    def nearest(self, samples_sha256: str, place: Floats, normal: Floats) -> int:
+        """The sample nearest to a place (3,), m, of those that face as its normal (3,) does."""
+        samples = self._samples(samples_sha256)
+        away = np.linalg.norm(samples.points - place, axis=1)
+        if samples.normals is not None and (facing := samples.normals @ normal > 0).any():
+            away = np.where(facing, away, np.inf)
+        return int(away.argmin())
+
+    def get(self, sha256: str) -> SurfaceStates:
+        """The surface of a hash; one that is not there, or is damaged, is an error."""
+        states = self.states.get(sha256)
+        samples = self._samples(states.samples_sha256)
+        return SurfaceStates(samples.points, states.state.astype(np.int64), samples.normals)

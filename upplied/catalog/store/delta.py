@@ -7,16 +7,13 @@ would be lost.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import logging
 import random
-import secrets
 import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import closing, nullcontext
 from functools import partial
-from io import BytesIO
 from pathlib import Path
 from typing import TypeVar
 
@@ -27,20 +24,18 @@ import pyarrow.parquet as pq
 from deltalake import CommitProperties, DeltaTable, Transaction
 from deltalake import Schema as DeltaSchema
 from deltalake.exceptions import CommitFailedError
-from deltalake.transaction import AddAction
 
-from upplied.catalog.schema.columns import BEFORE_SHA256, ROW_SHA256, Table
-from upplied.catalog.schema.migrations import SCHEMA_VERSION, needed, upgraded
+from upplied.catalog.schema.migrations import SCHEMA_VERSION, in_schema, needed, upgraded
+from upplied.catalog.schema.tables import BEFORE_SHA256, ROW_SHA256, Table
 from upplied.catalog.store.chain import sealed
 from upplied.catalog.store.clock import Clock
+from upplied.catalog.store.data_files import ROW_GROUP, encoded, new_file
 from upplied.catalog.store.errors import explained
 from upplied.catalog.store.files import FileStore, sync_path
 from upplied.catalog.store.identity import Identity
 from upplied.catalog.store.locking import turn
-from upplied.catalog.store.log import TableLog
+from upplied.catalog.store.log import HASHED_KEY, VERSION_KEY, TableLog
 from upplied.catalog.store.log_hashes import STATED, unstated
-from upplied.catalog.store.opening import HASHED_KEY, VERSION_KEY, in_schema
-from upplied.catalog.store.statistics import statistics
 from upplied.errors import CatalogError
 
 log = logging.getLogger(__name__)
@@ -49,20 +44,12 @@ T = TypeVar("T")
 
 _ORDER = "upplied.rows"  # the transaction that numbers rows advance
 _PATIENCE_S = 60.0  # of conflicts, before a writer gives up
-_ROW_GROUP = 16_384
-_NAMES = ("transfer_id", "key", "waypoints_sha256")  # hardly one twice
 
 
 class StoredTable(TableLog):
-    """One table of a catalog.
+    """One table of a catalog, at its root (a folder or object-store URI).
 
-    Parameters
-    ----------
-    root : str
-        Folder or object-store URI of the catalog.
-    declared : Table
-    identity : Identity, optional
-        Of the catalog: where a table is missing, it says whether there is a catalog at all.
+    The identity of the catalog says, where a table is missing, whether there is a catalog at all.
     """
 
     def __init__(self, root: str, declared: Table, identity: Identity | None = None) -> None:
@@ -101,15 +88,13 @@ class StoredTable(TableLog):
         commits: Collection[str] | None = None,
     ) -> pa.Table:
         """The rows that fit, in the declared columns and types; those an older program lacked are null."""
-        schema = self.declared.schema
-        asked = self.declared.names if columns is None else columns
-        wanted = pa.schema([schema.field(name) for name in needed(self.declared, asked)])
-        dataset = self.dataset(version, commits)
+        columns = self.declared.names if columns is None else columns
+        wanted, dataset = self._with_needed(columns), self.dataset(version, commits)
         if dataset is None:
-            return wanted.empty_table().select(asked)
+            return wanted.empty_table().select(columns)
         present = [name for name in wanted.names if name in dataset.schema.names]
-        found = explained(self.uri, partial(dataset.to_table, columns=present, filter=where))
-        return upgraded(self.declared, in_schema(found, wanted)).select(asked)
+        rows = explained(self.uri, partial(dataset.to_table, columns=present, filter=where))
+        return upgraded(self.declared, in_schema(rows, wanted)).select(columns)
 
     def narrow(
         self, columns: list[str], where: ds.Expression | None = None, version: int | None = None
@@ -126,15 +111,15 @@ class StoredTable(TableLog):
         commits: Collection[str] | None = None,
     ) -> Iterator[pa.Table]:
         """As `read`, some rows at a time; the first ones may be none."""
-        schema = self.declared.schema
-        wanted = pa.schema([schema.field(name) for name in needed(self.declared, columns)])
+        wanted, dataset = self._with_needed(columns), self.dataset(version, commits)
         yield wanted.empty_table().select(columns)
-        dataset = self.dataset(version, commits)
-        if dataset is None:
-            return
-        present = [name for name in wanted.names if name in dataset.schema.names]
-        for batch in self._scanned(dataset, where, present):
-            yield upgraded(self.declared, in_schema(batch, wanted)).select(columns)
+        if dataset is not None:
+            present = [name for name in wanted.names if name in dataset.schema.names]
+            for batch in self._scanned(dataset, where, present):
+                yield upgraded(self.declared, in_schema(batch, wanted)).select(columns)
+
+    def _with_needed(self, columns: list[str]) -> pa.Schema:
+        return pa.schema([self.declared.schema.field(name) for name in needed(self.declared, columns)])
 
     def _scanned(
         self, dataset: ds.Dataset, where: ds.Expression | None = None, columns: list[str] | None = None
@@ -146,7 +131,7 @@ class StoredTable(TableLog):
             columns=columns,
             fragment_scan_options=ds.ParquetFragmentScanOptions(pre_buffer=not self._files.local),
             filter=where,
-            batch_size=_ROW_GROUP,
+            batch_size=ROW_GROUP,
             batch_readahead=1,
             fragment_readahead=1,
             use_threads=False,
@@ -167,11 +152,11 @@ class StoredTable(TableLog):
         dataset = self.dataset()
         return iter(()) if dataset is None else map(self._complete, self._scanned(dataset))
 
-    def _complete(self, found: pa.Table) -> pa.Table:
-        unknown = [field for field in found.schema if field.name not in self.declared.names]
-        known = upgraded(self.declared, in_schema(found, self.declared.schema))
-        for field in unknown:
-            known = known.append_column(field, found[field.name])
+    def _complete(self, rows: pa.Table) -> pa.Table:
+        known = upgraded(self.declared, in_schema(rows, self.declared.schema))
+        for field in rows.schema:
+            if field.name not in self.declared.names:
+                known = known.append_column(field, rows[field.name])
         return known
 
     def named(self, names: pa.Array) -> pa.Array:
@@ -200,8 +185,6 @@ class StoredTable(TableLog):
         CatalogError
             If the place cannot be written, or was made by a newer program.
         """
-        # The file is written here and not by delta-rs: on the disk before a commit names it, and an
-        # error of the disk comes back as an error (delta-rs 1.6 prints a panic besides).
         if not self._columns_added:
             self._insist(self._ready)
             self._columns_added = True
@@ -240,9 +223,8 @@ class StoredTable(TableLog):
                 return explained(self.uri, act, CommitFailedError)
             except CommitFailedError as conflict:
                 if time.monotonic() > give_up:
-                    raise CatalogError(
-                        self.uri, f"other writers were always faster: {conflict}", "", "try again later"
-                    ) from None
+                    found = f"other writers were always faster: {conflict}"
+                    raise CatalogError(self.uri, found, "", "try again later") from None
                 log.debug("%s: another writer was faster, trying again", self.uri)
                 time.sleep(random.uniform(0.01, 0.25))
 
@@ -259,14 +241,6 @@ class StoredTable(TableLog):
                 raised = {VERSION_KEY: str(SCHEMA_VERSION), HASHED_KEY: str(delta.version() + 1)}
                 delta.alter.set_table_properties(raised, raise_if_not_exists=False)
 
-    def new_file(self, rows: pa.Table) -> AddAction:
-        """Write a data file that no commit names yet."""
-        sink = BytesIO()
-        pq.write_table(rows, sink, row_group_size=_ROW_GROUP, compression="zstd")
-        name = f"part-{hashlib.sha256(sink.getbuffer()).hexdigest()}-{secrets.token_hex(4)}.parquet"
-        self._files.write(name, sink.getvalue())
-        return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, statistics(rows))
-
     def _append_next(self, rows: pa.Table) -> int:
         """Commit rows as the next in order; where another writer was faster, they are numbered anew.
 
@@ -280,17 +254,16 @@ class StoredTable(TableLog):
             now = max(int(self._clock.now().timestamp() * 1e6), -1 if last is None else last + 1)
             numbered = rows
             for name, value in (("commit_version", delta.version() + 1), ("added_at", now)):
-                field = self.declared.schema.field(name)
+                at, field = rows.schema.get_field_index(name), self.declared.schema.field(name)
                 stamp = pa.array([value], pa.int64()).cast(field.type)[0]
-                numbered = numbered.set_column(
-                    numbered.schema.get_field_index(name), field, pa.repeat(stamp, len(rows))
-                )
+                numbered = numbered.set_column(at, field, pa.repeat(stamp, len(rows)))
             numbered = sealed(numbered, self._chain(delta) if self.declared.is_chained else None)
-            added = self.new_file(numbered)
-            about = {"rows": str(len(rows)), STATED: self._unstated(delta.version())}
-            said = CommitProperties(about, max_commit_retries=30, app_transactions=[Transaction(_ORDER, now)])
+            added = new_file(self._files, numbered)
+            properties = {"rows": str(len(rows)), STATED: self._unstated(delta.version())}
+            turns = [Transaction(_ORDER, now)]
+            commit = CommitProperties(properties, max_commit_retries=30, app_transactions=turns)
             try:
-                delta.create_write_transaction([added], "append", rows.schema, commit_properties=said)
+                delta.create_write_transaction([added], "append", rows.schema, commit_properties=commit)
             except CommitFailedError:
                 self._files.remove(added.path)
                 raise
@@ -309,23 +282,11 @@ class StoredTable(TableLog):
     def _chain(self, delta: DeltaTable) -> pa.Table:
         """The rows that the next ones follow: all of each where none has a hash yet."""
         rows = self.rows_of(delta)
-        found = rows.to_table([ROW_SHA256, BEFORE_SHA256, "commit_version"])
-        return found if pc.any(pc.greater(found[0], "")).as_py() else self._complete(rows.to_table())
+        hashes = rows.to_table([ROW_SHA256, BEFORE_SHA256, "commit_version"])
+        return hashes if pc.any(pc.greater(hashes[0], "")).as_py() else self._complete(rows.to_table())
 
     def _unstated(self, version: int) -> str:
         """The hashes of entries of the log up to a version that none of them states, as JSON."""
         if self._stated[0] != version:
-            found = unstated(self._log, version)
-            self._stated = version, json.dumps(found)
+            self._stated = version, json.dumps(unstated(self._log, version))
         return self._stated[1]
-
-
-def encoded(rows: pa.Table) -> pa.Table:
-    """Rows with their texts as dictionaries, but for those that name a row each.
-
-    Copied: a column as it was read keeps ten times its bytes in memory, those it was decoded in.
-    """
-    for at, field in enumerate(rows.schema):
-        if pa.types.is_string(field.type) and field.name not in _NAMES:
-            rows = rows.set_column(at, field.name, rows.column(at).dictionary_encode())
-    return rows.take(pa.array(range(len(rows)), pa.int64()))

@@ -1,4 +1,4 @@
-"""Whole files or none, in a folder or an object store."""
+"""Whole files or none, in a folder or an object store; and where a catalog and its cache lie."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ import os
 import uuid
 from datetime import datetime
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import pyarrow as pa
 import pyarrow.fs as pafs
 from deltalake import DeltaTable
 from deltalake.exceptions import CommitFailedError, DeltaError
+
+from upplied.errors import CatalogError
 
 _FIRST = ".first"  # ends the name of the table by which the first writer of a file is known
 _CONTENT = "upplied.content"  # property of a table that stands for a file
@@ -37,55 +40,39 @@ class FileStore:
         return f"{self.root}/{name}"
 
     def has(self, name: str) -> bool:
-        """Whether the file is there."""
-        if self.local:
-            return Path(self.path(name)).exists()
-        return bool(self.filesystem().get_file_info(name).type == pafs.FileType.File)
+        """Whether the file is there, or on a disk anything else in its place."""
+        kind = self.filesystem().get_file_info(name).type
+        return bool(kind != pafs.FileType.NotFound if self.local else kind == pafs.FileType.File)
 
     def touched(self, name: str) -> bool:
         """Whether the file is there; on a disk it counts as used now, so that no cleaning takes it."""
-        if not self.local:
-            return self.has(name)
-        try:
-            os.utime(self.path(name))
-        except FileNotFoundError:
-            return False
-        except PermissionError:
-            return self.has(name)  # somebody else's file, which is there
-        return True
+        if self.local:
+            try:
+                os.utime(self.path(name))
+            except FileNotFoundError:
+                return False
+            except PermissionError:
+                pass  # somebody else's file
+        return self.has(name)
 
     def has_folder(self, name: str) -> bool:
         """Whether there is a folder of that name with anything in it."""
-        if self.local:
-            path = Path(self.path(name))
-            return path.is_dir() and any(path.iterdir())
-        return bool(self.filesystem().get_file_info(name).type == pafs.FileType.Directory)
+        return bool(self._entries(name))
 
     def names(self) -> list[str]:
         """The names of the files at the root, sorted; none where there is no such folder."""
-        if self.local:
-            try:
-                return sorted(entry.name for entry in os.scandir(self.root))
-            except (FileNotFoundError, NotADirectoryError):
-                return []
-        found = self.filesystem().get_file_info(pafs.FileSelector("", allow_not_found=True))
-        return sorted(item.base_name for item in found if not item.base_name.endswith(_FIRST))
+        return sorted(item.base_name for item in self._entries())
 
     def older(self, moment: datetime) -> list[str]:
         """The names of the files at the root that nobody wrote or used since a moment, by their stamps."""
-        if not self.local:
-            found = self.filesystem().get_file_info(pafs.FileSelector("", allow_not_found=True))
-            return sorted(
-                item.base_name
-                for item in found
-                if item.mtime and item.mtime < moment and not item.base_name.endswith(_FIRST)
-            )
-        names = []
-        for name in self.names():
-            with contextlib.suppress(FileNotFoundError):
-                if os.stat(self.path(name)).st_mtime < moment.timestamp():
-                    names.append(name)
-        return names
+        return sorted(item.base_name for item in self._entries() if item.mtime and item.mtime < moment)
+
+    def _entries(self, folder: str = "") -> list[pafs.FileInfo]:
+        try:
+            found = self.filesystem().get_file_info(pafs.FileSelector(folder, allow_not_found=True))
+        except NotADirectoryError:
+            return []
+        return [item for item in found if not item.base_name.endswith(_FIRST)]
 
     def write(self, name: str, content: bytes, lasting: bool = True) -> None:
         """Write a file that appears whole; on a disk it is there to stay when this returns, if `lasting`."""
@@ -97,8 +84,6 @@ class FileStore:
 
     def read(self, name: str) -> bytes:
         """The bytes of a file."""
-        if self.local:
-            return Path(self.path(name)).read_bytes()
         with self.filesystem().open_input_file(name) as stream:
             return bytes(stream.read())
 
@@ -144,9 +129,7 @@ class FileStore:
 
     def remove(self, name: str) -> None:
         """Remove a file; nothing where it is not there."""
-        if self.local:
-            Path(self.path(name)).unlink(missing_ok=True)
-        elif self.has(name):
+        with contextlib.suppress(FileNotFoundError):
             self.filesystem().delete_file(name)
 
     def remove_folder(self, name: str) -> None:
@@ -193,3 +176,33 @@ def sync_path(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def checked(location: str) -> str:
+    """An absolute folder, or a URI that carries no credential."""
+    if location.startswith("file://"):
+        parts = urlsplit(location)
+        if parts.netloc not in ("", "localhost") or not parts.path:
+            raise CatalogError(location, "is no file of this machine", "file:///folder")
+        return str(Path(unquote(parts.path)))
+    if "://" not in location:
+        return str(Path(location).expanduser().absolute())
+    scheme, _, rest = location.partition("://")
+    if "@" in rest or "?" in rest:
+        raise CatalogError(
+            f"location {scheme}://...",
+            "has a user, a password or options in it",
+            f"{scheme}://bucket/prefix",
+            "put credentials into the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, ...)",
+        )
+    if not rest.strip("/"):
+        raise CatalogError(f"location {location}", "names no bucket", f"{scheme}://bucket/prefix")
+    return location.rstrip("/")
+
+
+def cache_folder(location: str) -> Path:
+    """Beside the tables of a folder; for an object store in the user's cache directory."""
+    if "://" not in location:
+        return Path(location) / "cache"
+    home = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    return home / "upplied" / "".join(c if c.isalnum() else "-" for c in location)

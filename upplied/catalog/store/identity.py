@@ -26,14 +26,9 @@ _TRIED = (OSError, pa.ArrowException)
 
 
 class Identity:
-    """Whether a catalog is at a place, and which one.
+    """Whether a catalog is at a place, a folder or object-store URI, and which one.
 
-    Parameters
-    ----------
-    root : str
-        Folder or object-store URI.
-    tables : sequence of str
-        Their names: catalogs of version 0.1.0 have no identity, and are known by a table.
+    Catalogs of version 0.1.0 have no identity, and are known by one of their `tables`.
     """
 
     def __init__(self, root: str, tables: Sequence[str]) -> None:
@@ -56,22 +51,22 @@ class Identity:
 
     def required(self) -> str:
         """The same; a place that is no catalog is an error."""
-        found = self.id
-        if found is None:
+        name = self.id
+        if name is None:
             raise CatalogError(
                 self.files.root,
                 "is no catalog",
                 "a folder with catalog.json, or tables of an earlier version",
                 "check the path and whether its disk is mounted; `upplied structures add` makes a new one",
             )
-        return found
+        return name
 
     def made(self) -> str:
         """The name of the catalog, which is drawn now where there is none."""
         if not self.id:
-            said = {"format": _FORMAT, "id": uuid.uuid4().hex, "made_at": datetime.now(UTC).isoformat()}
+            about = {"format": _FORMAT, "id": uuid.uuid4().hex, "made_at": datetime.now(UTC).isoformat()}
             try:
-                self.files.create(_FILE, _text(said).encode())
+                self.files.create(_FILE, _text(about).encode())
             except _TRIED as error:
                 remedy = "free space, or ask for the right to write there; nothing was changed"
                 raise CatalogError(self.files.root, f"cannot be written: {error}", "", remedy) from None
@@ -81,42 +76,34 @@ class Identity:
     def is_as_written(self) -> bool:
         """Whether no byte of the identity was changed; nobody can tell of what an older program wrote."""
         content = self.files.read(_FILE) if self.files.has(_FILE) else b"{}"
-        said = json.loads(content)
-        return "sha256" not in said or content == _text(said).encode()
+        about = json.loads(content)
+        return "sha256" not in about or content == _text(about).encode()
 
     def _read(self) -> str | None:
         what = self.files.path(_FILE)
         try:
             if not self.files.has(_FILE):
-                return (
-                    "" if any(self.files.has_folder(f"{name}/_delta_log") for name in self._tables) else None
-                )
-            said = json.loads(self.files.read(_FILE))
+                older = any(self.files.has_folder(f"{name}/_delta_log") for name in self._tables)
+                return "" if older else None
+            about = json.loads(self.files.read(_FILE))
         except _TRIED as error:
             raise CatalogError(what, f"cannot be read: {error}", "", remedy_of(what, str(error))) from None
         except ValueError as error:
             raise CatalogError(what, f"is damaged: {error}", "", "take it from a backup") from None
-        if not isinstance(said, dict) or said.get("format") != _FORMAT or not isinstance(said.get("id"), str):
+        if not isinstance(about, dict) or about.get("format") != _FORMAT or type(about.get("id")) is not str:
             raise CatalogError(what, "is not the identity of a catalog", f'"format": "{_FORMAT}"')
-        return str(said["id"])
+        return str(about["id"])
 
 
-def _text(said: dict[str, str]) -> str:
+def _text(about: dict[str, str]) -> str:
     """The file of an identity, with the hash of what it says."""
-    said = {name: value for name, value in said.items() if name != "sha256"}
-    sha256 = hashlib.sha256(json.dumps(said).encode()).hexdigest()
-    return json.dumps({**said, "sha256": sha256}, indent=1) + "\n"
+    about = {name: value for name, value in about.items() if name != "sha256"}
+    sha256 = hashlib.sha256(json.dumps(about).encode()).hexdigest()
+    return json.dumps({**about, "sha256": sha256}, indent=1) + "\n"
 
 
 class Heads:
-    """The newest version of one table that anybody saw.
-
-    Parameters
-    ----------
-    root : str
-        Folder or object-store URI of the catalog.
-    table : str
-    """
+    """The newest version of one table, in the catalog at a root, that anybody saw."""
 
     def __init__(self, root: str, table: str) -> None:
         self._files = FileStore(f"{root.rstrip('/')}/heads")
@@ -125,12 +112,12 @@ class Heads:
 
     def seen(self) -> int:
         """The version; -1 where none was noted."""
-        return max(map(self._version, self._names()), default=-1)
+        return max(self._names(), default=-1)
 
     def stated(self) -> str:
         """What was noted of the newest version; empty where nothing was."""
-        names = sorted(self._names(), key=self._version)
-        return self._files.read(names[-1]).decode(errors="replace") if names else ""
+        names = self._names()
+        return self._files.read(names[max(names)]).decode(errors="replace") if names else ""
 
     def note(self, version: int, stated: str = "") -> None:
         """Note a version that is committed; where that is impossible, its loss would not be noticed."""
@@ -140,13 +127,15 @@ class Heads:
             # One file per version: whoever comes later never takes the note back.
             self._files.write(f"{self._prefix}{version:020}", stated.encode(), lasting=False)
             self._noted = version
-            for name in self._names():
-                if self._version(name) < version:
+            for older, name in self._names().items():
+                if older < version:
                     self._files.remove(name)
 
-    def _names(self) -> list[str]:
-        return [name for name in self._files.names() if self._version(name) >= 0]
-
-    def _version(self, name: str) -> int:
-        number = name.removeprefix(self._prefix)
-        return int(number) if name.startswith(self._prefix) and len(number) == 20 and number.isdigit() else -1
+    def _names(self) -> dict[int, str]:
+        """The files by their versions."""
+        found = {}
+        for name in self._files.names():
+            number = name.removeprefix(self._prefix)
+            if name.startswith(self._prefix) and len(number) == 20 and number.isdigit():
+                found[int(number)] = name
+        return found

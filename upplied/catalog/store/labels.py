@@ -31,9 +31,8 @@ class FaceLabels(Record):
         """
         if triangles_sha256(structure) != self.triangles_sha256:
             found = f"are of another mesh of {structure.structure_id} than it has now"
-            raise SettingsError(
-                "the labels of a zone", found, "", "label the mesh, and require the zone again"
-            )
+            remedy = "label the mesh, and require the zone again"
+            raise SettingsError("the labels of a zone", found, "", remedy)
         names = json.loads(self.names_json)
         if label not in names:
             raise SettingsError(f"label {label[:64]!r}", "no face has it", f"such as {', '.join(names[:8])}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -12,24 +11,25 @@ from pathlib import Path
 from upplied.errors import CatalogError
 
 PATIENCE_S = 1800.0  # a publication of a large fleet takes minutes
-_LOOK_S = 0.1
 _TURN_S = 5.0  # of a writer that holds its turn for longer nobody waits: it was stopped, or is far away
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock; it ends with the process that holds it, however that ends."""
+    """Hold the folder's lock; it ends with the process that holds it, however that ends.
+
+    Where there are no locks (Windows, some disks) it counts as held: generations still tell which is newer.
+    """
     try:
-        handle = _opened(folder / ".lock")
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / ".lock").touch()
     except OSError as error:
         remedy = "free space or rights; what was there still is"
         raise CatalogError(str(folder), f"cannot be written: {error}", "", remedy) from None
-    try:
-        if not _taken(handle, PATIENCE_S, _LOOK_S):
+    with _waited(PATIENCE_S, folder / ".lock") as held:
+        if not held:
             raise CatalogError(str(folder), "somebody else has been publishing there for long")
         yield
-    finally:
-        os.close(handle)
 
 
 @contextmanager
@@ -40,11 +40,18 @@ def turn(path: Path) -> Iterator[None]:
     for another turn needs that second lock too. The kernel wakes them, so that a loaded machine, on which a
     look now and then would mostly find the turn taken, makes nobody wait longer than the others work.
     """
-    waiting = _Waiting(path)
-    waiting.start()
-    waiting.ended.wait(_TURN_S)
-    try:
+    with _waited(_TURN_S, path.with_suffix(".next"), path):
         yield
+
+
+@contextmanager
+def _waited(patience_s: float, *paths: Path) -> Iterator[bool]:
+    """Wait for the last of some locks, each of which is held until the next one is; whether it is held."""
+    waiting = _Waiting(paths)
+    waiting.start()
+    held = waiting.ended.wait(patience_s)
+    try:
+        yield held
     finally:
         waiting.leave()
 
@@ -52,9 +59,9 @@ def turn(path: Path) -> Iterator[None]:
 class _Waiting(threading.Thread):
     """Waits in the kernel, which knows no patience; whoever gives up leaves it behind."""
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(name=f"turn of {path.name}", daemon=True)
-        self._paths = (path.with_suffix(".next"), path)
+    def __init__(self, paths: tuple[Path, ...]) -> None:
+        super().__init__(name=f"lock of {paths[-1].name}", daemon=True)
+        self._paths = paths
         self._handles: list[int] = []
         self._left = False
         self._lock = threading.Lock()
@@ -65,9 +72,11 @@ class _Waiting(threading.Thread):
             import fcntl
 
             for path in self._paths:
-                self._handles.append(handle := _opened(path))
+                path.parent.mkdir(parents=True, exist_ok=True)
+                self._handles.append(handle := os.open(path, os.O_RDWR | os.O_CREAT, 0o644))
                 fcntl.flock(handle, fcntl.LOCK_EX)
-            os.close(self._handles.pop(0))
+                if len(self._handles) > 1:
+                    os.close(self._handles.pop(0))
         with self._lock:
             self.ended.set()
             if self._left:
@@ -83,28 +92,3 @@ class _Waiting(threading.Thread):
     def _close(self) -> None:
         while self._handles:
             os.close(self._handles.pop())
-
-
-def _opened(path: Path) -> int:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-
-
-def _taken(handle: int, patience_s: float, look_s: float) -> bool:
-    """Whether the lock was taken in time; where there are no locks, it counts as taken."""
-    try:
-        import fcntl
-    except ImportError:
-        return True  # Windows: two who publish into one folder at once are not kept apart
-    give_up = time.monotonic() + patience_s
-    while True:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            if time.monotonic() > give_up:
-                return False
-            time.sleep(look_s)
-        except OSError:
-            return True  # a disk without locks: the generations still tell which is newer
-        else:
-            return True

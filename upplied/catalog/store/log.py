@@ -8,16 +8,18 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.dataset as ds
 from deltalake import DeltaTable
+from deltalake.exceptions import TableNotFoundError
 
-from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
+from upplied.catalog.schema.tables import Table
 from upplied.catalog.store.errors import explained
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.identity import Heads, Identity
 from upplied.catalog.store.log_hashes import CHECKPOINTS
-from upplied.catalog.store.opening import HASHED_KEY, VERSION_KEY, check_version, opened
 from upplied.errors import CatalogError
 
+VERSION_KEY = "upplied.schemaVersion"  # a property of each table
+HASHED_KEY = "upplied.hashedFrom"  # another: the first version whose rows carry hashes
 _PROPERTIES = {
     "delta.checkpointInterval": str(CHECKPOINTS),
     "delta.logRetentionDuration": "interval 365 days",
@@ -50,8 +52,7 @@ class TableLog:
 
         (The dataset of all files states the range of every column of every file, which costs far more.)
         """
-        schema = pa.schema(delta.schema().to_arrow())
-        return ds.dataset(names, schema, "parquet", self._files.filesystem())
+        return ds.dataset(names, pa.schema(delta.schema().to_arrow()), "parquet", self._files.filesystem())
 
     def delta(self) -> DeltaTable | None:
         """The table itself, as of its newest commit, for maintenance; None where there is none."""
@@ -66,7 +67,7 @@ class TableLog:
             self._delta = delta
         else:
             explained(self.uri, self._delta.update_incremental)
-            check_version(self._delta, self.uri)  # a newer program may have come meanwhile
+            _check_version(self._delta, self.uri)  # a newer program may have come meanwhile
         return self._delta
 
     def _check(self, version: int, seen: int) -> None:
@@ -99,3 +100,36 @@ class TableLog:
         if not 0 <= version <= current.version():
             raise CatalogError(f"{self.uri} version {version}", "does not exist", f"0 to {current.version()}")
         return explained(f"{self.uri} version {version}", lambda: self.rows_of(DeltaTable(self.uri, version)))
+
+
+def opened(uri: str) -> DeltaTable | None:
+    """The table at a place; None where there is none.
+
+    Raises
+    ------
+    CatalogError
+        If a newer program changed it so that this one would misread it.
+    """
+    try:
+        delta = DeltaTable(uri)
+    except TableNotFoundError:
+        if not _has_commits(uri):
+            return None
+        delta = DeltaTable(uri)  # another writer made the table since we looked
+    _check_version(delta, uri)
+    return delta
+
+
+def _check_version(delta: DeltaTable, uri: str) -> None:
+    version = delta.metadata().configuration.get(VERSION_KEY, "")
+    if not version.isdigit() or int(version) > SCHEMA_VERSION:
+        found = f"has schema version {version or 'unknown'}"
+        raise CatalogError(uri, found, f"at most {SCHEMA_VERSION}", "use a newer version of upplied")
+
+
+def _has_commits(uri: str) -> bool:
+    """Whether a local table has a log after all; raises where we may not look into it."""
+    log_folder = Path(uri) / "_delta_log"
+    if "://" in uri or not log_folder.exists():
+        return False
+    return any(entry.suffix == ".json" for entry in log_folder.iterdir())

@@ -10,6 +10,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator
+from typing import Any
 
 from upplied.catalog.store.files import FileStore
 
@@ -21,7 +22,7 @@ _NAME = re.compile(r"[0-9]{20}(\.checkpoint)?\.(json|parquet)")
 
 def unstated(log: FileStore, version: int) -> dict[str, str]:
     """The hashes of the entries up to a version that none of them states."""
-    found: dict[str, str] = {}
+    hashes: dict[str, str] = {}
     stated = -1
     for number in range(version, max(version - _MOST, -1), -1):
         if number <= stated:
@@ -30,30 +31,37 @@ def unstated(log: FileStore, version: int) -> dict[str, str]:
             content = log.read(name := f"{number:020}.json")
         except FileNotFoundError:
             break  # cleaned away: older than anybody asks for
-        found[name] = _sha256(content)
-        stated = max([stated, *(int(other[:20]) for other in stated_in(content))])
+        hashes[name] = _sha256(content)
+        stated = max([stated, *(int(other[:20]) for other in _stated_in(content))])
         name = f"{number:020}.checkpoint.parquet"
         if (number + 1) % CHECKPOINTS == 0 and log.has(name):
-            found[name] = _sha256(log.read(name))
-    return found
+            hashes[name] = _sha256(log.read(name))
+    return hashes
 
 
-def stated_in(content: bytes) -> dict[str, str]:
+def _commit(content: bytes) -> dict[str, Any]:
+    """What an entry says of its commit."""
+    lines = (line for line in content.splitlines() if line.startswith(b'{"commitInfo"'))
+    return dict(json.loads(next(lines, b'{"commitInfo": {}}'))["commitInfo"])
+
+
+def _stated_in(content: bytes) -> dict[str, str]:
     """The hashes that an entry states."""
-    for line in content.splitlines():
-        if line.startswith(b'{"commitInfo"'):
-            said = json.loads(line)["commitInfo"].get(STATED, "{}")
-            return {name: str(value) for name, value in json.loads(said).items() if _NAME.fullmatch(name)}
-    return {}
+    hashes = json.loads(_commit(content).get(STATED, "{}"))
+    return {name: str(value) for name, value in hashes.items() if _NAME.fullmatch(name)}
 
 
-def rows_stated(content: bytes) -> int:
-    """How many rows an entry says that it added."""
-    for line in content.splitlines():
-        if line.startswith(b'{"commitInfo"'):
-            said = str(json.loads(line)["commitInfo"].get("rows", ""))
-            return int(said) if said.isdigit() else 0
-    return 0
+def rows_added(log: FileStore) -> int:
+    """How many rows a log says were added, by the entries that were not cleaned away."""
+    try:
+        rows = [
+            str(_commit(log.read(name)).get("rows", ""))
+            for name in log.names()
+            if _NAME.fullmatch(name) and name.endswith(".json")
+        ]
+    except (ValueError, AttributeError, KeyError, TypeError):
+        return 0  # a finding of its own
+    return sum(int(count) for count in rows if count.isdigit())
 
 
 def changed_entries(log: FileStore, newest: str) -> Iterator[tuple[str, str]]:
@@ -76,8 +84,8 @@ def changed_entries(log: FileStore, newest: str) -> Iterator[tuple[str, str]]:
     for name, content in contents.items():
         if name.endswith(".json"):
             try:
-                stated += stated_in(content).items()
-            except (ValueError, AttributeError, KeyError) as error:
+                stated += _stated_in(content).items()
+            except (ValueError, AttributeError, KeyError, TypeError) as error:
                 yield name, f"cannot be read: {error}"
     for name, sha256 in dict.fromkeys(stated):
         if not _NAME.fullmatch(name) or (name in contents and _sha256(contents[name]) != sha256):

@@ -17,23 +17,26 @@ import pyarrow as pa
 from deltalake import CommitProperties, DeltaTable, Transaction
 from deltalake.transaction import RemoveAction
 
+from upplied.catalog.store.data_files import new_file
 from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.files import FileStore
 from upplied.errors import CatalogError
 
 log = logging.getLogger(__name__)
 
-_OF_FILES = ["path", "size_bytes", "modification_time", "num_records"]
 TARGET_BYTES = 64 << 20  # of a data file
 DECODED_BYTES = 256 << 20  # of its rows in memory, where merging holds them some three times
 _ROWS_WEIGHED = 100
 _MANY = 16  # files that are merged while a table is written; their rows differ by less than so many times
 _TIDIED_BYTES = 16 << 20  # of rows in memory: a writer has little to spare; the rest is for `merge`
 
+File = dict[str, Any]  # path, size_bytes, modification_time, num_records
+
 
 def merge(table: StoredTable, size_bytes: int) -> int:
     """Merge files of less than half of some size into ones of about that size; how many were merged."""
     merged = 0
-    while done := table.change(lambda delta: _merge_oldest(table, delta, size_bytes)):
+    while done := table.change(lambda delta: _merged(table, delta, _oldest_small(table, delta, size_bytes))):
         merged += done
     return merged
 
@@ -57,76 +60,60 @@ def _tidied(table: StoredTable) -> None:
         log.warning("small files of %s were not merged: %s", table.uri, error)
 
 
-def removing() -> CommitProperties:
-    """What marks commits that remove files.
+def _merged(table: StoredTable, delta: DeltaTable, chosen: list[File]) -> int:
+    """Merge some files; how many.
 
     Delta-rs does not see that two of our removals contradict each other. It does see that both
     advance the same transaction: the second one fails, and is done again on what is there then.
     """
-    turn = Transaction("upplied.maintenance", time.time_ns())
-    return CommitProperties({"doing": "maintenance"}, max_commit_retries=30, app_transactions=[turn])
-
-
-def _merge_oldest(table: StoredTable, delta: DeltaTable, size_bytes: int) -> int:
-    return _merged(table, delta, _oldest_small(table, delta, size_bytes))
-
-
-def _merged(table: StoredTable, delta: DeltaTable, chosen: dict[str, int]) -> int:
     if len(chosen) < 2:
         return 0
-    rows = table.rows_in(delta, list(chosen)).to_table()
+    rows = table.rows_in(delta, [file["path"] for file in chosen]).to_table()
     rows = rows.sort_by([(name, "ascending") for name in table.declared.order])
     now = int(time.time() * 1000)
-    added = replace(table.new_file(rows), data_change=False)
-    removed = [RemoveAction(name, False, now, size, {}) for name, size in chosen.items()]
-    delta.create_write_transaction([added, *removed], "append", rows.schema, commit_properties=removing())
+    added = replace(new_file(FileStore(table.uri), rows), data_change=False)
+    removed = [RemoveAction(file["path"], False, now, file["size_bytes"], {}) for file in chosen]
+    turns = [Transaction("upplied.maintenance", time.time_ns())]
+    commit = CommitProperties({"doing": "maintenance"}, max_commit_retries=30, app_transactions=turns)
+    delta.create_write_transaction([added, *removed], "append", rows.schema, commit_properties=commit)
     return len(chosen)
 
 
-def _oldest_small(table: StoredTable, delta: DeltaTable, size_bytes: int) -> dict[str, int]:
-    """Names and sizes of the oldest small files that together make one of about that size."""
-    chosen: dict[str, int] = {}
-    held = 0.0
-    for name, size, share in _small(table, delta, size_bytes):
+def _oldest_small(table: StoredTable, delta: DeltaTable, size_bytes: int) -> list[File]:
+    """The oldest files less than half of some size, or of what is decoded at once, that together make it."""
+    files, chosen, held = _files(delta), list[File](), 0.0
+    row_bytes = _row_bytes(table, delta, files)
+    for file in files:
+        share = max(file["size_bytes"] / size_bytes, (file["num_records"] or 0) * row_bytes / DECODED_BYTES)
+        if share >= 0.5:
+            continue
         if len(chosen) > 1 and held + share > 1:
             break
-        chosen[name] = size
+        chosen.append(file)
         held += share
     return chosen
 
 
-def _of_a_size(table: StoredTable, delta: DeltaTable) -> dict[str, int]:
-    """Names and sizes of the oldest of the smallest files that are many and have about as many rows."""
-    classes: dict[int, list[dict[str, Any]]] = {}
+def _of_a_size(table: StoredTable, delta: DeltaTable) -> list[File]:
+    """The oldest of the smallest files that are many and have about as many rows."""
+    classes: dict[int, list[File]] = {}
     for file in _files(delta):
         classes.setdefault(int(math.log(max(file["num_records"] or 1, 1), _MANY)), []).append(file)
     many = next((files[:_MANY] for _, files in sorted(classes.items()) if len(files) >= _MANY), [])
     rows = sum(file["num_records"] or 0 for file in many)
-    if rows and rows * _row_bytes(table, delta, [file["path"] for file in many]) > _TIDIED_BYTES:
-        return {}
-    return {file["path"]: file["size_bytes"] for file in many}
+    return [] if rows * _row_bytes(table, delta, many) > _TIDIED_BYTES else many
 
 
-def _files(delta: DeltaTable) -> list[dict[str, Any]]:
+def _files(delta: DeltaTable) -> list[File]:
     """The data files, oldest first."""
-    files = pa.table(delta.get_add_actions()).select(_OF_FILES).to_pylist()
+    names = ["path", "size_bytes", "modification_time", "num_records"]
+    files = pa.table(delta.get_add_actions()).select(names).to_pylist()
     return sorted(files, key=lambda file: (file["modification_time"], file["path"]))
 
 
-def _small(table: StoredTable, delta: DeltaTable, size_bytes: int) -> list[tuple[str, int, float]]:
-    """Files less than half of the largest that is made, oldest first: name, size, and share of that."""
-    files = _files(delta)
-    row_bytes = _row_bytes(table, delta, [file["path"] for file in files])
-    found = []
-    for file in files:
-        size, rows = file["size_bytes"], file["num_records"] or 0
-        share = max(size / size_bytes, rows * row_bytes / DECODED_BYTES)
-        if share < 0.5:
-            found.append((file["path"], size, share))
-    return found
-
-
-def _row_bytes(table: StoredTable, delta: DeltaTable, names: list[str]) -> float:
+def _row_bytes(table: StoredTable, delta: DeltaTable, files: list[File]) -> float:
     """What a row takes in memory, bytes, estimated from some."""
-    some = table.rows_in(delta, names[:1]).head(_ROWS_WEIGHED)
+    if not files:
+        return 0.0
+    some = table.rows_in(delta, [files[0]["path"]]).head(_ROWS_WEIGHED)
     return some.nbytes / max(len(some), 1)

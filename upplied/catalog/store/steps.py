@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
-from upplied.catalog.schema.columns import Table
+from upplied.catalog.schema.tables import Table
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.errors import explained
 from upplied.catalog.store.files import FileStore
@@ -32,16 +32,7 @@ HASH_DIGITS = 32  # in the name of a commit, which is short enough for statistic
 
 
 class StepTable(StoredTable):
-    """The steps of one catalog that rows of one table own.
-
-    Parameters
-    ----------
-    root : str
-        Folder or object-store URI of the catalog.
-    declared : Table
-    identity : Identity
-        Of the catalog.
-    """
+    """The steps of the catalog at a root that rows of one table own."""
 
     def __init__(self, root: str, declared: Table, identity: Identity) -> None:
         super().__init__(root, declared, identity)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from upplied.catalog.verbs import ordering
 from upplied.catalog.verbs.standing import DERIVED
 from upplied.checks import check_id
 from upplied.config import digest
-from upplied.records import Demonstration, Plan, Structure, Trajectory
+from upplied.records import Bools, Demonstration, Plan, Structure, Trajectory
 
 Planned = tuple[str, Plan, Mapping[str, Any]]  # key, plan, provenance
 
@@ -35,30 +35,30 @@ class Adding(Reading):
         One that says the same as its current version adds nothing. The mesh is kept before the row
         that names it.
         """
-        current = self.create()._current("structures")
+        current = ordering.newest_rows(self.create().tables["structures"])
         new: dict[str, Row] = {}
         for structure in structures:
             check_id(structure.structure_id, "structure id")
             check_id(structure.kind, f"kind of {structure.structure_id}")
             # The mesh without its name: structures may share one.
             mesh = Structure("", "", structure.vertices, structure.triangles, structure.normals)
-            row = rows.structure_row(structure, self.meshes.put(mesh))
+            row = rows.structure_row(structure, self.contents["meshes"].put(mesh))
             stored = current.get(structure.structure_id)
             if stored is not None and row["tells_parts"] is None and stored["sha256"] == row["sha256"]:
                 row["tells_parts"] = stored["tells_parts"]
-            if not _known("structures", stored, row):
+            if stored is None or not rows.says_same(TABLES["structures"], stored, row):
                 new[structure.structure_id] = row
         return self.add_rows("structures", list(new.values()))
 
     def add_demonstrations(self, demonstrations: Sequence[Demonstration]) -> int:
         """Add demonstrations in one commit; returns how many were new or changed."""
-        current = self.create()._current("demonstrations")
+        current = ordering.newest_rows(self.create().tables["demonstrations"])
         new: dict[str, tuple[Row, Demonstration]] = {}
         for item in demonstrations:
             check_id(item.demonstration_id, "demonstration id")
             check_id(item.structure_id, f"structure of {item.demonstration_id}")
-            row = rows.demonstration_row(item)
-            if not _known("demonstrations", current.get(item.demonstration_id), row):
+            row, stored = rows.demonstration_row(item), current.get(item.demonstration_id)
+            if stored is None or not rows.says_same(TABLES["demonstrations"], stored, row):
                 new[item.demonstration_id] = row, item
         commit = self._add_steps("poses", [rows.pose_table(item) for _, item in new.values()])
         return self.add_rows("demonstrations", [{**row, "commit_id": commit} for row, _ in new.values()])
@@ -86,10 +86,9 @@ class Adding(Reading):
         }
         again = ordering.superseded(table, [row for key, row in stored.items() if key not in new])
         new = {key: (self.keep_surface(plan), provenance) for key, (plan, provenance) in new.items()}
-        flown = {
-            plan_rows.transfer_id(key): plan for key, (plan, _) in new.items() if plan.trajectory is not None
-        }
-        steps = [plan_rows.waypoint_table(name, flown[name]) for name in sorted(flown)]
+        named = {plan_rows.transfer_id(key): plan for key, (plan, _) in new.items()}
+        paths = {name: plan for name, plan in named.items() if plan.trajectory is not None}
+        steps = [plan_rows.waypoint_table(name, paths[name]) for name in sorted(paths)]
         commit = self._add_steps("waypoints", steps)
         own = [{**row, "commit_id": commit} for row in self._transfer_rows(new)]
         return self.add_rows("transfers", own, _repeated(table, again, {"planned_at": self.clock.now()}))
@@ -99,22 +98,22 @@ class Adding(Reading):
 
         A process that plans does so, and sends the rest to the one that commits.
         """
-        put = self.surfaces.put
-        if plan.surface is not None:
-            plan = replace(plan, surface=None, surface_sha256=put(plan.surface))
-        if plan.inspected is not None:
-            plan = replace(plan, inspected=None, inspected_sha256=put(plan.inspected))
-        if plan.supposed is not None:
-            plan = replace(plan, supposed=None, supposed_sha256=self.supposed_surfaces.put(plan.supposed))
-        if plan.photos is not None:
-            plan = replace(plan, photos=None, photos_sha256=self.plan_photos.put(plan.photos))
+        stores: dict[str, Any] = {
+            "surface": self.surfaces,
+            "inspected": self.surfaces,
+            "supposed": self.contents["supposed"],
+            "photos": self.contents["photos"],
+        }
+        for name, store in stores.items():
+            if (record := getattr(plan, name)) is not None:
+                plan = replace(plan, **{name: None, f"{name}_sha256": store.put(record)})
         return plan
 
     def add_flight(self, row: Mapping[str, Any], path: Trajectory) -> int:
         """Add one flight of a plan: a row of `flights` without its commit and hash, and what was flown."""
         check_id(row["flight_id"], "flight id")
         self.transfer(row["transfer_id"], ("transfer_id",))  # one that nobody planned is an error
-        return self.add_rows("flights", [{**row, "flight_sha256": self.flown_paths.put(path)}])
+        return self.add_rows("flights", [{**row, "flight_sha256": self.contents["flown"].put(path)}])
 
     def add_overruled(self, given: Sequence[Mapping[str, Any]]) -> int:
         """Keep which rules of the gate a person overruled; what is known already adds nothing.
@@ -140,6 +139,11 @@ class Adding(Reading):
     def retire_demonstrations(self, demonstration_ids: Sequence[str]) -> int:
         """Take demonstrations out of use; their history stays. Returns how many were taken out."""
         return self._retire("demonstrations", demonstration_ids)
+
+    def _retire(self, name: str, ids: Sequence[str]) -> int:
+        newest = [self.newest(name, item) for item in dict.fromkeys(ids)]
+        in_use = [row for row in newest if not row["retired"]]
+        return self.add_rows(name, [], _repeated(self.tables[name], in_use, {"retired": True}))
 
     def adopt_plans(self, plans: Sequence[Row], waypoints: Mapping[tuple[str, str], pa.Table]) -> int:
         """Add plans of another catalog as they are, with the steps that they own there."""
@@ -171,21 +175,13 @@ class Adding(Reading):
         """A name that tells the time and is never given twice."""
         return f"{self.clock.now():%Y%m%d-%H%M%S-%f}-{secrets.token_hex(4)}"
 
-    def _retire(self, name: str, ids: Sequence[str]) -> int:
-        """Add a version of structures or demonstrations that says they are out of use."""
-        newest = [self.newest(name, item) for item in dict.fromkeys(ids)]
-        gone = [row for row in newest if not row["retired"]]
-        return self.add_rows(name, [], _repeated(self.tables[name], gone, {"retired": True}))
-
     def _transfer_rows(self, new: Mapping[str, tuple[Plan, Mapping[str, Any]]]) -> list[Row]:
         """Rows of new plans; hashes that the provenance leaves out are those of the current versions."""
         hashes: dict[str, str] = {}
         if any(_HASHES.keys() - provenance.keys() for _, provenance in new.values()):
-            for table, name in (("structures", "structure_id"), ("demonstrations", "demonstration_id")):
-                hashes.update(
-                    (f"{table}/{row[name]}", row["sha256"])
-                    for row in ordering.newest_rows(self.tables[table])
-                )
+            for table in ("structures", "demonstrations"):
+                newest = ordering.newest_rows(self.tables[table])
+                hashes |= {f"{table}/{name}": row["sha256"] for name, row in newest.items()}
         transfers = []
         for key, (plan, provenance) in new.items():
             known = {
@@ -195,8 +191,48 @@ class Adding(Reading):
             transfers.append(plan_rows.transfer_row(key, plan, {**known, **provenance}))
         return transfers
 
-    def _current(self, name: str) -> dict[str, Row]:
-        return {row[TABLES[name].names[0]]: row for row in ordering.newest_rows(self.tables[name])}
+    def settled(
+        self, keys: Iterable[str], *, retry_failed: bool = False, run_id: str = ""
+    ) -> dict[str, tuple[str, str]]:
+        """Those of the keys that need no planning, each with status and reason of its plan.
+
+        A key is settled when the plan of that key is the current one of its demonstration, target and
+        preset: one that was followed by another, as by one of other settings, is not.
+
+        Parameters
+        ----------
+        keys : iterable of str
+        retry_failed : bool
+            Failures are not settled, but for those of the run `run_id`.
+        run_id : str
+        """
+        wanted = list(dict.fromkeys(keys))
+        ids = ordering.ids_of(wanted)
+        plans = ordering.settled_plans(self.tables["transfers"], ids, retry_failed, run_id, ["reason"])
+        places = pc.index_in(ids, plans["transfer_id"].combine_chunks())
+        once: dict[tuple[str, str], tuple[str, str]] = {}  # few, of many plans
+        outcomes = [
+            once.setdefault(outcome, outcome)
+            for outcome in zip(plans["status"].to_pylist(), plans["reason"].to_pylist(), strict=True)
+        ]
+        return {
+            key: outcomes[at] for key, at in zip(wanted, places.to_pylist(), strict=True) if at is not None
+        }
+
+    def unsettled(self, keys: pa.Array, *, retry_failed: bool = False) -> Bools:
+        """Which of an array of keys are not `settled`, (N,); for as many as a large fleet has."""
+        ids = ordering.ids_of(keys)
+        plans = ordering.settled_plans(self.tables["transfers"], ids, retry_failed, "", [])
+        return ~pc.is_in(ids, plans["transfer_id"].combine_chunks()).to_numpy(zero_copy_only=False)
+
+    def newest_plans(self, columns: Sequence[str]) -> pa.Table:
+        """The newest plan of each demonstration, target and preset, and its id; repeated texts are kept once.
+
+        Of retired demonstrations and targets as well.
+        """
+        read = ["transfer_id", *ordering.SLOT, *ordering.NEWEST, "status", *columns]
+        plans = ordering.in_order(self.tables["transfers"].narrow(list(dict.fromkeys(read))), newest=True)
+        return plans.filter(pc.equal(plans["purpose"], "")).select(["transfer_id", *columns])
 
     def _add_steps(self, name: str, steps: list[pa.Table]) -> str:
         """Keep steps, where there are any; returns the commit that the rows owning them must carry."""
@@ -224,16 +260,10 @@ def _repeated(table: StoredTable, stored: Sequence[Row], changes: Mapping[str, A
         return table.declared.schema.empty_table()
     key = table.declared.names[0]
     wanted = {(row[key], row["commit_id"], row["commit_version"]) for row in stored}
-    newer: dict[Any, Row] = {}
     whole = table.whole(pc.field(key).isin([row[key] for row in stored]))
-    for row in rows.rows_of(whole):
-        if (name := (row[key], row["commit_id"], row["commit_version"])) in wanted:
-            newer[name] = {**row, **changes}
-    return pa.Table.from_pylist(list(newer.values()), whole.schema)
-
-
-def _known(name: str, stored: Row | None, given: Row) -> bool:
-    return stored is not None and rows.says_same(TABLES[name], stored, given)
+    newer = {(row[key], row["commit_id"], row["commit_version"]): row for row in rows.rows_of(whole)}
+    again = [{**row, **changes} for name, row in newer.items() if name in wanted]
+    return pa.Table.from_pylist(again, whole.schema)
 
 
 _HASHES = {

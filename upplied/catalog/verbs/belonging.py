@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from upplied.catalog.schema import rows
-from upplied.catalog.schema.rows import json_text
+from upplied.catalog.schema.plan_rows import tuples
+from upplied.catalog.schema.rows import Row, json_text, rows_of
 from upplied.catalog.verbs.required import Requiring, Zones
 from upplied.config import PRESETS, settings_for
-from upplied.errors import CatalogError, SettingsError
+from upplied.errors import SettingsError
 
 if TYPE_CHECKING:
     from upplied.catalog.reading import Reading
@@ -37,7 +37,7 @@ _SCOPES = {apart: scope for scope, apart in APART.items()}
 def declared(catalog: Reading) -> dict[Owner, Changes]:
     """The settings of kinds and structures now."""
     owners: dict[Owner, Changes] = {}
-    table = rows.rows_of(catalog.tables["settings"].read())
+    table = rows_of(catalog.tables["settings"].read())
     for row in sorted(table, key=lambda row: row["commit_version"]):
         stage, _, name = row["setting"].rpartition(".")
         scope = str(row["scope"])
@@ -47,7 +47,7 @@ def declared(catalog: Reading) -> dict[Owner, Changes]:
         values = owners.setdefault(owner, {}).setdefault(stage, {})
         values.pop(name, None)
         if row["value_json"]:
-            values[name] = _tuples(json.loads(row["value_json"]))
+            values[name] = tuples(json.loads(row["value_json"]))
     return owners
 
 
@@ -82,44 +82,15 @@ class OwnSettings(Requiring):
             Who sets them.
         note : str
         """
-        if not by.strip():
-            raise SettingsError("a setting", "has nobody who sets it", "a name", "say --by NAME")
-        structures = self.structures()
-        known = structures["kind" if scope == "kind" else "structure_id"]
-        if scope not in ("kind", "structure") or owner not in set(known):
-            some = ", ".join(sorted(set(known))[:8])
-            raise CatalogError(f"{scope} {owner}", "is not in the catalog", f"such as {some}" if some else "")
-        commit = self.new_commit_id()
-        new: list[rows.Row] = []
+        about = self._owned("a setting", scope, owner, by, note)
+        commit, new = self.new_commit_id(), list[Row]()
         for setting, value in values.items():
-            stage, dot, name = setting.partition(".")
+            _check(setting, value)
+            row = {**about, "setting_id": f"{commit}-{len(new)}", "setting": setting}
+            row["value_json"] = "" if value is None else json_text(value)
             if setting == PRESET:
-                _check_preset(value)
-            elif not dot:
-                raise SettingsError(f"setting {setting!r}", "cannot be read", "STAGE.NAME")
-            if setting == ZONES:
-                raise SettingsError(
-                    f"setting {ZONES}", "follows from requirements", "", "say: upplied require"
-                )
-            if value is None:
-                value_json = ""
-                if setting != PRESET and not hasattr(getattr(settings_for(FLOWN), stage, None), name):
-                    settings_for(FLOWN, **{stage: {name: None}})  # which says what there is instead
-            else:
-                if setting != PRESET:
-                    settings_for(FLOWN, **{stage: {name: _tuples(value)}})
-                value_json = json_text(value)
-            new.append(
-                {
-                    "setting_id": f"{commit}-{len(new)}",
-                    "scope": APART[scope] if setting == PRESET else scope,
-                    "owner": owner,
-                    "setting": f"{PRESET}.name" if setting == PRESET else setting,
-                    "value_json": value_json,
-                    "by": by.strip(),
-                    "note": note,
-                }
-            )
+                row |= {"scope": APART[scope], "setting": f"{PRESET}.name"}
+            new.append(row)
         return self.add_rows("settings", new)
 
     def declared_settings(self) -> pd.DataFrame:
@@ -147,6 +118,19 @@ class OwnSettings(Requiring):
         return pd.DataFrame(settings, columns=["setting", "value", "from"])
 
 
+def _check(setting: str, value: Any) -> None:
+    """Refuse a setting that there is not, or a value that it does not take."""
+    stage, dot, name = setting.partition(".")
+    if setting == PRESET:
+        _check_preset(value)
+    elif not dot:
+        raise SettingsError(f"setting {setting!r}", "cannot be read", "STAGE.NAME")
+    elif setting == ZONES:
+        raise SettingsError(f"setting {ZONES}", "follows from requirements", "", "say: upplied require")
+    elif value is not None or not hasattr(getattr(settings_for(FLOWN), stage, None), name):
+        settings_for(FLOWN, **{stage: {name: tuples(value)}})  # which says what there is instead
+
+
 def _check_preset(value: object) -> None:
     """Refuse a preset whose plans are not to be flown: gate, release and pages count on it."""
     if value is None or value == FLOWN:
@@ -159,7 +143,3 @@ def _check_preset(value: object) -> None:
         f"what belongs to kinds and structures is of {FLOWN}, the one that is flown",
         f"plan it beside: upplied transfer --preset {value} --experiment NAME",
     )
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value

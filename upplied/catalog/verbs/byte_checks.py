@@ -6,7 +6,7 @@ import hashlib
 import io
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +18,8 @@ from upplied.catalog.store.contents import ContentStore
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.identity import Heads
-from upplied.catalog.store.log_hashes import changed_entries, rows_stated
-from upplied.catalog.store.opening import HASHED_KEY
+from upplied.catalog.store.log import HASHED_KEY
+from upplied.catalog.store.log_hashes import changed_entries
 from upplied.catalog.store.steps import HASH_DIGITS, StepTable
 from upplied.errors import CatalogError
 
@@ -42,16 +42,6 @@ class Folder:
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)  # of meshes: vertices and triangles
 
 
-def stored_contents(catalog: Reading) -> dict[str, Folder]:
-    """Every file that is kept by its content, read once, by the name of its folder."""
-    surfaces = catalog.surfaces
-    stores: tuple[ContentStore[Any], ...] = (
-        *(catalog.meshes, surfaces.states, surfaces.samples, catalog.supposed_surfaces),
-        *(catalog.plan_photos, catalog.flown_paths, catalog.looks, catalog.labels),
-    )
-    return {store.folder: _folder(store) for store in stores}
-
-
 def fault_of(contents: dict[str, Folder], name: str, sha256: str) -> Fault:
     """The file of some content, or of the samples it names, and what is wrong with it, if anything."""
     folder = contents[name]
@@ -61,7 +51,8 @@ def fault_of(contents: dict[str, Folder], name: str, sha256: str) -> Fault:
     return f"{name}/{sha256}.parquet", wrong
 
 
-def _folder(store: ContentStore[Any]) -> Folder:
+def stored_contents(store: ContentStore[Any]) -> Folder:
+    """Every file of a folder that is kept by its content, read once."""
     found = Folder()
     for name in store.files.names():
         sha256 = name.removesuffix(".parquet")
@@ -69,7 +60,7 @@ def _folder(store: ContentStore[Any]) -> Folder:
             continue  # a draft of a writer at work
         try:
             content = store.files.read(name)
-            record = codec.decode(content, store.record_type, sha256)
+            record = codec.decode(content, store.about.record_type, sha256)
         except FileNotFoundError:
             continue  # removed meanwhile
         except (OSError, pa.ArrowException) as error:
@@ -81,7 +72,7 @@ def _folder(store: ContentStore[Any]) -> Folder:
         found.faults[sha256] = "" if codec.is_as_written(content) else "is damaged: a byte was changed"
         if hasattr(record, "samples_sha256"):
             found.samples[sha256] = record.samples_sha256
-        if store.folder == "meshes":
+        if hasattr(record, "vertices"):
             found.sizes[sha256] = len(record.vertices), len(record.triangles)
     return found
 
@@ -95,18 +86,8 @@ def changed_files(catalog: Reading) -> Iterator[Fault]:
         log = FileStore(f"{table.uri}/_delta_log")
         heads = Heads(catalog.location, table.declared.name)
         for name, wrong in changed_entries(log, heads.stated()):
-            yield f"{log.root}/{name}", wrong
+            yield log.path(name), wrong
         yield from _last_checkpoint(log)
-
-
-def rows_added(table: StoredTable) -> int:
-    """How many rows the log says were added; of entries that were not cleaned away."""
-    log = FileStore(f"{table.uri}/_delta_log")
-    names = [name for name in log.names() if re.fullmatch(r"[0-9]{20}\.json", name)]
-    try:
-        return sum(rows_stated(log.read(name)) for name in names)
-    except (ValueError, AttributeError, KeyError):
-        return 0  # a finding of its own
 
 
 def _data_files(table: StoredTable) -> Iterator[Fault]:
@@ -117,17 +98,16 @@ def _data_files(table: StoredTable) -> Iterator[Fault]:
         yield from _changed(table.files, _STEPS)
     delta = table.delta()
     if delta is not None and delta.metadata().configuration.get(HASHED_KEY) == "0":
-        live = pa.table(delta.get_add_actions())["path"].to_pylist()
-        for name in live:
+        for name in pa.table(delta.get_add_actions())["path"].to_pylist():
             if not _PART.fullmatch(name):
                 yield files.path(name), "was put in by another program"
 
 
 def _changed(files: FileStore, named: re.Pattern[str]) -> Iterator[Fault]:
     for name in files.names():
-        if told := named.fullmatch(name):
+        if match := named.fullmatch(name):
             try:
-                if not hashlib.sha256(files.read(name)).hexdigest().startswith(told[1]):
+                if not hashlib.sha256(files.read(name)).hexdigest().startswith(match[1]):
                     yield files.path(name), _CHANGED
             except FileNotFoundError:
                 continue  # removed meanwhile
@@ -141,24 +121,17 @@ def _last_checkpoint(log: FileStore) -> Iterator[Fault]:
         return
     content = log.read("_last_checkpoint")
     try:
-        said = json.loads(content)
-        checkpoint = log.read(f"{said['version']:020}.checkpoint.parquet")
+        version = json.loads(content)["version"]
+        checkpoint = log.read(f"{version:020}.checkpoint.parquet")
         rows = pq.read_table(io.BytesIO(checkpoint), columns=["add"])["add"]
-        so = {
-            "version": said["version"],
+        files = len(rows) - rows.null_count
+        note = {
+            "version": version,
             "size": len(rows),
             "sizeInBytes": len(checkpoint),
-            "numOfAddFiles": len(rows) - rows.null_count,
+            "numOfAddFiles": files,
         }
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException):
-        so = {}
-    if json.dumps(so, separators=(",", ":")).encode() != content.removesuffix(b"\n"):
+        note = {}
+    if json.dumps(note, separators=(",", ":")).encode() != content.removesuffix(b"\n"):
         yield log.path("_last_checkpoint"), _CHANGED
-
-
-def readable(faults: Callable[[], Iterator[Fault]]) -> Iterator[Fault]:
-    """Faults as far as the place can be read, and where it cannot."""
-    try:
-        yield from faults()
-    except CatalogError as error:
-        yield error.what, f"{error.found}; {error.remedy}" if error.remedy else error.found

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from upplied.catalog.verbs.frames import When, moment
 from upplied.catalog.verbs.ordering import PAIR
+from upplied.catalog.verbs.queries import When, moment
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
@@ -19,14 +19,9 @@ _METHOD = {
     "libraries": "libraries changed",
 }
 _COMPARED = (
-    "status",
-    "coverage_inspected_pct",
-    "coverage_seen_pct",
-    "coverage_paper_pct",
-    "min_clearance_m",
-    "frechet_z",
-    "duration_s",
-)
+    "status", "coverage_inspected_pct", "coverage_seen_pct", "coverage_paper_pct", "min_clearance_m",
+    "frechet_z", "duration_s",
+)  # fmt: skip
 
 
 def history(catalog: Catalog, limit: int | None = None) -> pd.DataFrame:
@@ -42,12 +37,12 @@ def history(catalog: Catalog, limit: int | None = None) -> pd.DataFrame:
     -----
     Listed as far back as the tables keep their log; `as_of` reaches back to the first row.
     """
-    found = []
+    commits = []
     for name, table in catalog.tables.items():
         delta = table.delta()
         for commit in delta.history(limit) if delta is not None else []:
             operation = str(commit.get("doing", commit.get("operation", ""))).lower()
-            found.append(
+            commits.append(
                 {
                     "at": pd.Timestamp(commit["timestamp"], unit="ms", tz="UTC"),
                     "table": name,
@@ -57,8 +52,8 @@ def history(catalog: Catalog, limit: int | None = None) -> pd.DataFrame:
                 }
             )
     columns = ["at", "table", "version", "operation", "rows_added"]
-    made = pd.DataFrame(found, columns=columns).sort_values(["at", "table"], ascending=False, kind="stable")
-    return made.head(limit).reset_index(drop=True) if limit is not None else made.reset_index(drop=True)
+    listed = pd.DataFrame(commits, columns=columns)
+    return listed.sort_values(["at", "table"], ascending=False, kind="stable", ignore_index=True)[:limit]
 
 
 def runs(catalog: Catalog) -> pd.DataFrame:

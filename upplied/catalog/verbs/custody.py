@@ -9,10 +9,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from upplied.catalog.schema import plan_rows
-from upplied.catalog.schema.columns import ROW_SHA256
-from upplied.catalog.schema.row_hashes import content_hashes
 from upplied.catalog.schema.rows import ADDED, Row
-from upplied.catalog.store.chain import changed_rows, head_of
+from upplied.catalog.store.chain import changed_rows, content_hashes, head_of
 from upplied.catalog.verbs import ordering
 from upplied.catalog.verbs.owned import step_faults
 from upplied.catalog.verbs.roster import roster_of
@@ -52,10 +50,8 @@ def alterations(catalog: Reading, transfer_ids: Collection[str], now: Standing) 
     roster, order = roster_of(catalog), now.order
     table, names = catalog.tables["decisions"], [row["decision_id"] for row in released.values()]
     changed = dict(changed_rows(table.declared, table.whole(pc.field("decision_id").isin(names))))
-    found = {}
-    for plan, wrong in step_faults(catalog, "waypoints", rows):
-        found[plan] = wrong
-    for row in rows.select(["transfer_id", "waypoints_sha256", ROW_SHA256]).to_pylist():
+    found = dict(step_faults(catalog, "waypoints", rows))
+    for row in rows.select(["transfer_id", "waypoints_sha256"]).to_pylist():
         plan, decision = row["transfer_id"], released[row["transfer_id"]]
         if decision["decision_id"] in changed:
             found[plan] = f"its release {changed[decision['decision_id']]}"
@@ -79,8 +75,7 @@ def check_releasable(catalog: Reading, row: Row) -> None:
     """
     what = f"release of {row['transfer_id']}"
     if plan_rows.is_foreign(row):
-        remedy = "plan it here, or import it again with --verify"
-        raise RefusedError(what, *FOREIGN_PLAN, remedy)
+        raise RefusedError(what, *FOREIGN_PLAN, "plan it here, or import it again with --verify")
     catalog.path_of(row)
     stored, _ = _stored(catalog, [row["transfer_id"]])
     for _, wrong in changed_rows(catalog.tables["transfers"].declared, stored):
@@ -95,18 +90,15 @@ def chain_heads(catalog: Reading) -> dict[str, str]:
 
     Whoever keeps these can tell later that nothing before them was changed or taken away.
     """
-    columns = catalog.tables
-    found = {name: head_of(rows) for name, table in columns.items()
-             if table.declared.is_chained and len(rows := table.whole())}  # fmt: skip
-    return {name: sha256 for name, sha256 in found.items() if sha256}
+    chained = {name: table.whole() for name, table in catalog.tables.items() if table.declared.is_chained}
+    heads = {name: head_of(rows) for name, rows in chained.items() if len(rows)}
+    return {name: sha256 for name, sha256 in heads.items() if sha256}
 
 
 def foreign_plans(catalog: Reading) -> list[str]:
     """The plans that were imported and not measured here."""
     columns = ["transfer_id", "imported_from", "status", *ordering.SLOT, *ordering.NEWEST]
-    rows = ordering.in_order(
-        catalog.tables["transfers"].read(None, list(dict.fromkeys(columns))), newest=False
-    )
+    rows = ordering.in_order(catalog.tables["transfers"].read(None, columns), newest=False)
     return [row["transfer_id"] for row in rows.to_pylist() if plan_rows.is_foreign(row)]
 
 

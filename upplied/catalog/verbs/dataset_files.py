@@ -96,9 +96,8 @@ def check_files(place: Path) -> set[str]:
     except (ValueError, KeyError, TypeError) as error:
         raise CatalogError(f"{place / _DATASET}", f"cannot be read: {error}", "an exported folder") from None
     if version > SCHEMA_VERSION:
-        raise CatalogError(
-            str(place), f"has schema version {version}", f"at most {SCHEMA_VERSION}", "use a newer version"
-        )
+        found = f"has schema version {version}"
+        raise CatalogError(str(place), found, f"at most {SCHEMA_VERSION}", "use a newer version")
     needed = {f"{name}.parquet" for name in EXCHANGED}
     for name in sorted(needed | set(files)):
         path = place / name
@@ -112,10 +111,8 @@ def check_files(place: Path) -> set[str]:
 def checked_bytes(place: Path, listed: Collection[str], name: str) -> bytes:
     """The bytes of a file of a dataset; one that is not among those that were checked is refused."""
     if name not in listed:
-        remedy = "export the dataset again"
-        raise CatalogError(
-            str(place / name), "is missing, or not listed", f"what plans name is in {_DATASET}", remedy
-        )
+        rule, remedy = f"what plans name is in {_DATASET}", "export the dataset again"
+        raise CatalogError(str(place / name), "is missing, or not listed", rule, remedy)
     return (place / name).read_bytes()
 
 

@@ -8,7 +8,6 @@ knew of, so the second does not count, and whoever made it is told.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import pandas as pd
 import pyarrow.compute as pc
@@ -50,20 +49,19 @@ class Deciding(OwnSettings):
         `newer_draft` is the newest plan of the same pair and preset where that is another one, and
         `target_changed` tells that the structure is not as it was when the plan was last judged.
         """
-        asked: dict[str, Any] = {"structure": structure, "kind": kind}
-        plans = self.transfers(in_force=True, **asked)
-        newest = self.transfers(columns=["transfer_id", *ordering.PAIR, "status"], **asked)
+        plans = self.transfers(in_force=True, structure=structure, kind=kind)
+        names = ["transfer_id", *ordering.PAIR, "status"]
+        newest = self.transfers(columns=names, structure=structure, kind=kind)
         newest = newest[newest["status"] == "ok"].rename(columns={"transfer_id": "newer_draft"})
         plans = plans.merge(newest.drop(columns="status"), how="left", on=ordering.PAIR)
         same = (plans["newer_draft"] == plans["transfer_id"]) | (plans["purpose"] != "")
         plans["newer_draft"] = plans["newer_draft"].where(~same).fillna("")
         hashes = self.structures().set_index("structure_id")["sha256"]
         standing = self.standing()
-        now = [
-            standing.judged.get(unit_of(row)) == hashes.get(row["target_id"])
+        plans["target_changed"] = [
+            standing.judged.get(unit_of(row)) != hashes.get(row["target_id"])
             for row in plans.to_dict("records")
         ]
-        plans["target_changed"] = [not same for same in now]
         altered = custody.alterations(self, plans["transfer_id"].tolist(), standing)
         plans["altered"] = plans["transfer_id"].map(altered).fillna("").astype(object)
         return plans
@@ -142,14 +140,13 @@ class Deciding(OwnSettings):
         name = self._decide(row, "released", by, note, **about)
         again = self.standing()
         if name in again.void:
-            there = again.in_force.get(unit)
-            found = "somebody decided about this pair meanwhile"
-            found += (
-                "" if there is None else f": {there['by']} released {there['transfer_id']}, which is in force"
+            found, rule = (
+                "somebody decided about this pair meanwhile",
+                "who releases knows what was decided before",
             )
-            raise RefusedError(
-                f"release of {transfer_id}", found, "who releases knows what was decided before", "look again"
-            )
+            if there := again.in_force.get(unit):
+                found += f": {there['by']} released {there['transfer_id']}, which is in force"
+            raise RefusedError(f"release of {transfer_id}", found, rule, "look again")
         return name
 
     def recall(self, row: Row, note: str, target_sha256: str, by: str) -> str:
@@ -179,27 +176,22 @@ class Deciding(OwnSettings):
         what = f"release of {row['transfer_id']}"
         purpose = row["purpose"] or ""
         if purpose.startswith("experiment "):
-            raise RefusedError(
-                what,
-                f"it is of the {purpose}",
-                "an experiment is never in force",
-                "plan it without --experiment",
-            )
-        broken = []
+            rule, remedy = "an experiment is never in force", "plan it without --experiment"
+            raise RefusedError(what, f"it is of the {purpose}", rule, remedy)
+        broken = {}
         if row["preset"] != "recommended" and not purpose:
-            broken.append(("preset", f"it is of preset {row['preset']}"))
+            broken["preset"] = f"it is of preset {row['preset']}"
         if not row["flyable"]:
-            broken.append(("verdict", row["not_flyable"] or "it was planned before anybody asked"))
+            broken["verdict"] = row["not_flyable"] or "it was planned before anybody asked"
         if state in ("rejected", "recalled"):
-            broken.append((state, f"it was {state}"))
+            broken[state] = f"it was {state}"
         if row["target_sha256"] and row["target_sha256"] != self._target_sha256(row):
-            broken.append(("changed", f"{row['target_id']} changed since it was planned"))
-        left = [(rule, found) for rule, found in broken if rule not in force]
+            broken["changed"] = f"{row['target_id']} changed since it was planned"
+        left = [rule for rule in broken if rule not in force]
         if left:
-            rule, found = left[0]
-            more = "".join(f"; {rule}: {found}" for rule, found in left[1:])
-            raise RefusedError(what, f"{found}{more}", RELEASE_RULES[rule], f"or overrule it: --force {rule}")
-        return [f"{rule}: {found}" for rule, found in broken]
+            found = "; ".join([broken[left[0]], *(f"{rule}: {broken[rule]}" for rule in left[1:])])
+            raise RefusedError(what, found, RELEASE_RULES[left[0]], f"or overrule it: --force {left[0]}")
+        return [f"{rule}: {found}" for rule, found in broken.items()]
 
     def _target_sha256(self, row: Row) -> str:
         return str(self.newest("structures", row["target_id"])["sha256"])
@@ -208,9 +200,8 @@ class Deciding(OwnSettings):
         """Add a decision; its name."""
         for what, text in (("name", by), ("note", note)):
             if len(text) > _LONGEST:
-                raise SettingsError(
-                    f"{what} of a decision", f"has {len(text)} letters", f"at most {_LONGEST}"
-                )
+                found = f"has {len(text)} letters"
+                raise SettingsError(f"{what} of a decision", found, f"at most {_LONGEST}")
         if not by.strip():
             raise SettingsError("a decision", "has nobody who decides it", "a name", "say --by NAME")
         check_name(by.strip())

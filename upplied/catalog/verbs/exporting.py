@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -16,9 +17,8 @@ import pyarrow as pa
 
 from upplied.catalog.schema import codec
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.contents import file_name
+from upplied.catalog.store.contents import NAMED_CONTENTS, States, file_name
 from upplied.catalog.store.files import replace_file
-from upplied.catalog.store.surfaces import PHOTOS, SUPPOSED, SURFACES
 from upplied.catalog.verbs.dataset_files import describe, new_folder
 from upplied.catalog.verbs.owned import checked_steps
 from upplied.catalog.verbs.published import write
@@ -81,23 +81,24 @@ def export_dataset(
         counts = {name: write(place / f"{name}.parquet", TABLES[name], rows) for name, rows in tables.items()}
     except OSError as error:
         raise CatalogError(str(place), f"cannot be written: {error}", "", "free space or rights") from None
-    for sha256 in sorted(set(structures["mesh_sha256"])):
-        replace_file(place / "meshes" / f"{sha256}.parquet", codec.encode(catalog.meshes.get(sha256)))
-    for sha256 in sorted({sha256 for column in SURFACES for sha256 in plans[column]} - {""}):
-        states = catalog.surfaces.states.get(sha256)
-        samples = catalog.surfaces.samples
-        kept = {"surfaces": (sha256, states), "samples": (states.samples_sha256, None)}
-        for folder, (hashed, record) in kept.items():
-            path = place / folder / file_name(hashed)
-            if not path.exists():
-                replace_file(path, codec.encode(samples.get(hashed) if record is None else record))
-    for folder, store in ((SUPPOSED, catalog.supposed_surfaces), (PHOTOS, catalog.plan_photos)):
-        for sha256 in sorted({*plans[f"{folder}_sha256"]} - {""}):
-            replace_file(place / folder / file_name(sha256), codec.encode(store.get(sha256)))
+    rows = {"structures": structures, "transfers": plans}
+    for kind, table, column in NAMED_CONTENTS:
+        for sha256 in sorted({*rows[table][column]} - {""}) if table in rows else ():
+            _put(catalog, place, kind, sha256)
     write_splits(catalog, place, plans.to_dict("records"))
     about = {"name": name, "licence": licence, "attribution": attribution, "rows": counts}
     describe(place, about)
     return counts
+
+
+def _put(catalog: Catalog, place: Path, kind: str, sha256: str) -> None:
+    """Write what is kept by its content, and the samples that it names."""
+    path = place / kind / file_name(sha256)
+    if not path.exists():
+        record = catalog.contents[kind].get(sha256)
+        replace_file(path, codec.encode(record))
+        if isinstance(record, States):
+            _put(catalog, place, "samples", record.samples_sha256)
 
 
 def _chosen(catalog: Catalog, transfers: pd.DataFrame | Sequence[str]) -> pd.DataFrame:
@@ -105,11 +106,8 @@ def _chosen(catalog: Catalog, transfers: pd.DataFrame | Sequence[str]) -> pd.Dat
     every = catalog.transfers(every=True)
     missing = sorted(names - set(every["transfer_id"]))
     if missing or not names:
-        raise CatalogError(
-            f"transfers {', '.join(missing[:5]) or '(none)'}",
-            "are not in the catalog",
-            "at least one that is",
-        )
+        what = f"transfers {', '.join(missing[:5]) or '(none)'}"
+        raise CatalogError(what, "are not in the catalog", "at least one that is")
     return every[every["transfer_id"].isin(names)]
 
 

@@ -9,7 +9,7 @@ import pyarrow.compute as pc
 
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.adding import Adding
-from upplied.catalog.verbs.frames import When, moment
+from upplied.catalog.verbs.queries import When, moment
 from upplied.catalog.verbs.roster import check_name
 from upplied.errors import CatalogError, SettingsError
 from upplied.provenance import code_version

@@ -20,7 +20,7 @@ from upplied.catalog.store.files import sync_path
 from upplied.errors import CatalogError
 
 _NAME = re.compile(r"g\d{6,}")
-_SAID = "published.json"
+_ABOUT = "published.json"
 
 
 @dataclass
@@ -33,14 +33,18 @@ class Generation:
     parts: dict[str, str] = field(default_factory=dict)  # file -> what it was made from
     columns: str = ""  # hash of what the program knew of the tables; empty where an older one made it
 
-    def says_same(self, name: str, before: Generation | None) -> bool:
-        """Whether a table is, by its version, as it was when the generation before was published."""
-        return (
-            before is not None
-            and (before.catalog, before.columns) == (self.catalog, self.columns)
-            and before.versions.get(name, -1) == self.versions[name]
-            and f"{name}.parquet" in before.parts
-        )
+    def has_same(self, name: str, before: Generation | None) -> bool:
+        """Whether a table is, by its version, as it was published before; if so, it is noted as it was."""
+        file = f"{name}.parquet"
+        if (
+            before is None
+            or (before.catalog, before.columns) != (self.catalog, self.columns)
+            or before.versions.get(name, -1) != self.versions[name]
+            or file not in before.parts
+        ):
+            return False
+        self.parts[file], self.rows[name] = before.parts[file], before.rows[name]
+        return True
 
 
 def check(place: Path, before: Generation, now: Generation, transfers: int) -> None:
@@ -50,27 +54,15 @@ def check(place: Path, before: Generation, now: Generation, transfers: int) -> N
         raise CatalogError(str(place), "holds the publication of another catalog", "", remedy)
     newer = [name for name, version in before.versions.items() if version > now.versions.get(name, -1)]
     if newer:
-        raise CatalogError(
-            str(place),
-            f"holds a newer publication: {', '.join(newer)} had come further than the catalog has now",
-            "an older state never replaces a newer one",
-            remedy,
-        )
+        found = f"holds a newer publication: {', '.join(newer)} had come further than the catalog has now"
+        raise CatalogError(str(place), found, "an older state never replaces a newer one", remedy)
     if before.rows.get("transfers", 0) and not transfers:
         found = f"holds {before.rows['transfers']} transfers, the catalog has none"
         raise CatalogError(str(place), found, "a publication does not shrink to nothing", remedy)
 
 
 class Before:
-    """The files of the generation before, for those that take its place.
-
-    Parameters
-    ----------
-    tables : path
-        The folder of generations.
-    generation : Generation or None
-        What the current one holds; None where there is none.
-    """
+    """The files of the generation before in a folder of generations, for those that take its place."""
 
     def __init__(self, tables: Path, generation: Generation | None) -> None:
         self._parts = {} if generation is None else generation.parts
@@ -99,7 +91,7 @@ class Before:
 def switch(place: Path, draft: Path, now: Generation) -> None:
     """Make the draft the current generation, in one step once all of it is on the disk."""
     tables = place / "tables"
-    with (draft / _SAID).open("w") as sink:
+    with (draft / _ABOUT).open("w") as sink:
         json.dump(asdict(now), sink, indent=0, sort_keys=True)
         sink.flush()
         os.fsync(sink.fileno())
@@ -143,7 +135,7 @@ def clean(tables: Path) -> None:
 
 def current(place: Path) -> Generation | None:
     """What is published there; None where nothing is, or an older program published it."""
-    path = place / "tables" / "current" / _SAID
+    path = place / "tables" / "current" / _ABOUT
     try:
         known: Any = json.loads(path.read_text("utf-8"))
         versions, rows, parts = (dict(known[name]) for name in ("versions", "rows", "parts"))
@@ -151,6 +143,5 @@ def current(place: Path) -> Generation | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise CatalogError(
-            str(path), f"is damaged: {error}", "", f"remove {path.parents[1]} and publish again"
-        ) from None
+        remedy = f"remove {path.parents[1]} and publish again"
+        raise CatalogError(str(path), f"is damaged: {error}", "", remedy) from None

@@ -9,31 +9,27 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from upplied.catalog.schema import codec, plan_rows, rows
-from upplied.catalog.schema.migrations import missing, upgraded
+from upplied.catalog.schema.migrations import in_schema, missing, upgraded
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.contents import file_name
-from upplied.catalog.store.opening import in_schema
-from upplied.catalog.store.surfaces import PHOTOS, SUPPOSED, SURFACES, Samples, States
+from upplied.catalog.store.contents import CONTENTS, NAMED_CONTENTS, States, file_name
 from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, checked_bytes, name_of
 from upplied.catalog.verbs.recipes import Recipe, settings_of, siblings_of
 from upplied.catalog.verbs.verification import Values
 from upplied.checks import check_id
 from upplied.errors import CatalogError
-from upplied.records import Demonstration, Measures, Photos, Plan, Structure, SupposedSurface
+from upplied.records import Demonstration, Measures, Plan, Structure
 
 if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
-
-R = TypeVar("R")
 
 _SAME = 2e-3  # of a measure computed again on another machine: a sample in a thousand may turn
 _IDS = {"structure_id", "kind", "demonstration_id", "source_id", "target_id", "transfer_id", "key"}
@@ -81,35 +77,33 @@ def import_dataset(
             for value in tables[name][column].unique().to_pylist():
                 check_id(value, f"{place}: {name}.{column}")
     steps = {name: _by_owner(tables[name]) for name in ("poses", "waypoints")}
-    structures = [_structure(place, listed, row) for row in _newest(tables["structures"])]
+    structures = [
+        rows.structure_of(row, _stored(place, listed, "meshes", row["mesh_sha256"]))
+        for row in _newest(tables["structures"])
+    ]
     demonstrations = [
         rows.demonstration_of(row, _steps(place, steps["poses"], "poses", row))
         for row in _newest(tables["demonstrations"])
     ]
     plans = rows.rows_of(tables["transfers"])
+    dataset = name_of(place)
     for row in plans:
         if plan_rows.transfer_id(row["key"]) != row["transfer_id"]:
             raise CatalogError(f"{place}: plan {row['transfer_id']}", "does not match its key")
         if row["n_waypoints"]:
             _steps(place, steps["waypoints"], "waypoints", row)
-    dataset = name_of(place)
-    for row in plans:
         row["imported_from"] = f"{dataset}, {plan_rows.AS_IT_SAYS}"
     if measured is not None:
-        for row, left in _measured_anew(
-            place, plans, steps["waypoints"], structures, demonstrations, measured
-        ):
-            kept = f", but for {', '.join(left)}" if left else ""
-            row["imported_from"] = f"{dataset}, measures computed again{kept}"
+        anew = _measured_anew(place, plans, steps["waypoints"], structures, demonstrations, measured)
+        for row, left in anew:
+            but_for = f", but for {', '.join(left)}" if left else ""
+            row["imported_from"] = f"{dataset}, measures computed again{but_for}"
     new_structures = _unknown(catalog.create(), "structures", structures, replace)
     new_demonstrations = _unknown(catalog, "demonstrations", demonstrations, replace)
     for row in plans:
-        for column in SURFACES:
-            row[column] = _surface(catalog, place, listed, row[column])
-        if sha256 := row["supposed_sha256"]:
-            catalog.supposed_surfaces.put(_kept(place, listed, SUPPOSED, SupposedSurface, sha256))
-        if sha256 := row["photos_sha256"]:
-            catalog.plan_photos.put(_kept(place, listed, PHOTOS, Photos, sha256))
+        for kind, table, column in NAMED_CONTENTS:
+            if table == "transfers" and row[column]:
+                row[column] = _taken(catalog, place, listed, kind, row[column])
     return {
         "structures": catalog.add_structures(new_structures),
         "demonstrations": catalog.add_demonstrations(new_demonstrations),
@@ -134,11 +128,8 @@ def _measured_anew(
     for row in plans:
         if not row["n_waypoints"]:
             continue
-        flown, source, target = (
-            flights[row["demonstration_id"]],
-            known[row["source_id"]],
-            known[row["target_id"]],
-        )
+        flown = flights[row["demonstration_id"]]
+        source, target = known[row["source_id"]], known[row["target_id"]]
         what = f"{place}: plan {row['transfer_id']}"
         hashes = tuple(row[f"{name}_sha256"] for name in ("demonstration", "source", "target"))
         if hashes != (flown.sha256, source.sha256, target.sha256):
@@ -201,28 +192,24 @@ def _steps(place: Path, found: dict[tuple[str, str], pa.Table], name: str, row: 
     return steps
 
 
-def _structure(place: Path, listed: set[str], row: Row) -> Structure:
-    return rows.structure_of(row, _kept(place, listed, "meshes", Structure, row["mesh_sha256"]))
-
-
-def _kept(place: Path, listed: set[str], folder: str, record_type: type[R], sha256: str) -> R:
+def _stored(place: Path, listed: set[str], kind: str, sha256: str) -> Any:
     """The record that a dataset keeps in a file by its content."""
-    name = f"{folder}/{file_name(sha256)}"
+    name = f"{kind}/{file_name(sha256)}"
     content = checked_bytes(place, listed, name)
     try:
-        return codec.decode(content, record_type, sha256)
+        return codec.decode(content, CONTENTS[kind].record_type, sha256)
     except CatalogError as error:
         raise CatalogError(str(place / name), error.found) from None
 
 
-def _surface(catalog: Catalog, place: Path, listed: set[str], sha256: str) -> str:
-    """Take in what a plan sees of its target; the hash of it, or nothing where the folder has it not."""
-    if not sha256 or f"surfaces/{file_name(sha256)}" not in listed:
+def _taken(catalog: Catalog, place: Path, listed: set[str], kind: str, sha256: str) -> str:
+    """Take in what a plan names; its hash, or nothing where it is a surface that the folder has not."""
+    if kind == "surfaces" and f"{kind}/{file_name(sha256)}" not in listed:
         return ""
-    states = _kept(place, listed, "surfaces", States, sha256)
-    samples = _kept(place, listed, "samples", Samples, states.samples_sha256)
-    catalog.surfaces.samples.put(samples)
-    return catalog.surfaces.states.put(states)
+    record = _stored(place, listed, kind, sha256)
+    if isinstance(record, States):
+        _taken(catalog, place, listed, "samples", record.samples_sha256)
+    return catalog.contents[kind].put(record)
 
 
 def _unknown(catalog: Catalog, name: str, records: list[Any], replace: bool) -> list[Any]:
@@ -234,10 +221,6 @@ def _unknown(catalog: Catalog, name: str, records: list[Any], replace: bool) -> 
     new = [record for record in records if (getattr(record, key), record.sha256) not in known]
     clashes = sorted(getattr(record, key) for record in new if getattr(record, key) in names)
     if clashes and not replace:
-        raise CatalogError(
-            f"{name} {', '.join(clashes[:5])}",
-            "are in the catalog with another content",
-            "",
-            "import with replace, which makes newer versions of them",
-        )
+        what, remedy = f"{name} {', '.join(clashes[:5])}", "import with replace: newer versions of them"
+        raise CatalogError(what, "are in the catalog with another content", "", remedy)
     return new

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from io import BytesIO
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -21,10 +23,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+import upplied
 from upplied import poses
 from upplied.catalog.store.files import replace_file
 from upplied.catalog.verbs.dataset_files import new_folder, with_path
-from upplied.catalog.verbs.lerobot_card import data_card
 from upplied.catalog.verbs.lerobot_episodes import Episode, of_demonstrations, of_plans
 from upplied.catalog.verbs.tum import SHARES, kinds_of, split_of, write_splits
 from upplied.errors import InputError
@@ -39,7 +41,7 @@ _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 _FRAMES_A_FILE = 1_000_000  # of 80 bytes: below the 100 MB that the layout allows a file
 _FILES_A_CHUNK = 1000
 _POSE_FEATURES = ("observation.state", "action")
-_MEASURES = ("min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99")
+_HEADLINES = ("coverage_inspected_pct", "coverage_seen_pct", "min_clearance_m", "frechet_z")
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
@@ -84,9 +86,7 @@ def export_lerobot(
     if demonstrations is not None:
         flown = flown[flown["demonstration_id"].isin(demonstrations)]
     if not len(rows) + len(flown) or fps < 1:
-        found = (
-            f"{len(rows)} plans with a trajectory and {len(flown)} demonstrations, at {fps} frames a second"
-        )
+        found = f"{len(rows)} plans with a trajectory, {len(flown)} demonstrations, {fps} frames a second"
         raise InputError("episodes", found, "at least one of each")
     known = {row["demonstration_id"]: row for row in catalog.demonstrations().to_dict("records")}
     side, own = split_of(kinds_of(catalog)), {name: known[name] for name in flown["demonstration_id"]}
@@ -95,17 +95,17 @@ def export_lerobot(
     tasks = {task: at for at, task in enumerate(dict.fromkeys(each.task for each in episodes))}
     described: list[dict[str, Any]] = []
     frames: list[dict[str, Any]] = []  # of the file being filled
-    total = files = 0
+    total = file = 0
     for number, each in enumerate(episodes):
         made = _frames(each.path, fps, number, tasks[each.task], total)
         count = len(made["index"])
         if frames and sum(len(part["index"]) for part in frames) + count > _FRAMES_A_FILE:
-            _write_frames(place, files, frames)
-            frames, files = [], files + 1
+            _write_frames(place, file, frames)
+            frames, file = [], file + 1
         frames.append(made)
-        described.append(_episode(each, made, total, total + count, files))
+        described.append(_episode(each, made, total, total + count, file))
         total += count
-    _write_frames(place, files, frames)
+    _write_frames(place, file, frames)
     _write(place / _EPISODES, pa.Table.from_pylist(described))
     by_task = pd.DataFrame({"task_index": list(tasks.values())}, index=pd.Index(tasks, name="task"))
     _write(place / "meta" / "tasks.parquet", pa.Table.from_pandas(by_task))
@@ -113,7 +113,7 @@ def export_lerobot(
     write_splits(catalog, place / "meta", rows, flown["demonstration_id"], described)
     info = _info(described, total, len(tasks), fps)
     replace_file(place / "meta" / "info.json", _json(info))
-    replace_file(place / "README.md", data_card(described, info, licence, attribution).encode())
+    replace_file(place / "README.md", _data_card(described, info, licence, attribution).encode())
     return {"episodes": len(episodes), "plans": len(rows), "demonstrations": len(flown), "frames": total}
 
 
@@ -161,34 +161,26 @@ def _episode(each: Episode, frames: Mapping[str, Any], first: int, stop: int, fi
 
 def _statistics(values: Floats) -> dict[str, list[float]]:
     table = np.asarray(values, float).reshape(len(values), -1)
-    return {
-        "min": table.min(axis=0).tolist(),
-        "max": table.max(axis=0).tolist(),
-        "mean": table.mean(axis=0).tolist(),
-        "std": table.std(axis=0).tolist(),
-        "count": [len(table)],
-        **{name: np.quantile(table, share, axis=0).tolist() for name, share in _QUANTILES.items()},
-    }
+    measures = {name: getattr(table, name)(axis=0) for name in ("min", "max", "mean", "std")}
+    measures |= {name: np.quantile(table, share, axis=0) for name, share in _QUANTILES.items()}
+    return {"count": [len(table)], **{name: values.tolist() for name, values in measures.items()}}
 
 
 def _overall(episodes: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[float]]]:
     """Statistics of all frames from those of the episodes; quantiles are their weighted means."""
-    found: dict[str, dict[str, list[float]]] = {}
     features = {name.split("/")[1] for name in episodes[0] if name.startswith("stats/")}
-    for feature in sorted(features):
-        of = {name: np.array([e[f"stats/{feature}/{name}"] for e in episodes]) for name in _MEASURES}
-        weight = of["count"] / of["count"].sum()
-        mean = (weight * of["mean"]).sum(axis=0)
-        variance = (weight * (of["std"] ** 2 + (of["mean"] - mean) ** 2)).sum(axis=0)
-        found[feature] = {
-            "min": of["min"].min(axis=0).tolist(),
-            "max": of["max"].max(axis=0).tolist(),
-            "mean": mean.tolist(),
-            "std": np.sqrt(variance).tolist(),
-            "count": [int(of["count"].sum())],
-            **{name: (weight * of[name]).sum(axis=0).tolist() for name in _QUANTILES},
-        }
-    return found
+    return {feature: _pooled(episodes, f"stats/{feature}/") for feature in sorted(features)}
+
+
+def _pooled(episodes: Sequence[Mapping[str, Any]], prefix: str) -> dict[str, list[float]]:
+    """Statistics of one feature."""
+    names = [name.removeprefix(prefix) for name in episodes[0] if name.startswith(prefix)]
+    of = {name: np.array([each[prefix + name] for each in episodes]) for name in names}
+    weight = of["count"] / of["count"].sum()
+    pooled = {name: (weight * of[name]).sum(axis=0) for name in ("mean", *_QUANTILES)}
+    variance = (weight * (of["std"] ** 2 + (of["mean"] - pooled["mean"]) ** 2)).sum(axis=0)
+    pooled |= {"min": of["min"].min(axis=0), "max": of["max"].max(axis=0), "std": np.sqrt(variance)}
+    return {"count": [int(of["count"].sum())], **{name: values.tolist() for name, values in pooled.items()}}
 
 
 def _info(episodes: Sequence[Mapping[str, Any]], frames: int, tasks: int, fps: int) -> dict[str, Any]:
@@ -207,11 +199,7 @@ def _info(episodes: Sequence[Mapping[str, Any]], frames: int, tasks: int, fps: i
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
         "fps": fps,
-        "splits": {
-            name: f"{begin}:{end}"
-            for name, (begin, end) in zip(names, pairwise(ends), strict=True)
-            if end > begin
-        },
+        "splits": {name: f"{a}:{b}" for name, (a, b) in zip(names, pairwise(ends), strict=True) if b > a},
         "data_path": _DATA,
         "video_path": None,
         "features": {
@@ -242,3 +230,40 @@ def _write(path: Path, table: pa.Table) -> None:
 
 def _json(value: Any) -> bytes:
     return json.dumps(value, indent=4).encode()
+
+
+def _data_card(
+    episodes: Sequence[Mapping[str, Any]], info: Mapping[str, Any], licence: str, attribution: str
+) -> str:
+    """``README.md``: what the dataset holds, how to read it and what it is not, as dataset hubs read it."""
+    counts = Counter((row["kind"], row["split"], row["origin"]) for row in episodes)
+    kinds = sorted({kind for kind, _, _ in counts})
+    table = [
+        f"| {kind} | {split} | {counts[kind, split, 'demonstration']} | {counts[kind, split, 'plan']} |"
+        for kind in kinds
+        for split in dict.fromkeys(row["split"] for row in episodes)
+        if counts[kind, split, "demonstration"] + counts[kind, split, "plan"]
+    ]
+    plans = [row for row in episodes if row["origin"] == "plan"]
+    measures = [_line(name, [row[name] for row in plans]) for name in _HEADLINES] if plans else []
+    text = files(__package__).joinpath("texts", "lerobot.md").read_text(encoding="utf-8")
+    return text.format(
+        licence=json.dumps(licence or "unknown"),
+        rights=licence or "none was stated: ask whoever gave you this before you pass it on",
+        whom=f" Please name: {attribution}." if attribution else "",
+        episodes=len(episodes),
+        frames=info["total_frames"],
+        fps=info["fps"],
+        tasks=info["total_tasks"],
+        counts="\n".join(table),
+        measures="\n".join(measures) or "There are no plans.",
+        version=upplied.__version__,
+    )
+
+
+def _line(name: str, values: Sequence[float | None]) -> str:
+    known = np.array([value for value in values if value is not None and value == value], float)
+    if not len(known):
+        return f"- `{name}`: not computed"
+    low, middle, high = np.quantile(known, (0, 0.5, 1))
+    return f"- `{name}`: {middle:.4g} in the median, {low:.4g} to {high:.4g} ({len(known)} plans)"

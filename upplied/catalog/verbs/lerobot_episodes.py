@@ -17,31 +17,17 @@ if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
 _PART_PCT = 10  # share of what was inspected from which on a part is named in the task
+_FIGURES = ("hfov_deg", "vfov_deg", "path_length_m", "duration_s")
+# Of plans alone, words and figures.
 _WORDS = [
-    "transfer_id",
-    "preset",
-    "state",
-    "not_flyable",
-    "code_version",
-    "method_version",
-    "sources_sha256",
-    "libraries",
-    "source_sha256",
-    "target_sha256",
-    "settings_sha256",
-]  # of plans alone, as are these
+    "transfer_id", "preset", "state", "not_flyable", "code_version", "method_version", "sources_sha256",
+    "libraries", "source_sha256", "target_sha256", "settings_sha256",
+]  # fmt: skip
 _MEASURED = [
-    "coverage_inspected_pct",
-    "coverage_seen_pct",
-    "coverage_attainable_pct",
-    "min_clearance_m",
-    "frechet_z",
-    "gsd_mm_p95",
-    "standoff_kept_pct",
-    "acceptance_probability",
-    "counterpart_probability",
+    "coverage_inspected_pct", "coverage_seen_pct", "coverage_attainable_pct", "min_clearance_m", "frechet_z",
+    "gsd_mm_p95", "standoff_kept_pct", "acceptance_probability", "counterpart_probability",
     "never_scanned_m2",
-]
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -66,9 +52,8 @@ def of_plans(
         about |= {key: row[key] for key in (*_WORDS, *_MEASURED, "path_length_m", "duration_s")}
         about["state"] = states[row["transfer_id"]]
         about["demonstration_sha256"] = row["demonstration_sha256"]
-        yield Episode(
-            catalog.path_of(row), _task(about, row["counterparts"]), about, side.get(target, "train")
-        )
+        task = _task(about, row["counterparts"])
+        yield Episode(catalog.path_of(row), task, about, side.get(target, "train"))
 
 
 def of_demonstrations(
@@ -97,8 +82,7 @@ def _facts(row: Row, origin: str, name: str, source: str, structure: str, kind: 
         "structure_id": structure,
         "kind": kind,
         "operator": str(row.get("operator") or ""),
-        **{key: float(row.get(key, math.nan)) for key in ("hfov_deg", "vfov_deg")},
-        **{key: float(row.get(key, math.nan)) for key in ("path_length_m", "duration_s")},
+        **{key: float(row.get(key, math.nan)) for key in _FIGURES},
         "demonstration_sha256": str(row.get("sha256") or ""),
     }
 

@@ -10,7 +10,7 @@ import pandas as pd
 import pyarrow.compute as pc
 
 from upplied.catalog.schema import rows
-from upplied.catalog.store.looks import StoredLooks
+from upplied.catalog.store.contents import StoredLooks
 from upplied.errors import SettingsError
 from upplied.records import Bools, Floats, Ints
 

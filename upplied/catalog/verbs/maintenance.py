@@ -14,7 +14,6 @@ from upplied.catalog.schema.tables import STEPS
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.merging import TARGET_BYTES, merge
 from upplied.catalog.store.steps import StepTable
-from upplied.catalog.store.surfaces import SURFACES
 from upplied.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -61,9 +60,8 @@ def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CA
     """
     hours = keep_days * 24
     if not hours >= SHORTEST_KEEP_HOURS:
-        raise SettingsError(
-            "keep_days", f"is {keep_days:g}", f"at least {SHORTEST_KEEP_HOURS / 24:.3f} (an hour)"
-        )
+        rule = f"at least {SHORTEST_KEEP_HOURS / 24:.3f} (an hour)"
+        raise SettingsError("keep_days", f"is {keep_days:g}", rule)
     catalog.identity.required()  # before the clock, whose file would stand in a folder that is no catalog
     before = catalog.clock.now() - timedelta(hours=hours)
 
@@ -73,36 +71,26 @@ def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CA
         return len(removed)
 
     steps = [(name, table.files) for name, table in catalog.tables.items() if isinstance(table, StepTable)]
+    contents = [store for store in catalog.contents.values() if store.about.of_plans]
     return Removed(
         {name: _drop_unnamed(catalog, files, [(STEPS[name], "commit_id")], before) for name, files in steps},
-        _drop_surfaces(catalog, before),
+        # One that is kept again meanwhile counts as young.
+        sum(_drop_unnamed(catalog, store.files, store.about.columns, before) for store in contents),
         {name: table.change(remove) or 0 for name, table in catalog.tables.items()},
         0 if "://" in catalog.location else _remove_drafts(Path(catalog.location), before),
         catalog.cache.prune(cache_bytes),
     )
 
 
-def _drop_surfaces(catalog: Catalog, before: datetime) -> int:
-    """Surfaces that stopped planners left; one that is kept again meanwhile counts as young."""
-    shown = [("transfers", column) for column in SURFACES]
-    supposed = [(table, "supposed_sha256") for table in ("transfers", "decisions")]
-    kept = (
-        (catalog.surfaces.states, shown),
-        (catalog.supposed_surfaces, supposed),
-        (catalog.plan_photos, [("transfers", "photos_sha256")]),
-    )
-    return sum(_drop_unnamed(catalog, store.files, columns, before) for store, columns in kept)
-
-
 def _drop_unnamed(
     catalog: Catalog, files: FileStore, columns: Sequence[tuple[str, str]], before: datetime
 ) -> int:
-    """Files older than a moment that no row names in these columns of tables."""
+    """Remove files older than a moment that no row names in these columns of tables; how many."""
     old = files.older(before)
     if not old:
         return 0
-    columns_kept = (catalog.tables[table].read(None, [name])[name] for table, name in columns)
-    named = {sha256 for column in columns_kept for sha256 in column.to_pylist()}
+    columns_read = (catalog.tables[table].read(None, [name])[name] for table, name in columns)
+    named = {sha256 for column in columns_read for sha256 in column.to_pylist()}
     gone = [name for name in old if name.removesuffix(".parquet") not in named]
     for name in gone:
         files.remove(name)

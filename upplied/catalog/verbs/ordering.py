@@ -13,41 +13,68 @@ import pyarrow.dataset as ds
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.errors import explained
 from upplied.records import Ints
 
 PAIR = ["demonstration_id", "target_id", "preset"]
 SLOT = [*PAIR, "purpose"]  # of these, the newest plan is current
 NEWEST = ["commit_version", "planned_at"]  # what orders plans; the time counts within a commit
 _FEW_KEYS = 5000  # up to here their pairs are asked for alone
+_MOST_ROWS = 50_000  # of a table that is kept at hand, a kilobyte each
 STANDING = ("status", *NEWEST, "commit_id")  # what tells which row stands for a plan
 
 
-def newest_rows(table: StoredTable, where: ds.Expression | None = None) -> list[Row]:
-    """The current version of each id, retired ones too, in the order of their ids."""
+class Current:
+    """Finds the newest row of an id, for processes that ask for one after the other.
+
+    A table that is small is read once for each of its versions.
+
+    Parameters
+    ----------
+    table : StoredTable
+        `structures` or `demonstrations`.
+    """
+
+    def __init__(self, table: StoredTable) -> None:
+        self._table = table
+        self._at_hand: tuple[ds.Dataset, pa.Table, dict[str, list[int]]] | None = None
+
+    def row(self, name: str) -> Row | None:
+        """The current version of an id, retired or not; None where there is none."""
+        dataset, key = self._table.dataset(), self._table.declared.names[0]
+        if dataset is None:
+            return None
+        if self._at_hand is None or self._at_hand[0] is not dataset:
+            if explained(self._table.uri, dataset.count_rows) > _MOST_ROWS:
+                newest = newest_rows(self._table, pc.field(key) == name)
+                return newest.get(name)
+            table, places = self._table.read(), dict[str, list[int]]()
+            for place, each in enumerate(table[key].to_pylist()):
+                places.setdefault(each, []).append(place)
+            self._at_hand = dataset, table, places
+        _, table, places = self._at_hand
+        if name not in places:
+            return None
+        return sorted(rows.rows_of(table.take(places[name])), key=_order)[-1]
+
+
+def newest_rows(table: StoredTable, where: ds.Expression | None = None) -> dict[str, Row]:
+    """The current version of each id, retired ones too; of those that came at once, the last."""
     name = table.declared.names[0]
-    versions: dict[str, list[Row]] = {}
-    for row in rows.rows_of(table.read(where)):
-        versions.setdefault(row[name], []).append(row)
-    return [newest_of(versions[key]) for key in sorted(versions)]
+    return {row[name]: row for row in sorted(rows.rows_of(table.read(where)), key=_order)}
+
+
+def _order(row: Row) -> tuple[Any, ...]:
+    return row["commit_version"], row["added_at"], row["commit_id"]
 
 
 def retired(table: StoredTable, where: ds.Expression | None = None) -> list[str]:
     """The ids whose current version is retired."""
-    name = table.declared.names[0]
-    order = ["commit_version", "added_at", "commit_id"]
-    found = table.read(where, [name, "retired", *order]).to_pandas()
-    newest = found.sort_values(order, kind="stable").drop_duplicates(name, keep="last")
+    name, order = table.declared.names[0], ["commit_version", "added_at", "commit_id"]
+    versions = table.read(where, [name, "retired", *order]).to_pandas()
+    newest = versions.sort_values(order, kind="stable").drop_duplicates(name, keep="last")
     gone: list[str] = newest.loc[newest["retired"].astype(bool), name].tolist()
     return gone
-
-
-def newest_of(versions: Sequence[Row]) -> Row:
-    """The current one of the versions of an id; of those that came at once, the last."""
-    newest = versions[0]
-    for row in versions:
-        if _order(row) >= _order(newest):
-            newest = row
-    return newest
 
 
 def rows_of_keys(table: StoredTable, keys: Iterable[str]) -> dict[str, Row]:
@@ -146,7 +173,3 @@ def _pairs(table: pa.Table) -> Ints:
         rank[pc.sort_indices(encoded.dictionary).to_numpy()] = np.arange(len(rank))
         number = number * max(1, len(rank)) + rank[encoded.indices.to_numpy()]
     return number
-
-
-def _order(row: Row) -> tuple[Any, ...]:
-    return row["commit_version"], row["added_at"], row["commit_id"]

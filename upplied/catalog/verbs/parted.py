@@ -10,7 +10,6 @@ import hashlib
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,12 +18,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
-from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.schema.tables import TABLES, Table
 from upplied.catalog.verbs import owned, queries
-from upplied.catalog.verbs.frames import decoded
 from upplied.catalog.verbs.generations import Before
+from upplied.catalog.verbs.queries import decoded
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.records import Floats, Ints
@@ -34,12 +32,8 @@ if TYPE_CHECKING:
 
 Files = dict[str, pd.DataFrame]  # by name: what names the rows in it, or owns them
 
-NAMED = (
-    "transfer_id",
-    "commit_id",
-    "commit_version",
-    "planned_at",
-)  # what tells a plan's row from others
+#: What tells a plan's row from others.
+NAMED = ("transfer_id", "commit_id", "commit_version", "planned_at")
 _PLANS = 256  # of a file, about: what a changed plan makes us write again
 _STEPS = 4000
 _FILES = 1024  # of a kind at most: as many as one still lists, links and opens at once
@@ -106,13 +100,9 @@ def _texts(rows: pd.DataFrame) -> pa.Array:
     return pc.binary_join_element_wise(*texts, "\x1f")
 
 
-def rows_of(
-    catalog: Catalog, was: Before, name: str, files: Files, spool: Path
-) -> Iterator[tuple[str, pa.Table]]:
+def rows_of(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:
     """All that each of some files holds, in its order."""
-    if name == "transfers":
-        return _plans(catalog, was, files)
-    return _steps(catalog, was, name, files, spool)
+    return _plans(catalog, was, files) if name == "transfers" else _steps(catalog, was, name, files)
 
 
 def _plans(catalog: Catalog, was: Before, files: Files) -> Iterator[tuple[str, pa.Table]]:
@@ -145,30 +135,26 @@ def _place(old: pa.Table, own: pd.DataFrame) -> Ints:
     return there.get_indexer(pd.MultiIndex.from_frame(own[names])) if len(old) else np.full(len(own), -1)
 
 
-def _steps(
-    catalog: Catalog, was: Before, name: str, files: Files, spool: Path
-) -> Iterator[tuple[str, pa.Table]]:
+def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:
     declared, key = TABLES[name], TABLES[name].names[0]
     lacking = {}
     for file, own in files.items():
-        old = _before(was, file, declared, [key, "commit_id"])
-        known = pc.is_in(owned.named(own, key), owned.named(old, key).unique()) if len(old) else None
-        lacking[file] = own if known is None else own[~known.to_numpy(zero_copy_only=False)]
-    lots = list(_lots(files, {file: own[f"n_{name}"].sum() for file, own in lacking.items()}, owned.GATHERED))
-    wanted = {str(at): pd.concat([lacking[file] for file in lot]) for at, lot in enumerate(lots)}
-    for at, new in owned.parted_steps(catalog, name, wanted, spool):
-        lot = lots[int(at)]
-        numbers = np.repeat(np.arange(len(lot)), [len(lacking[file]) for file in lot])
-        number = numbers[owned.place(owned.named(new, key), owned.named(wanted[at], key))]
-        new = new.take(pa.array(np.argsort(number, kind="stable")))
+        known = owned.named(_before(was, file, declared, [key, "commit_id"]), key).unique()
+        lacking[file] = own[~pc.is_in(owned.named(own, key), known).to_numpy(zero_copy_only=False)]
+    for lot in _lots(files, {file: own[f"n_{name}"].sum() for file, own in lacking.items()}, owned.CHUNK):
+        owners = pd.concat([lacking[file].assign(file=at) for at, file in enumerate(lot)])
+        owners = owners.sort_values([key, "commit_id"])
+        steps = owned.checked(name, owned.stored_steps(catalog, name, owners), owners)
+        number = np.repeat(owners["file"].to_numpy(), owners[f"n_{name}"])
+        steps = steps.take(pa.array(np.argsort(number, kind="stable")))
         ends = np.cumsum(np.bincount(number, minlength=len(lot)))
         for file, first, end in zip(lot, [0, *ends], ends, strict=False):
-            own, steps = files[file], new.slice(first, end - first)
+            own, new = files[file], steps.slice(first, end - first)
             if len(lacking[file]) < len(own):
                 old = _before(was, file, declared)
                 still = old.filter(pc.is_in(owned.named(old, key), owned.named(own, key)))
-                steps = pa.concat_tables([still, steps])
-            yield file, owned.in_order(name, own, steps)
+                new = owned.checked(name, owned.in_order(name, pa.concat_tables([still, new])), own)
+            yield file, new
 
 
 def _lots(files: Files, weight: Mapping[str, float], most: int) -> Iterator[list[str]]:

@@ -25,13 +25,12 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from upplied.catalog.schema.columns import Table
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
-from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.schema.tables import TABLES, Table
 from upplied.catalog.store.locking import locked
 from upplied.catalog.verbs import parted
-from upplied.catalog.verbs.frames import decoded
 from upplied.catalog.verbs.generations import Before, Generation, check, clean, current, switch
+from upplied.catalog.verbs.queries import decoded
 from upplied.catalog.verbs.standing import DERIVED
 from upplied.config import digest
 from upplied.errors import CatalogError
@@ -85,12 +84,8 @@ def local_folder(folder: str | os.PathLike[str]) -> Path:
     """A folder to publish into; object stores are refused."""
     text = os.fspath(folder)
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", text):
-        raise CatalogError(
-            text,
-            "is no folder",
-            "reports are published into a folder",
-            "publish into a folder and copy it there, as with: aws s3 sync",
-        )
+        remedy = "publish into a folder and copy it there, as with: aws s3 sync"
+        raise CatalogError(text, "is no folder", "reports are published into a folder", remedy)
     return Path(text)
 
 
@@ -116,7 +111,7 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
     versions = {name: -1 if (d := t.delta()) is None else d.version() for name, t in catalog.tables.items()}
     transfers, demonstrations = catalog.foremost(_OF_PLANS), catalog.demonstrations()
     structures = catalog.structures()
-    frames: dict[str, Callable[[], pd.DataFrame]] = {
+    whole: dict[str, Callable[[], pd.DataFrame]] = {
         "demonstrations": lambda: demonstrations,
         "structures": lambda: structures,
         "flights": catalog.flights,
@@ -149,40 +144,29 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
         now.rows["transfers"] = len(transfers)
         for name, owners in (("waypoints", planned), ("poses", demonstrations)):
             now.rows[name] = int(owners[f"n_{name}"].sum())
-        for name, asked in frames.items():
-            if before is not None and now.says_same(name, before):
-                file = f"{name}.parquet"
-                now.parts[file], now.rows[name] = before.parts[file], before.rows[name]
-                if was.linked(draft, file, now):
-                    continue
-            frame = asked()
-            now.rows[name] = len(frame)
-            _put_frame(was, draft, name, frame, now)
+        for name, frame in whole.items():
+            if not now.has_same(name, before) or not was.linked(draft, f"{name}.parquet", now):
+                _put_frame(was, draft, name, frame(), now)
         for name, files in parts.items():
             now.parts |= dict.fromkeys(files.files, "")
             new = files.of([file for file in sorted(files.files) if not was.linked(draft, file, now)])
-            for file, rows in parted.rows_of(catalog, was, name, new, draft / ".spool"):
+            for file, rows in parted.rows_of(catalog, was, name, new):
                 write(draft / file, TABLES[name], iter([rows]))
-        if before is not None and before.parts == now.parts and before.catalog == now.catalog:
-            return _in_order(now.rows)  # what is published says the same
-        switch(place, draft, now)
+        if before is None or (before.parts, before.catalog) != (now.parts, now.catalog):
+            switch(place, draft, now)
     except OSError as error:
-        raise CatalogError(
-            str(place), f"cannot be written: {error}", "", "free space or rights; what was there still is"
-        ) from None
+        remedy = "free space or rights; what was there still is"
+        raise CatalogError(str(place), f"cannot be written: {error}", "", remedy) from None
     finally:
         shutil.rmtree(draft, ignore_errors=True)
-    return _in_order(now.rows)
-
-
-def _in_order(rows: dict[str, int]) -> dict[str, int]:
-    return {name: rows[name] for name in TABLES if name in rows}
+    return {name: now.rows[name] for name in TABLES if name in now.rows}
 
 
 def _put_frame(was: Before, draft: Path, name: str, frame: pd.DataFrame, now: Generation) -> None:
     """Write a table that is one file, unless it was published just so."""
     file = f"{name}.parquet"
     rows = pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)
+    now.rows[name] = len(rows)
     now.parts[file] = digest([SCHEMA_VERSION, _content(rows)])
     if not was.linked(draft, file, now):
         write(draft / file, TABLES[name], iter([rows]))
@@ -198,8 +182,8 @@ def _content(rows: pa.Table) -> str:
 
 def write(path: Path, declared: Table, parts: Iterator[pa.Table]) -> int:
     """Write a table as a Parquet file that is on the disk when this returns; its rows."""
-    said = {"schema_version": str(SCHEMA_VERSION), "table": declared.name, "meaning": declared.meaning}
-    schema = declared.schema.with_metadata(said)
+    about = {"schema_version": str(SCHEMA_VERSION), "table": declared.name, "meaning": declared.meaning}
+    schema = declared.schema.with_metadata(about)
     count = 0
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
@@ -207,10 +191,7 @@ def write(path: Path, declared: Table, parts: Iterator[pa.Table]) -> int:
             for rows in parts:
                 for at in range(0, len(rows), _ROW_GROUP):  # decoded so many at a time
                     part = decoded(rows.slice(at, _ROW_GROUP))
-                    alike = part.schema.names == schema.names and part.schema.types == schema.types
-                    writer.write_table(
-                        pa.Table.from_arrays(part.columns, schema=schema) if alike else part.cast(schema)
-                    )
+                    writer.write_table(part.select(schema.names).cast(schema))
                 count += len(rows)
         file.flush()
         os.fsync(file.fileno())

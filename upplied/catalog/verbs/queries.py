@@ -7,8 +7,10 @@ is what the latest commit brought; the clocks of those who wrote are not asked.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from datetime import datetime
+from functools import reduce
+from operator import and_
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,20 +21,61 @@ import pyarrow.dataset as ds
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
-from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.verbs.frames import Units, When, decoded, frame, moment, until
-from upplied.catalog.verbs.ordering import NEWEST, SLOT, in_order, retired
-from upplied.catalog.verbs.standing import DERIVED, Standing, standing_of, with_states
+from upplied.catalog.verbs.ordering import NEWEST
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Floats, Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_NAMED = ["transfer_id", "commit_id", *NEWEST]  # what tells a row of `transfers` from all others
+When = datetime | str
+
+NAMED = ["transfer_id", "commit_id", *NEWEST]  # what tells a row of `transfers` from all others
 _FEW = 0.25  # share of the rows up to which they are looked for by name
 _FEW_ROWS = 10_000  # and so many at least: the rows to choose from may themselves be few of the table's
+
+
+class Units(dict[str, str]):
+    """The unit of each column; never changed, so that pandas, which copies it at every step, need not."""
+
+    def __deepcopy__(self, memo: object) -> Units:
+        return self
+
+
+def frame(table: pa.Table) -> pd.DataFrame:
+    """A DataFrame; the unit of each column is in ``frame.attrs["units"]``."""
+    rows = table.to_pandas()
+    units = {field.name: field.metadata[b"unit"].decode() for field in table.schema if field.metadata}
+    rows.attrs["units"] = Units(units)
+    return rows
+
+
+def decoded(table: pa.Table) -> pa.Table:
+    """A table whose dictionaries are plain columns again."""
+    for at, field in enumerate(table.schema):
+        if pa.types.is_dictionary(field.type):
+            plain = field.with_type(field.type.value_type)
+            table = table.set_column(at, plain, table.column(at).cast(plain.type))
+    return table
+
+
+def moment(when: When) -> pd.Timestamp:
+    """A moment in UTC; a text without a zone is UTC."""
+    import pandas as pd
+
+    try:
+        stamp = pd.Timestamp(when)
+    except ValueError:
+        raise SettingsError(
+            f"moment {when!r}", "cannot be read", "like 2026-11-21 or 2026-11-21T02:00:00Z"
+        ) from None
+    return stamp.tz_localize("UTC") if stamp.tzinfo is None else stamp.tz_convert("UTC")
+
+
+def until(column: str, as_of: When | None) -> ds.Expression | None:
+    """The rows until a moment, by a column of times; all where none is asked for."""
+    return None if as_of is None else pc.field(column) <= pa.scalar(moment(as_of), pa.timestamp("us", "UTC"))
 
 
 class PlannedTrajectory(Trajectory):
@@ -45,70 +88,14 @@ class PlannedTrajectory(Trajectory):
         return poses.interpolate(self, np.atleast_1d(np.asarray(t_s, float)))
 
 
-@dataclass(frozen=True)
-class Which:
-    """Which rows of `transfers`.
-
-    With `every` false, only the newest plan of each demonstration, target and preset that was made for
-    `purpose` is considered, and `status` and `since` then choose among those.
-    """
-
-    kind: str | None = None
-    site: str | None = None  # of the target
-    structure: str | None = None  # the target
-    demonstration: str | None = None
-    preset: str | None = None
-    status: str | None = None
-    since: When | None = None  # planned at or after
-    as_of: When | None = None
-    version: int | None = None  # of the table, as `history` lists them
-    every: bool = False  # older plans of a pair as well
-    columns: Sequence[str] | None = None
-    purpose: str = ""  # as in the table: experiments and gaps are asked for by name
-    ids: Sequence[str] | None = None  # only these plans are considered
-    in_force: bool = False  # the plans that a person released, instead of the newest
-
-
-def transfers(tables: Mapping[str, StoredTable], which: Which) -> pd.DataFrame:
-    """Rows of `transfers`, ordered by demonstration, target, preset and time.
-
-    Which rows those are is told from a few columns, with which those that are named are read; of all that a
-    table has, the others are read of these rows alone.
-    """
-    import pandas as pd
-
-    declared = TABLES["transfers"]
-    wanted = declared.names if which.columns is None else _known_columns(declared.names, which.columns)
-    derived = which.in_force or bool({*DERIVED} & {*wanted})
-    now = standing_of(decided(tables["decisions"], _as_of(tables, which))) if derived else Standing()
-    asked = [*_NAMED, *SLOT, *NEWEST, "status", "added_at"]
-    asked += [] if which.columns is None else [name for name in wanted if name not in DERIVED]
-    columns = [name for name in declared.names if name in asked]
-    where = _pair_filter(tables, which, now)
-    table = tables["transfers"].narrow(columns, where, which.version)
-    if which.as_of is not None:
-        table = table.filter(until("added_at", which.as_of))
-    newest = not (which.every or which.in_force)
-    found = frame(decoded(in_order(table, newest=newest)))
-    if derived:
-        found = with_states(found.assign(**dict.fromkeys(DERIVED)), now)
-    if which.in_force:
-        found = found[found["state"] == "released"]
-    if not which.every:
-        if not which.in_force or which.purpose:
-            found = found[found["purpose"] == which.purpose]
-        found = _in_use(tables, found, which)
-    if which.status is not None:
-        found = found[found["status"] == which.status]
-    if which.since is not None:
-        found = found[found["planned_at"] >= moment(which.since)]
-    rest = [name for name in wanted if name not in found]
-    if rest:
-        more = completed(tables["transfers"], found, rest, len(table), which.version)
-        found = pd.concat([found.reset_index(drop=True), frame(decoded(more))], axis=1)
-    made = found[list(wanted)].reset_index(drop=True)
-    made.attrs["units"] = Units((c.name, c.unit) for c in declared.columns if c.name in made)
-    return made
+def matching(
+    equal: Mapping[str, str | None], among: Mapping[str, Iterable[str] | None]
+) -> ds.Expression | None:
+    """The rows whose columns are equal to these texts, or among these, where any are asked for."""
+    parts = [pc.field(name) == value for name, value in equal.items() if value is not None]
+    for name, values in among.items():
+        parts += [] if values is None else [pc.field(name).isin(pa.array(list(values), pa.string()))]
+    return reduce(and_, parts) if parts else None
 
 
 def completed(
@@ -120,7 +107,7 @@ def completed(
     ----------
     table : StoredTable
     found : DataFrame
-        Rows with what names each (`_NAMED`).
+        Rows with what names each (`NAMED`).
     wanted : sequence of str
     of : int
         How many rows there are to choose from.
@@ -135,10 +122,10 @@ def completed(
         oldest = found["commit_version"].min() if len(found) else -1
         if oldest >= 0:  # which spares files; of rows of schema version 1 it is null
             where &= pc.field("commit_version") >= int(oldest)
-    more = table.narrow(list(dict.fromkeys([*_NAMED, *wanted])), where, version)
-    names = frame(decoded(more.select(_NAMED)))
+    more = table.narrow(list(dict.fromkeys([*NAMED, *wanted])), where, version)
+    names = frame(decoded(more.select(NAMED)))
     first = ~names.duplicated().to_numpy()  # one commit of an older program might bring a row twice
-    place = pd.MultiIndex.from_frame(names[first]).get_indexer(pd.MultiIndex.from_frame(found[_NAMED]))
+    place = pd.MultiIndex.from_frame(names[first]).get_indexer(pd.MultiIndex.from_frame(found[NAMED]))
     return more.select(wanted).take(pa.array(np.flatnonzero(first)[place]))
 
 
@@ -199,48 +186,14 @@ def _repeated(ordered: pd.DataFrame) -> pd.Series:
     return ((said == before) | (said.isna() & before.isna())).all(axis=1)
 
 
-def _pair_filter(tables: Mapping[str, StoredTable], which: Which, now: Standing) -> ds.Expression | None:
-    """What may be left out before asking which plan of a pair is the newest."""
-    parts = [
-        pc.field(column) == value
-        for column, value in (
-            ("kind", which.kind),
-            ("target_id", which.structure),
-            ("demonstration_id", which.demonstration),
-            ("preset", which.preset),
-        )
-        if value is not None
-    ]
-    if which.site is not None:
-        there = versions(tables["structures"], {"site": which.site}, False, which.as_of)
-        parts.append(pc.field("target_id").isin(list(there["structure_id"])))
-    ids = [plan for plan, state in now.state.items() if state == "released"] if which.in_force else which.ids
-    if ids is not None:
-        parts.append(pc.field("transfer_id").isin(pa.array(ids, pa.string())))
-    joined: ds.Expression | None = None
-    for part in parts:
-        joined = part if joined is None else joined & part
-    return joined
-
-
-def _in_use(tables: Mapping[str, StoredTable], found: pd.DataFrame, which: Which) -> pd.DataFrame:
-    """Without the plans of demonstrations and targets that are retired, or were then."""
-    as_of = _as_of(tables, which)
-    used = [("structures", "target_id"), ("demonstrations", "demonstration_id")]
-    for name, column in used[:1] if which.in_force else used:  # a released plan outlives its demonstration
-        found = found[~found[column].isin(retired(tables[name], until("added_at", as_of)))]
-    return found
-
-
-def _as_of(tables: Mapping[str, StoredTable], which: Which) -> When | None:
-    """The moment that is asked for, or that of the version."""
-    if which.version is None:
-        return which.as_of
-    added = tables["transfers"].read(None, ["added_at"], which.version)["added_at"]
+def moment_of(table: StoredTable, version: int) -> When | None:
+    """The moment of a version of `transfers`; None where it has no rows."""
+    added = table.read(None, ["added_at"], version)["added_at"]
     return pc.max(added).as_py() if len(added) else None
 
 
-def _known_columns(names: list[str], asked: Iterable[str]) -> list[str]:
+def known_columns(names: list[str], asked: Iterable[str]) -> list[str]:
+    """The columns that are asked for; one that does not exist is an error."""
     wanted = list(asked)
     for name in wanted:
         if name not in names:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pyarrow.compute as pc
 
 from upplied.catalog.schema import rows
-from upplied.catalog.schema.plan_rows import transfer_row
+from upplied.catalog.schema.plan_rows import transfer_row, tuples
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.verbs import ordering
@@ -46,20 +46,10 @@ class Recipe:
         """Columns in which a plan made again differs from the stored one; none: the same bytes."""
         again = transfer_row(self.row["key"], plan, {"settings": self.settings})
         names = [
-            "status",
-            "reason",
-            "n_viewpoints",
-            "n_waypoints",
-            "waypoints_sha256",
-            "registration_json",
-            "counterpart_summary",
-            "parts_told_by",
-            "warnings",
-            *(item.name for item in fields(Measures)),
-        ]
-        stored, given = (
-            rows.rows_of(rows.table_of(TABLES["transfers"], [row]))[0] for row in (self.row, again)
-        )
+            "status", "reason", "n_viewpoints", "n_waypoints", "waypoints_sha256", "registration_json",
+            "counterpart_summary", "parts_told_by", "warnings", *rows.same_named(Measures, "transfers"),
+        ]  # fmt: skip
+        stored, given = rows.rows_of(rows.table_of(TABLES["transfers"], [self.row, again]))
         return [name for name in names if stored[name] != given[name]]
 
 
@@ -73,20 +63,18 @@ def recipe(catalog: Catalog, transfer_id: str) -> Recipe:
     """
     row = catalog.transfer(transfer_id)
     flown = _version(catalog, "demonstrations", row["demonstration_id"], row["demonstration_sha256"])
-    source = _version(catalog, "structures", row["source_id"], row["source_sha256"])
-    target = _version(catalog, "structures", row["target_id"], row["target_sha256"])
-    return Recipe(
-        row,
-        catalog.demonstration_of(flown),
-        catalog.structure_of(source),
-        catalog.structure_of(target),
-        settings_of(row["settings_json"]),
-        tuple(
-            catalog.structure_of(_version(catalog, "structures", name, sha256))
-            for name, sha256 in siblings_of(row)
-            if name == row["parts_told_by"] or _versions(catalog, "structures", name, sha256)
-        ),
-    )
+    structures = [
+        _version(catalog, "structures", row[f"{role}_id"], row[f"{role}_sha256"])
+        for role in ("source", "target")
+    ]
+    siblings = [
+        _version(catalog, "structures", name, sha256)
+        for name, sha256 in siblings_of(row)
+        if name == row["parts_told_by"] or _versions(catalog, "structures", name, sha256)
+    ]
+    source, target, *others = map(catalog.structure_of, [*structures, *siblings])
+    settings = settings_of(row["settings_json"])
+    return Recipe(row, catalog.demonstration_of(flown), source, target, settings, tuple(others))
 
 
 def siblings_of(row: Row) -> list[tuple[str, str]]:
@@ -112,37 +100,25 @@ def settings_of(text: str) -> Settings:
     """
     stages: dict[str, Any] = json.loads(text)
     preset = settings_for(stages.pop("preset"))
-    known = {
-        item.name: {one.name for one in fields(getattr(preset, item.name))}
-        for item in fields(preset)
-        if item.name != "preset"
-    }
+    stages_known = [item.name for item in fields(preset) if item.name != "preset"]
+    known = {name: {one.name for one in fields(getattr(preset, name))} for name in stages_known}
     changes = {
-        stage: {name: _tuples(value) for name, value in values.items() if name in known[stage]}
+        stage: {name: tuples(value) for name, value in values.items() if name in known[stage]}
         for stage, values in stages.items()
         if stage in known
     }
     return settings_for(preset.preset, **changes)
 
 
-def _tuples(value: Any) -> Any:
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
-
-
-def _versions(catalog: Catalog, table: str, name: str, sha256: str) -> list[Row]:
-    return ordering.newest_rows(
-        catalog.tables[table],
-        (pc.field(TABLES[table].names[0]) == name) & (pc.field("sha256") == sha256),
-    )
+def _versions(catalog: Catalog, table: str, name: str, sha256: str) -> dict[str, Row]:
+    where = (pc.field(TABLES[table].names[0]) == name) & (pc.field("sha256") == sha256)
+    return ordering.newest_rows(catalog.tables[table], where)
 
 
 def _version(catalog: Catalog, table: str, name: str, sha256: str) -> Row:
     """The newest version of that id with that hash."""
-    found = _versions(catalog, table, name, sha256)
-    if not found:
-        raise CatalogError(
-            f"{table.removesuffix('s')} {name}",
-            f"no version with hash {sha256[:12] or '(none)'} is in the catalog",
-            "a plan can be made again from the very inputs it had",
-        )
-    return found[0]
+    versions = _versions(catalog, table, name, sha256)
+    if not versions:
+        what, rule = f"{table[:-1]} {name}", "a plan can be made again from the very inputs it had"
+        raise CatalogError(what, f"no version with hash {sha256[:12] or '(none)'} is in the catalog", rule)
+    return versions[name]

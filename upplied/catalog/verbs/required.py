@@ -54,15 +54,11 @@ class Requiring(Finding):
         note : str
         """
         check_id(name, "name of requirements")
-        if not by.strip():
-            raise SettingsError(f"requirements {name}", "say not who asks", "a name", "say --by NAME")
+        about = self._owned(f"requirements {name}", scope, owner, by, note)
         structures = self.structures()
-        known = structures["kind" if scope == "kind" else "structure_id"]
-        if scope not in ("kind", "structure") or owner not in set(known):
-            raise CatalogError(f"{scope} {owner}", "is not in the catalog")
-        checked = [_zone(name, zone) for zone in zones]
         kinds = dict(zip(structures["structure_id"], structures["kind"], strict=True))
         kind = owner if scope == "kind" else kinds[owner]
+        checked = [_zone(name, zone) for zone in zones]
         for zone in checked:
             if zone.get("on") and kinds.get(zone["on"]) != kind:
                 what = f"requirements {name}, zone {zone['zone'][:60]}"
@@ -70,23 +66,26 @@ class Requiring(Finding):
         if len(zones) > _MOST_ZONES or len({zone["zone"] for zone in checked}) < len(zones):
             rule = f"{_MOST_ZONES} zones at most, each once"
             raise SettingsError(f"requirements {name}", "name a zone twice, or too many", rule)
-        row = {
-            "requirement_id": self.new_commit_id(),
-            "scope": scope,
-            "owner": owner,
-            "name": name,
-            "zones_json": json_text(checked) if zones else "",
-            "by": by.strip(),
-            "note": note,
-        }
+        zones_json = json_text(checked) if zones else ""
+        row = {"requirement_id": self.new_commit_id(), "name": name, "zones_json": zones_json, **about}
         return self.add_rows("requirements", [row])
+
+    def _owned(self, what: str, scope: str, owner: str, by: str, note: str) -> Row:
+        """What rows that belong to a kind or a structure say alike; one that is not there is refused."""
+        if not by.strip():
+            raise SettingsError(what, "has nobody who says so", "a name", "say --by NAME")
+        known = set(self.structures()["kind" if scope == "kind" else "structure_id"])
+        if scope not in ("kind", "structure") or owner not in known:
+            some = ", ".join(sorted(known)[:8])
+            raise CatalogError(f"{scope} {owner}", "is not in the catalog", f"such as {some}" if some else "")
+        return {"scope": scope, "owner": owner, "by": by.strip(), "note": note}
 
     def add_labels(self, structure_id: str, labels: Sequence[str]) -> str:
         """Keep the label of each face of a structure's mesh, in their order; returns the hash.
 
         A zone is then ``labels HASH LABEL``: the faces that have it.
         """
-        return self.labels.put(labelled(self.structure(structure_id), labels))
+        return self.contents["labels"].put(labelled(self.structure(structure_id), labels))
 
     def requirements(self, every: bool = False) -> pd.DataFrame:
         """Sets of requirements, the newest version of each; with `every`, older and taken back ones too."""
@@ -97,9 +96,8 @@ def _zone(name: str, zone: Mapping[str, Any]) -> Row:
     what = f"requirements {name}, zone {str(zone.get('zone', '(unnamed)'))[:60]}"
     unknown = sorted(set(zone) - {"zone", "where", "on", "looks", *_NUMBERS})
     if unknown:
-        raise SettingsError(
-            what, f"has {unknown[0][:60]!r}", f"zone, where, on, looks, {', '.join(_NUMBERS)}"
-        )
+        rule = f"zone, where, on, looks, {', '.join(_NUMBERS)}"
+        raise SettingsError(what, f"has {unknown[0][:60]!r}", rule)
     looks = zone.get("looks", 1)
     if not isinstance(looks, int) or isinstance(looks, bool) or not 1 <= looks <= _MOST_LOOKS:
         raise SettingsError(what, f"looks is {looks!r}", f"a whole number from 1 to {_MOST_LOOKS}")
@@ -168,8 +166,7 @@ def zones_named(catalog: Reading, kind: str, structure_id: str, name: str) -> li
         If there are none, since a structure that one was carried from changed.
     """
     table = catalog.tables["requirements"].read(None, ["commit_version"])
-    versions = sorted(set(table["commit_version"].to_pylist()), reverse=True)
-    for version in versions:
+    for version in sorted(set(table["commit_version"].to_pylist()), reverse=True):
         zones = Zones(catalog, version)
         if zones.named(kind, structure_id) == name:
             return zones.of(kind, structure_id)

@@ -38,6 +38,10 @@ class Standing:
         """The state of a plan that has a path."""
         return self.state.get(transfer_id, "draft")
 
+    def give(self, plan: str, state: str, row: Row) -> None:
+        """Let a decision give a plan its state."""
+        self.state[plan], self.why[plan] = state, row
+
 
 def unit_of(row: Mapping[str, Any]) -> Unit:
     """Of what a plan, or a decision about it, is one of many."""
@@ -49,34 +53,27 @@ def standing_of(decisions: Iterable[Row]) -> Standing:
     now = Standing()
     for row in decisions:
         now.order[row["decision_id"]] = len(now.order)
-        unit, plan, said = unit_of(row), row["transfer_id"], row["state"]
+        unit, plan, state = unit_of(row), row["transfer_id"], row["state"]
         before = now.in_force.get(unit)
-        if said == "released":
+        if state == "released":
             if (row["after"] or "") != now.last.get(unit, ""):
                 now.void.add(row["decision_id"])
                 continue
             if before is not None and before["transfer_id"] != plan:
-                _give(now, before["transfer_id"], "superseded", row)
+                now.give(before["transfer_id"], "superseded", row)
             now.in_force[unit], now.judged[unit] = row, row["target_sha256"]
-            _give(now, plan, "released", row)
-        elif said in ("rejected", "recalled"):
+            now.give(plan, "released", row)
+        elif state in ("rejected", "recalled"):
             if before is not None and before["transfer_id"] == plan:
                 del now.in_force[unit]
-            _give(now, plan, said, row)
-        elif said == "reviewed":
-            if now.of(plan) in ("draft", "reviewed"):
-                _give(now, plan, said, row)
-            continue
-        elif said == "rechecked":
-            if before is not None and before["transfer_id"] == plan:
-                now.judged[unit] = row["target_sha256"]
-            continue
-        now.last[unit] = row["decision_id"]
+            now.give(plan, state, row)
+        elif state == "reviewed" and now.of(plan) in ("draft", "reviewed"):
+            now.give(plan, state, row)
+        elif state == "rechecked" and before is not None and before["transfer_id"] == plan:
+            now.judged[unit] = row["target_sha256"]
+        if state not in ("reviewed", "rechecked"):
+            now.last[unit] = row["decision_id"]
     return now
-
-
-def _give(now: Standing, plan: str, state: str, row: Row) -> None:
-    now.state[plan], now.why[plan] = state, row
 
 
 def with_states(plans: pd.DataFrame, now: Standing) -> pd.DataFrame:

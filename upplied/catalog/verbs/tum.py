@@ -91,7 +91,7 @@ def write_splits(
     def chosen(where: Mapping[str, str], sides: set[str]) -> list[str]:
         return sorted(name for name, structure in where.items() if side.get(structure) in sides)
 
-    said: dict[str, dict[str, dict[str, list[Any]]]] = {
+    splits: dict[str, dict[str, dict[str, list[Any]]]] = {
         "by_structure": {
             name: {
                 "structures": sorted(item for item, of in side.items() if of == name),
@@ -108,10 +108,10 @@ def write_splits(
             for kind in sorted(set(kinds.values()))
         },
     }
-    for column, sides in (("split", said["by_structure"]), ("kind", said["by_kind"])) if episodes else ():
+    for column, sides in (("split", splits["by_structure"]), ("kind", splits["by_kind"])) if episodes else ():
         for name, side_of in sides.items():
             side_of["episodes"] = [each["episode_index"] for each in episodes if each[column] == name]
-    replace_file(place / "splits.json", (json.dumps(said, indent=1) + "\n").encode())
+    replace_file(place / "splits.json", (json.dumps(splits, indent=1) + "\n").encode())
 
 
 def kinds_of(catalog: Catalog) -> dict[str, str]:
@@ -124,14 +124,11 @@ def split_of(kinds: Mapping[str, str]) -> dict[str, str]:
     """The side of each structure, the same on every machine: by the hash of its name, kind by kind."""
     found: dict[str, str] = {}
     for kind in sorted(set(kinds.values())):
-        names = sorted((name for name in kinds if kinds[name] == kind), key=_hash)
+        names = [name for name in kinds if kinds[name] == kind]
+        names.sort(key=lambda name: sha256(name.encode()).hexdigest())
         held_out = round(len(names) * SHARES["test"]) or int(len(names) >= 3)
         validated = round(len(names) * SHARES["validation"]) or int(len(names) >= 3)
         for at, name in enumerate(names):
             beyond = "validation" if at < held_out + validated else "train"
             found[name] = "test" if at < held_out else beyond
     return found
-
-
-def _hash(name: str) -> str:
-    return sha256(name.encode()).hexdigest()

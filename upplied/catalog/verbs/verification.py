@@ -5,27 +5,21 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import reduce
-from itertools import starmap
 from typing import TYPE_CHECKING
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from upplied.catalog.schema.columns import ROW_SHA256, Column
 from upplied.catalog.schema.plan_rows import settings_text
-from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.schema.tables import ROW_SHA256, STEPS, TABLES, Column
 from upplied.catalog.store.chain import breaks
-from upplied.catalog.store.delta import StoredTable, encoded
-from upplied.catalog.store.opening import HASHED_KEY
-from upplied.catalog.store.surfaces import SURFACES
-from upplied.catalog.verbs.byte_checks import (
-    Folder,
-    changed_files,
-    fault_of,
-    readable,
-    rows_added,
-    stored_contents,
-)
+from upplied.catalog.store.contents import NAMED_CONTENTS
+from upplied.catalog.store.data_files import encoded
+from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.files import FileStore
+from upplied.catalog.store.log import HASHED_KEY
+from upplied.catalog.store.log_hashes import rows_added
+from upplied.catalog.verbs.byte_checks import Fault, Folder, changed_files, fault_of, stored_contents
 from upplied.catalog.verbs.custody import alterations
 from upplied.catalog.verbs.owned import as_frame, step_faults
 from upplied.catalog.verbs.recipes import settings_of
@@ -37,30 +31,28 @@ if TYPE_CHECKING:
 
 _LEAST_DIGITS = 12  # of a hash that was noted
 _NAMED = 5  # ids that a finding names; it counts the others
-#: What is held of every row at once, its name first; all else is looked at some rows at a time.
-_HELD = {
-    "structures": ["structure_id", "mesh_sha256", "n_vertices", "n_triangles"],
-    "demonstrations": ["demonstration_id", "structure_id", "commit_id", "n_poses", "poses_sha256"],
-    "transfers": [
-        *("transfer_id", "demonstration_id", "source_id", "target_id", "commit_id", "n_waypoints"),
-        *(
-            "waypoints_sha256",
-            "settings_json",
-            "settings_sha256",
-            *SURFACES,
-            "supposed_sha256",
-            "photos_sha256",
-        ),
-    ],
-    "flights": ["flight_id", "transfer_id", "flight_sha256", "looks_sha256"],
-    "decisions": ["decision_id", "transfer_id", "supposed_sha256"],
-    "overruled": ["overruled_id", "transfer_id"],
-    "settings": [TABLES["settings"].names[0]],
-    "requirements": [TABLES["requirements"].names[0]],
-    "edits": ["edit_id", "base_id", "transfer_id"],
-    "flight_photos": ["photo_id", "target_id"],
-    "findings": ["entry_id", "target_id"],
-}
+#: Columns that name a row of another table: table, column, the other table.
+_REFERENCES = (
+    ("demonstrations", "structure_id", "structures"),
+    ("transfers", "demonstration_id", "demonstrations"),
+    ("transfers", "source_id", "structures"),
+    ("transfers", "target_id", "structures"),
+    *((table, "transfer_id", "transfers") for table in ("flights", "decisions", "overruled")),
+    *((table, "target_id", "structures") for table in ("flight_photos", "findings")),
+)
+_COUNTS = ["n_vertices", "n_triangles"]
+_SETTINGS = ["settings_json", "settings_sha256"]
+
+
+def _held_columns(table: str) -> list[str]:
+    """What is held of every row of a table at once, its name first; all else is looked at some at a time."""
+    columns = [TABLES[table].names[0]]
+    columns += [column for name, column, _ in _REFERENCES if name == table]
+    columns += [column for _, name, column in NAMED_CONTENTS if name == table]
+    for steps, owners in STEPS.items():
+        columns += ["commit_id", f"n_{steps}", f"{steps}_sha256"] if owners == table else []
+    columns += {"structures": _COUNTS, "transfers": _SETTINGS}.get(table, [])
+    return list(dict.fromkeys(columns))
 
 
 @dataclass(frozen=True)
@@ -91,13 +83,13 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
     short = [head for head in heads if len(head) < _LEAST_DIGITS]
     if short:
         raise SettingsError(f"head {short[0]!r}", "is too short", f"at least {_LEAST_DIGITS} digits")
-    found = list(starmap(Finding, readable(lambda: changed_files(catalog))))
+    found = list(_readable(changed_files(catalog)))
     held: dict[str, pa.Table] = {}
     unreadable: list[Finding] = []
     of_rows: list[Finding] = []
-    for name, columns in _HELD.items():
+    for name in [table for table in TABLES if table not in STEPS]:
         try:
-            held[name], findings = _every_row(catalog.tables[name], columns)
+            held[name], findings = _every_row(catalog.tables[name], _held_columns(name))
             of_rows += findings
         except CatalogError as error:
             unreadable.append(_unreadable(error))
@@ -105,23 +97,24 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
         return [*found, *unreadable]
     found += of_rows
     found += _lost_heads(catalog, heads)
-    found += _read(_not_as_released(catalog))
+    found += _readable(_not_as_released(catalog))
     found += _references(held)
-    contents = stored_contents(catalog)
+    contents = {name: stored_contents(store) for name, store in catalog.contents.items()}
     found += _meshes(held, contents)
     found += _contents(catalog, held, contents)
-    found += _settings(held["transfers"].select(["transfer_id", "settings_json", "settings_sha256"]))
-    for name, rows in (("poses", held["demonstrations"]), ("waypoints", held["transfers"])):
-        found += _read(Finding(f"{name} of {row}", wrong) for row, wrong in step_faults(catalog, name, rows))
+    found += _settings(held["transfers"].select(["transfer_id", *_SETTINGS]))
+    for name in ("poses", "waypoints"):
+        faults = step_faults(catalog, name, held[STEPS[name]])
+        found += _readable((f"{name} of {row}", wrong) for row, wrong in faults)
     return found
 
 
-def _not_as_released(catalog: Catalog) -> Iterator[Finding]:
+def _not_as_released(catalog: Catalog) -> Iterator[Fault]:
     """Plans in force that are not what was released."""
     now = catalog.standing()
     plans = [row["transfer_id"] for row in now.in_force.values()]
     for plan, wrong in alterations(catalog, plans, now).items():
-        yield Finding(f"plan {plan}, which is in force", wrong)
+        yield f"plan {plan}, which is in force", wrong
 
 
 def _lost_heads(catalog: Catalog, heads: Collection[str]) -> Iterator[Finding]:
@@ -139,7 +132,7 @@ def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[F
     Values that their columns do not allow, and rows that do not match their hashes, lack them, or are fewer
     than were added.
     """
-    added, delta = rows_added(table), table.delta()
+    added, delta = rows_added(FileStore(f"{table.uri}/_delta_log")), table.delta()
     since = "" if delta is None else delta.metadata().configuration.get(HASHED_KEY, "")
     key, name = table.declared.names[0], table.declared.name
     values, bare = Values(name, skipped=DERIVED if name == "transfers" else ()), list[str]()
@@ -171,10 +164,11 @@ def _unreadable(error: CatalogError) -> Finding:
     return Finding(error.what, f"{error.found}; {error.remedy}" if error.remedy else error.found)
 
 
-def _read(findings: Iterable[Finding]) -> Iterator[Finding]:
-    """Findings as far as their table can be read, and where it cannot."""
+def _readable(faults: Iterable[Fault]) -> Iterator[Finding]:
+    """Faults as findings, as far as what they are of can be read, and where it cannot."""
     try:
-        yield from findings
+        for what, wrong in faults:
+            yield Finding(what, wrong)
     except CatalogError as error:
         yield _unreadable(error)
 
@@ -185,9 +179,8 @@ class Values:
     def __init__(self, table: str, skipped: Collection[str] = ()) -> None:
         self._table = table
         self._columns = [column for column in TABLES[table].columns if column.name not in skipped]
-        self._broken: dict[
-            str, tuple[str, list[str]]
-        ] = {}  # column -> first value, and the rows that have such
+        # By column: the first value that is not allowed, and the rows that have such.
+        self._broken: dict[str, tuple[str, list[str]]] = {}
 
     def look_at(self, rows: pa.Table) -> None:
         """Take in some rows; columns that they lack are not judged."""
@@ -226,15 +219,8 @@ def broken(column: Column, values: pa.ChunkedArray) -> pa.ChunkedArray | None:
 
 
 def _references(held: dict[str, pa.Table]) -> Iterator[Finding]:
-    """Names of structures and demonstrations that are not there."""
-    for table, column, to in (
-        ("demonstrations", "structure_id", "structures"),
-        ("transfers", "demonstration_id", "demonstrations"),
-        ("transfers", "source_id", "structures"),
-        ("transfers", "target_id", "structures"),
-        *((table, "transfer_id", "transfers") for table in ("flights", "decisions", "overruled")),
-        *((table, "target_id", "structures") for table in ("flight_photos", "findings")),
-    ):
+    """Names of structures, demonstrations and plans that are not there."""
+    for table, column, to in _REFERENCES:
         known, named = _texts(held[to].column(0)), _texts(held[table][column])
         missing = sorted(named.filter(pc.invert(pc.is_in(named, known))).to_pylist())
         for name, owners in _owners(held[table], column, missing).items():
@@ -247,13 +233,13 @@ def _texts(column: pa.ChunkedArray) -> pa.Array:
     return found.dictionary if pa.types.is_dictionary(found.type) else found
 
 
-def _owners(rows: pa.Table, column: str, values: list[str]) -> dict[str, list[str]]:
+def _owners(rows: pa.Table, column: str, values: list[str], name: int | str = 0) -> dict[str, list[str]]:
     """The names of the rows that have each of some values."""
     texts = rows[column].cast(pa.string())
     own = rows.filter(pc.is_in(texts, pa.array(values, pa.string())))
     owners: dict[str, list[str]] = {value: [] for value in values}
-    for value, name in zip(own[column].to_pylist(), own.column(0).to_pylist(), strict=True):
-        owners[value].append(name)
+    for value, owner in zip(own[column].to_pylist(), own[name].to_pylist(), strict=True):
+        owners[value].append(owner)
     return owners
 
 
@@ -261,54 +247,44 @@ def _meshes(held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[
     """Counts of structures that are not those of their meshes."""
     for sha256, rows in held["structures"].to_pandas().groupby("mesh_sha256"):
         counts = contents["meshes"].sizes.get(sha256)
-        wrong = rows if counts is None else rows[rows[["n_vertices", "n_triangles"]].ne(counts).any(axis=1)]
-        if counts is not None and len(wrong):
-            yield Finding(
-                f"mesh {sha256}", f"has {counts} parts, not as said of {_some(wrong['structure_id'])}"
-            )
+        wrong = rows[rows[_COUNTS].ne(counts).any(axis=1)] if counts else rows[:0]
+        if len(wrong):
+            named = _some(wrong["structure_id"])
+            yield Finding(f"mesh {sha256}", f"has {counts} parts, not as said of {named}")
 
 
 def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:
     """What is kept by its content and is damaged or not there, and whose it is."""
     place, named = catalog.location.rstrip("/"), set()
-    for name, rows, column in (
-        ("meshes", held["structures"], "mesh_sha256"),
-        *(("surfaces", held["transfers"], column) for column in SURFACES),
-        ("supposed", held["transfers"], "supposed_sha256"),
-        ("photos", held["transfers"], "photos_sha256"),
-        ("supposed", held["decisions"].drop_columns("decision_id"), "supposed_sha256"),
-        ("flown", held["flights"].drop_columns("flight_id"), "flight_sha256"),
-        ("looks", held["flights"].drop_columns("flight_id"), "looks_sha256"),
-    ):
+    for name, table, column in NAMED_CONTENTS:
+        rows = held[table]
         faults = {
             sha256: fault_of(contents, name, sha256) for sha256 in _texts(rows[column]).to_pylist() if sha256
         }
         wrong = {sha256: fault for sha256, fault in faults.items() if fault[1]}
-        for sha256, owners in _owners(rows, column, list(wrong)).items():
+        owner = "structure_id" if table == "structures" else "transfer_id"
+        for sha256, owners in _owners(rows, column, list(wrong), owner).items():
             file, words = wrong[sha256]
             named.add(file)
             whose = "the mesh of" if name == "meshes" else "of"
             yield Finding(f"{place}/{file}", f"{words}; {whose} {_some(owners)}")
-    for name, kept in contents.items():
-        for sha256, words in kept.faults.items():
+    for name, folder in contents.items():
+        for sha256, words in folder.faults.items():
             if words and (file := f"{name}/{sha256}.parquet") not in named:
                 yield Finding(f"{place}/{file}", words)
 
 
 def _settings(transfers: pa.Table) -> Iterator[Finding]:
     """Settings that do not match their hash, where this program knows all of them."""
-    for (text, sha256), rows in as_frame(transfers).groupby(
-        ["settings_json", "settings_sha256"], observed=True
-    ):
+    for (text, sha256), rows in as_frame(transfers).groupby(_SETTINGS, observed=True):
+        what, of = f"settings {sha256[:12]}", f"; of {_some(rows['transfer_id'])}"
         try:
             settings = settings_of(text)
         except (UppliedError, ValueError) as error:
-            yield Finding(
-                f"settings {sha256[:12]}", f"cannot be read: {error}; of {_some(rows['transfer_id'])}"
-            )
+            yield Finding(what, f"cannot be read: {error}{of}")
             continue
         if settings.sha256 != sha256 and settings_text(settings) == text:
-            yield Finding(f"settings {sha256[:12]}", f"do not match it; of {_some(rows['transfer_id'])}")
+            yield Finding(what, f"do not match it{of}")
 
 
 def _some(names: Iterable[str]) -> str:

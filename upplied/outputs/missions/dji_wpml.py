@@ -61,7 +61,7 @@ _STOPS, _PASSES = "toPointAndStopWithDiscontinuityCurvature", "toPointAndPassWit
 def dji_kmz(mission: Mission, options: MissionOptions) -> bytes:
     """The mission as KMZ bytes with `wpmz/template.kml` and `wpmz/waylines.wpml`."""
     if mission.altitude != "relative":
-        found = f"{mission.altitude} altitudes were asked for"
+        found = f"{mission.altitude} altitudes were requested"
         raise RefusedError(mission.name, found, "DJI files are written with heights above take-off")
     settings = _mission_config(mission, options)
     buffer = io.BytesIO()

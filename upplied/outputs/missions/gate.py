@@ -135,7 +135,7 @@ def coverage_breaches(share: float, limits: Limits) -> list[Breach]:
     """Whether what is flown sees enough of what the plan sees; `share` is NaN where that is not known."""
     if not 100 * share < limits.least_seen_pct:
         return []
-    allowed = f"{limits.least_seen_pct:g} % are asked for (least_seen_pct)"
+    allowed = f"limit {limits.least_seen_pct:g} % (least_seen_pct)"
     return [Breach("coverage", f"{100 * share:.1f} % of what the plan sees stays in view", allowed)]
 
 
@@ -143,7 +143,7 @@ def overlap_breaches(across: float, asked: tuple[float, float] | None) -> list[B
     """Whether photos of neighbouring passes overlap less than asked; along, the flight is slowed for it."""
     if asked is None or not across < asked[1] - _OVERLAP:
         return []
-    allowed = f"{100 * asked[1]:g} % are asked for (overlap)"
+    allowed = f"limit {100 * asked[1]:g} % (overlap)"
     return [Breach("overlap", f"photos overlap by {100 * across:.0f} % across, in the median", allowed)]
 
 
@@ -166,7 +166,7 @@ def pass_or_refuse(what: str, found: Iterable[Breach], force: tuple[str, ...]) -
         others = sorted({breach.rule for breach in left[1:]} - {left[0].rule})
         more = f"; also broken: {', '.join(others)}" if others else ""
         names = " ".join(dict.fromkeys(map(_overrule, left)))
-        remedy = f"{RULES[left[0].rule].remedy}, or say {names}"
+        remedy = f"{RULES[left[0].rule].remedy}, or use {names}"
         raise RefusedError(what, f"{left[0]}{more}", RULES[left[0].rule].why, remedy)
     return tuple(found)
 
@@ -196,7 +196,7 @@ def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene
     wanted = limits.clearance_m - _EXACT_M
     nearest = path_clearance(scene, path)
     if nearest.distance_m < wanted:
-        asked = f"{limits.clearance_m:g} m are asked for"
+        asked = f"limit {limits.clearance_m:g} m"
         what = _of_supposed(scene, nearest.position, " from")
         yield Breach("clearance", f"{nearest.distance_m:.2f} m{what}", asked, tuple(nearest.position))
     elif (near := legs_below(scene, reading.fan_start, reading.fan_end, wanted - _EXACT_M)).any():

@@ -24,7 +24,7 @@ def kml_text(mission: Mission) -> str:
     if mission.altitude not in _MODE:
         raise RefusedError(
             mission.name,
-            "altitudes above the ellipsoid were asked for",
+            "altitudes above the ellipsoid were requested",
             "KML knows ground and mean sea level",
         )
     mode = _MODE[mission.altitude]

@@ -41,7 +41,7 @@ def litchi_text(mission: Mission) -> str:
     """The mission as Litchi's CSV."""
     if mission.altitude != "relative":
         raise RefusedError(
-            mission.name, f"{mission.altitude} altitudes were asked for", "Litchi flies above take-off"
+            mission.name, f"{mission.altitude} altitudes were requested", "Litchi flies above take-off"
         )
     buffer = io.StringIO()
     rows = csv.writer(buffer, lineterminator="\n")

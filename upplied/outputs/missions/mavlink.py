@@ -66,7 +66,7 @@ def items(mission: Mission, options: MissionOptions) -> list[Item]:
     if mission.altitude == "ellipsoid":
         raise RefusedError(
             mission.name,
-            "altitudes above the ellipsoid were asked for",
+            "altitudes above the ellipsoid were requested",
             "MAVLink knows take-off and mean sea level",
         )
     frame = _RELATIVE_FRAME if mission.altitude == "relative" else _GLOBAL_FRAME

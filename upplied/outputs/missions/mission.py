@@ -39,7 +39,7 @@ _SAME_PLACE_M = 0.05
 _HOVER_S = 0.05  # shorter than this nobody hovers
 _EXACT_M = 0.02  # within which a clearance is known
 _NEVER_SCANNED = (
-    "some of the structure was never scanned: every leg keeps clear of where it is supposed to be as well"
+    "part of the structure was never scanned: every leg also keeps clear of where that part should be"
 )
 
 
@@ -184,30 +184,29 @@ def _told(
     highest = max((float(way[:, 2].max()) for way in ways), default=float(transits.home[2]))
     over_ground = max(highest, float(transits.inspection[:, 2].max())) - ground_z_m(transits.structure)
     heights = {
-        "relative": "heights are metres above the place of take-off: start there, or say where (home_m)",
+        "relative": "heights are metres above the take-off point: start there, or set home_m",
         "amsl": "altitudes are metres above mean sea level",
         "ellipsoid": "altitudes are metres above the WGS 84 ellipsoid",
     }
     told = [
         heights[options.altitude],
-        f"the ways there and back reach {highest - transits.home[2]:.1f} m above take-off; an automatic "
-        f"return passes over everything at {transits.return_z_m - transits.home[2]:.1f} m: let "
-        "it climb no less",
+        f"transit legs reach {highest - transits.home[2]:.1f} m above take-off; set the return-to-home "
+        f"altitude to at least {transits.return_z_m - transits.home[2]:.1f} m",
     ]
     if over_ground > USUAL_CEILING_M:
         told.append(f"the mission reaches {over_ground:.0f} m above ground: more than {USUAL_CEILING_M:g} m")
     times = ", ".join(f"{sortie.duration_s:.0f}" for sortie in sorties)
     if len(sorties) > 1:
         told.append(
-            f"{len(sorties)} sorties of {times} s, each from the waypoint at which the one before turned back"
+            f"{len(sorties)} flights of {times} s; each resumes at the waypoint where the one before ended"
         )
     elif options.endurance_s is None:
-        told.append(f"about {times} s in the air; no endurance of a battery was declared")
+        told.append(f"flight time about {times} s; battery not checked: set --endurance-s")
     else:
-        told.append(f"about {times} s in the air, of {options.endurance_s:g} s that a battery lasts")
+        told.append(f"flight time about {times} s, battery endurance {options.endurance_s:g} s")
     if flying.stop_s:
         where = f"each of the {stops} stops" if flying.passes else "the stop at each waypoint"
-        told.append(f"{flying.stop_s:g} s are counted for {where}")
+        told.append(f"{flying.stop_s:g} s are added for {where}")
     return [*told, flying.note] if flying.note else told
 
 
@@ -216,7 +215,7 @@ def check_altitude(altitude: str, placement: Placement, structure_id: str) -> No
     if altitude not in ("relative", placement.datum):
         raise RefusedError(
             structure_id,
-            f"its altitude is known as {placement.datum}, {altitude} was asked for",
+            f"its altitude is known as {placement.datum}, {altitude} was requested",
             "no geoid model is applied",
             "export with altitude relative to take-off, or give the manifest that datum",
         )

@@ -39,7 +39,7 @@ def interval_of(options: MissionOptions, camera: Camera | None) -> tuple[float, 
     demonstration.
     """
     if options.trigger_s is not None:
-        return options.trigger_s, "as asked"
+        return options.trigger_s, "as set"
     name = options.camera or named_by_drone(options.drone)
     return least_interval(known_camera(name, options.file_format) if name else camera)
 
@@ -138,9 +138,9 @@ def _by_distance(
     if fastest < SLOWEST_MPS:
         raise RefusedError(
             name,
-            f"a photo every {every_m:g} m asks for {fastest:.2f} m/s: {ready}",
+            f"a photo every {every_m:g} m needs {fastest:.2f} m/s or less: {ready}",
             f"{SLOWEST_MPS:g} m/s at least",
-            "ask for fewer: --photo-distance-m, or say what the camera takes: --trigger-s",
+            "take fewer: --photo-distance-m, or set the interval of the camera: --trigger-s",
         )
     planned = np.diff(path.t_s)
     took = np.maximum(planned, leg_lengths(path.positions) / fastest)

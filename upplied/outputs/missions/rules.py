@@ -18,11 +18,11 @@ RULES = {
     for rule in (
         Rule("preset", "only `recommended` is made to be flown; others are for comparison", "plan with it"),
         Rule("verdict", "the plan reaches what it must to be flown", "plan it again, or another one"),
-        Rule("released", "nothing is flown that nobody signed", "release it: upplied release ID --by NAME"),
+        Rule("released", "only a released plan is flown", "release it: upplied release ID --by NAME"),
         Rule("foreign", "what is flown was judged here", "plan it here, or import it again with --verify"),
         Rule("altered", "what is flown is what was released", "take the catalog from a backup; see: "
              "upplied catalog verify"),
-        Rule("rejected", "nothing is flown that somebody rejected", "export the plan in force"),
+        Rule("rejected", "a rejected plan is not flown", "export the plan in force"),
         Rule("recalled", "the plan is safe at the structure as it now is", "release a newer plan"),
         Rule("superseded", "another plan of this pair takes its place", "export that one"),
         Rule("finite", "every waypoint is a finite place at a rising time", "plan again"),
@@ -33,13 +33,13 @@ RULES = {
         Rule("ground", "no leg but take-off and landing goes below the ground", "plan again"),
         Rule("height", "no leg is higher above ground than allowed", "raise --max-height-m where you may"),
         Rule("speed", "no leg is faster than the vehicle flies", "plan with the limits of the vehicle"),
-        Rule("acceleration", "no turn asks for more than the vehicle can do", "plan with its limits"),
+        Rule("acceleration", "no turn exceeds what the vehicle can do", "plan with its limits"),
         Rule("zoom", "what flies the mission can zoom as the plan does", "export in a format that can: csv, "
              "geojson, dji-wpml, or qgc-plan and mavlink for PX4"),
-        Rule("photos", "no photo is asked for before the camera can take it", "export with fewer photos, "
-             "or say what the camera takes: --trigger-s, --camera"),
-        Rule("overlap", "photos of neighbouring passes overlap as asked", "plan with passes nearer to each "
-             "other, or ask for less: --overlap"),
-        Rule("coverage", "as it is flown, the mission sees what the plan sees", "export with less tolerance"),
+        Rule("photos", "photos are triggered no faster than the camera takes them", "export with fewer "
+             "photos, or set the interval of the camera: --trigger-s, --camera"),
+        Rule("overlap", "photos of neighbouring passes overlap as required", "plan with nearer passes, "
+             "or require less: --overlap"),
+        Rule("coverage", "the mission shows what the plan shows", "export with less tolerance"),
     )
 }  # fmt: skip

@@ -87,7 +87,7 @@ class Cutter:
         place = self.path.positions[at].round(1).tolist()
         return RefusedError(
             self.transits.structure.structure_id,
-            f"no free way leads to the waypoint at {place} m, {self.path.t_s[at]:.0f} s into the plan",
+            f"no safe transit leg reaches the waypoint at {place} m, {self.path.t_s[at]:.0f} s into the plan",
             "the legs there and back keep the clearance, the ceiling, keep-out boxes and geofence",
             "choose another home, a smaller clearance, or a plan that starts in the open",
         )
@@ -97,12 +97,12 @@ class Cutter:
         limits = (
             []
             if given is None
-            else [f"an endurance of {given:g} s, {self.options.reserve_pct:g} % kept back"]
+            else [f"an endurance of {given:g} s, {self.options.reserve_pct:g} % in reserve"]
         )
         limits += [f"at most {self.most} waypoints"] if self.most < 10**9 else []
         return RefusedError(
             f"mission from {self.path.positions[at].round(1).tolist()} m",
-            "no part of the inspection fits into one sortie with the way there and back",
+            "no part of the inspection fits into one flight with its transit legs",
             ", ".join(limits),
             "allow more, start nearer (home_m), or fly faster",
         )

@@ -62,14 +62,18 @@ def thinned(
             return (
                 kept,
                 (
-                    f"{len(kept)} of {len(path)} waypoints kept within {metres:g} m and {degrees:g} deg: "
+                    f"{len(kept)} of {len(path)} waypoints remain within {metres:g} m and {degrees:g} deg: "
                     f"clearance {clear:.2f} m (planned {planned:.2f} m){view}"
                 ),
                 share,
             )
         metres, degrees = metres / 2, degrees / 2
     share = still_seen(path, flown, scene, *seen, turning)
-    return np.arange(len(path)), f"all {len(path)} waypoints kept: fewer would lose clearance or view", share
+    return (
+        np.arange(len(path)),
+        f"all {len(path)} waypoints remain: fewer would lose clearance or coverage",
+        share,
+    )
 
 
 def still_seen(

@@ -65,12 +65,16 @@
     return poses.filter((_, at) => at % every === 0);
   }
 
+  function scaleOf() {
+    const colorscale = STATES.flatMap(([, colour], at) => [[at / STATES.length, colour], [(at + 1) / STATES.length, colour]]);
+    return { cmin: -0.5, cmax: STATES.length - 0.5, colorscale, showscale: false };
+  }
+
   function surface(structure, states) {
     const vertices = unpack(structure.vertices), triangles = unpack(structure.triangles);
     const axis = (values, at) => { const out = new Float32Array(values.length / 3); for (let i = 0; i < out.length; i++) out[i] = values[3 * i + at]; return out; };
     const [x, y, z] = [0, 1, 2].map((at) => axis(vertices, at));
-    const colorscale = STATES.flatMap(([, colour], at) => [[at / STATES.length, colour], [(at + 1) / STATES.length, colour]]);
-    const scale = { cmin: -0.5, cmax: STATES.length - 0.5, colorscale, showscale: false };
+    const scale = scaleOf();
     if (!triangles.length) {
       return { type: "scatter3d", mode: "markers", x, y, z, hoverinfo: "skip", showlegend: false,
         marker: { size: 2.5, color: states || new Uint8Array(x.length), ...scale } };
@@ -118,6 +122,12 @@
     const overlays = {};
     let frame = null;
     const ready = Plotly.newPlot(root, traces, layout, { displaylogo: false, responsive: true, displayModeBar: false, scrollZoom: true });
+    const paint = async (values, style) => {
+      await ready;
+      const own = structure.triangles.data ? "" : "marker.", update = { [own ? "marker.color" : "intensity"]: [values] };
+      for (const [key, value] of Object.entries(style)) update[own + key] = [value];
+      await Plotly.restyle(root, update, [0]);
+    };
 
     root.addEventListener("keydown", (event) => {
       const camera = turnedBy(event.key, (root._fullLayout || {}).scene && root._fullLayout.scene._scene ? root._fullLayout.scene._scene.getCamera() : home);
@@ -183,7 +193,13 @@
         root.removeAllListeners("plotly_click");
         if (wanted) root.on("plotly_click", ({ points }) => { if (points.length && points[0].curveNumber === 0) told([points[0].x, points[0].y, points[0].z]); });
       },
-      async coloured(codes) { await ready; await Plotly.restyle(root, structure.triangles.data ? { intensity: [codes] } : { "marker.color": [codes] }, [0]); },
+      async coloured(codes) { await paint(codes, scaleOf()); },
+      // A quantity as {name, codes, step}: from dark to bright; grey where no sharp picture is.
+      async measured({ name, codes, step }) {
+        const values = Float32Array.from(unpack(codes), (code) => (code === 255 ? -10 : code) * step), most = 254 * step;
+        const ramp = ["#440154", "#3b528b", "#21918c", "#5ec962", "#fde725"].map((colour, at, all) => [(20 + (244 * at) / (all.length - 1)) / 264, colour]);
+        await paint(values, { cmin: -10 * step, cmax: most, colorscale: [[0, "#c7cdd6"], [19.9 / 264, "#c7cdd6"], ...ramp], showscale: true, colorbar: { title: { text: name }, thickness: 12, len: 0.6, tickvals: [0, 0.25, 0.5, 0.75, 1].map((share) => share * most), tickformat: ".3~g" } });
+      },
       // The view as a PNG's address, for print; drawn and read in one go, since the browser clears what it has shown.
       shot() {
         const plot = inside();

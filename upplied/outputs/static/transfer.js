@@ -115,7 +115,8 @@
     const toggles = planned.map((track, at) => element("input", { type: "checkbox", id: "show-" + track.name.replace(", ", "-"), checked: at === 0 || track.name === "newer draft" || track.name === planned[0].name + ", flown" }));
     const colourBy = element("select", { id: "colour-by", "aria-label": "Colours of the surface" },
       element("option", { value: "" }, "plain"),
-      planned.map((track, at) => (track.states ? element("option", { value: at, selected: at === 0 }, "views of " + track.name) : null)));
+      planned.map((track, at) => (track.states ? element("option", { value: at, selected: at === 0 }, "views of " + track.name) : null)),
+      (data.quality || []).map((each, at) => element("option", { value: "quality " + at }, each.name + " of " + main.preset)));
 
     const content = element("div", {},
       data.picture ? element("img", { class: "printed", src: data.picture, loading: "lazy", alt: "demonstrated on " + data.source + ", planned for " + data.target }) : null,
@@ -179,7 +180,7 @@
     const repaint = () => { left.visible(0, true, frusta.checked); toggles.forEach((toggle, at) => right.visible(at, toggle.checked, frusta.checked)); };
     [frusta, ...toggles].forEach((input) => input.addEventListener("change", () => { repaint(); fly(); }));
     const proof = planned.findIndex((track) => track.proof && track.states); // what was truly flown and seen comes first
-    colourBy.addEventListener("change", () => right.coloured(colourBy.value === "" ? new Uint8Array(upplied.unpack(upplied.structures[data.target].triangles).length / 3) : planned[colourBy.value].states));
+    colourBy.addEventListener("change", () => colourBy.value.startsWith("quality") ? right.measured(data.quality[Number(colourBy.value.slice(8))]) : right.coloured(colourBy.value === "" ? new Uint8Array(upplied.unpack(upplied.structures[data.target].triangles).length / 3) : planned[colourBy.value].states));
     Promise.all([left.ready, right.ready, drawn]).then(() => { repaint(); if (proof > 0) { colourBy.value = proof; colourBy.dispatchEvent(new Event("change")); } return fly(); }).then(() => app.setAttribute("data-drawn", "true"));
     return () => { stop(); window.removeEventListener("beforeprint", print); left.purge(); right.purge(); Plotly.purge(charts); };
   };

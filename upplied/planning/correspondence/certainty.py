@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from upplied.planning.constants import MAJORITY
-from upplied.planning.correspondence.fit import Fit, Told
+from upplied.planning.correspondence.fit import Fit, Labelling
 from upplied.planning.correspondence.part_alignment import misfit_of_parts
 from upplied.planning.geometry.clouds import diagonal_of
 from upplied.planning.surface.parts import labels_of
@@ -91,13 +91,13 @@ def named_by(fit: Fit) -> Bools:
 def _by_fit(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = False) -> float:
     if fit.carried is None:
         return 0.0
-    known, match = (fit.registration.scanned, fit.inferred >= 0), fit.correspondences
+    facts, match = (fit.registration.scanned, fit.inferred >= 0), fit.correspondences
     parts = [part]
     # Two wings may be one part of the target: together they are its counterpart.
     if match.source_class is not None and set(match.target_parts(part).tolist()) == set(counterparts):
         parts = np.flatnonzero(match.source_class == match.source_class[part]).tolist()
-    found = evidence_of_counterpart(fit.source, parts, fit.registered, counterparts, *known, fit.carried)
-    return probability(found, COUNTERPART, alone)
+    evidence = evidence_of_counterpart(fit.source, parts, fit.registered, counterparts, *facts, fit.carried)
+    return probability(evidence, COUNTERPART, alone)
 
 
 def _both(one: float, other: float) -> float:
@@ -106,42 +106,42 @@ def _both(one: float, other: float) -> float:
     return 0.0 if right <= 0 else right / (right + wrong)
 
 
-def _by_source(told: Told, part: int) -> tuple[Bools, float]:
+def _by_source(labelling: Labelling, part: int) -> tuple[Bools, float]:
     """Which samples of the target (M,) correspond to a part as the source alone tells, and how certainly."""
-    fit = told.by_source
+    fit = labelling.by_source
     parts = [] if fit is None else fit.correspondences.target_parts(part).tolist()
     if fit is None or not parts:
-        return np.zeros(len(told.to_target.target), bool), 0.0
+        return np.zeros(len(labelling.to_target.target), bool), 0.0
     return np.isin(labels_of(fit.target), parts), _by_fit(fit, part, parts)
 
 
-def _by_way_of_sibling(told: Told, part: int) -> tuple[Bools, float]:
+def _by_way_of_sibling(labelling: Labelling, part: int) -> tuple[Bools, float]:
     """The same from the source to a sibling to the target; 0 where the sibling knows of no such part.
 
     Where it has one and the target none, that is as certain as that it has.
     """
-    if told.to_sibling is not None:
-        parts, sure = _forth(told.to_sibling, [part])
+    if labelling.to_sibling is not None:
+        parts, sure = _forth(labelling.to_sibling, [part])
     else:
-        assert told.to_source is not None
-        parts, sure = _back(told.to_source, part)
-    found, known = _forth(told.to_target, parts)
-    return np.isin(labels_of(told.to_target.target), found), sure * known if found else sure
+        assert labelling.to_source is not None
+        parts, sure = _back(labelling.to_source, part)
+    theirs, known = _forth(labelling.to_target, parts)
+    return np.isin(labels_of(labelling.to_target.target), theirs), sure * known if theirs else sure
 
 
 def _forth(fit: Fit, parts: Sequence[int]) -> tuple[list[int], float]:
     """The target's parts that correspond to parts of the source, and how certain the least certain is."""
     each = {part: fit.correspondences.target_parts(part).tolist() for part in parts}
-    sure = [_by_fit(fit, part, found) for part, found in each.items() if found]
-    return sorted({other for found in each.values() for other in found}), min(sure, default=0.0)
+    sure = [_by_fit(fit, part, others) for part, others in each.items() if others]
+    return sorted({other for others in each.values() for other in others}), min(sure, default=0.0)
 
 
 def _back(fit: Fit, part: int) -> tuple[list[int], float]:
     """The source's parts that correspond to a part of the target, likewise."""
     every = range(int(labels_of(fit.source).max()) + 1)
     each = {one: fit.correspondences.target_parts(one).tolist() for one in every}
-    found = [one for one, there in each.items() if part in there]
-    return found, min((_by_fit(fit, one, each[one]) for one in found), default=0.0)
+    ours = [one for one, there in each.items() if part in there]
+    return ours, min((_by_fit(fit, one, each[one]) for one in ours), default=0.0)
 
 
 def evidence_of_counterpart(

@@ -82,8 +82,8 @@ def _modes(kernel: Floats) -> Floats:
     A kernel as wide as a part's neighbourhood has far fewer modes that matter than control points.
     """
     strength, modes = np.linalg.eigh(kernel)
-    kept = strength > _LEAST_MODE
-    return np.asarray(modes[:, kept] * np.sqrt(strength[kept]))
+    strong = strength > _LEAST_MODE
+    return np.asarray(modes[:, strong] * np.sqrt(strength[strong]))
 
 
 def _strengths(metric: Floats, wanted: Floats, modes: Floats) -> Floats:

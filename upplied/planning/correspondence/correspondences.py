@@ -99,7 +99,7 @@ def by_parts(
     words: Floats = UNTURNED,
     named: Ints | None = None,
 ) -> Correspondences:
-    """Counterparts of all samples of the source, see `nearest.correspond`; samples have normals and parts."""
+    """Counterparts of all samples of the source, see `correspond`; samples have normals and parts."""
     registered = in_source_frame(target, registration)
     matching = matched(source, registered, pinned, named)
     displacement = _displacement(*patches(source, registered, matching), source, registered)
@@ -185,8 +185,8 @@ def facing_nearest(warped: Patch, fixed: Patch, diagonal_m: float) -> Ints:
         mine = warped.label == label
         theirs = np.flatnonzero(fixed.label == label) if label >= 0 else np.arange(len(fixed))
         tree = cKDTree(with_normals(fixed.points[theirs], fixed.normals[theirs], weight))
-        found = tree.query(with_normals(warped.points[mine], warped.normals[mine], weight))[1]
-        index[mine] = theirs[found]
+        nearest_one = tree.query(with_normals(warped.points[mine], warped.normals[mine], weight))[1]
+        index[mine] = theirs[nearest_one]
     return index
 
 
@@ -209,9 +209,9 @@ def _on_adjacent_parts(
         theirs = np.flatnonzero(adjacent[part] & (fixed.label != label))
         if len(theirs) == 0:
             continue
-        distance, found = cKDTree(there[theirs]).query(here[mine])
+        distance, nearest_one = cKDTree(there[theirs]).query(here[mine])
         nearer = distance < _ADJACENT * np.linalg.norm(here[mine] - there[index[mine]], axis=1)
-        index[mine[nearer]] = theirs[found[nearer]]
+        index[mine[nearer]] = theirs[nearest_one[nearer]]
     return index
 
 
@@ -227,11 +227,11 @@ def _claimed(on_skin: Floats, label: Ints, fixed: Patch, step_m: float) -> Bools
 
 def _continues(parts: Parts, matching: Matching) -> Bools:
     """Whether a part (row) continues the skin of one that corresponds to the class (column)."""
-    found = np.zeros((len(parts), max(len(matching), 1)), bool)
+    continues = np.zeros((len(parts), max(len(matching), 1)), bool)
     for part in np.flatnonzero(~parts.body):
         classes = matching.source_class[parts.touching[part]]
-        found[part, classes[classes >= 0]] = True
-    return found
+        continues[part, classes[classes >= 0]] = True
+    return continues
 
 
 def _without(
@@ -243,8 +243,8 @@ def _without(
     same_face = np.einsum("ij,ij->i", warped.normals, fixed.normals[index]) > SAME_FACE
     part, area = labels_of(source), source.areas
     whole = np.maximum(np.bincount(part, weights=area), 1e-12)
-    found = same_face & (distance < TOLERANCE / 2 * diagonal_m) & ~taken
-    share = np.bincount(part, weights=area * found) / whole
+    lies_there = same_face & (distance < TOLERANCE / 2 * diagonal_m) & ~taken
+    share = np.bincount(part, weights=area * lies_there) / whole
     return free & ((distance > TOLERANCE * diagonal_m) | (share[part] < MAJORITY))
 
 

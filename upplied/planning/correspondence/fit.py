@@ -27,7 +27,7 @@ class Fit(Record):
     inferred: int = -1
     # (M,) the source's part that a smooth displacement alone brings onto each target sample, -1 where none
     carried: Ints | None = None
-    told: Told | None = None  # where a sibling labelled the parts
+    told: Labelling | None = None  # where a sibling labelled the parts
 
     @property
     def registered(self) -> Cloud:
@@ -36,7 +36,7 @@ class Fit(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Told(Record):
+class Labelling(Record):
     """The fits by which a sibling labelled the parts of a target, and of a source without parts."""
 
     sibling_id: str

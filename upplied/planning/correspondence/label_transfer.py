@@ -43,18 +43,15 @@ def has_parts(cloud: Cloud) -> bool:
 def parts_like(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
     """The part (N,) of each sample of a surface of one piece, 0 the largest.
 
-    Parameters
-    ----------
-    whole : Cloud
-        N samples with normals and areas.
-    skin : array of int, shape (N,)
-        The stretch of skin that each lies on.
-    known : Cloud
-        Samples of a structure with parts, in the frame and at the scale of `whole`.
+    `skin` (N,) is the stretch of skin that each lies on; `known` are samples of a structure with parts, in
+    the frame and at the scale of `whole`.
     """
     solid = ~_floating(whole)
-    label = np.empty(len(whole), np.int64)
-    label[solid] = _parts_of_solid(whole.at(solid), skin[solid], known)
+    label, body, skin = np.empty(len(whole), np.int64), whole.at(solid), skin[solid]
+    moved = brought_onto(body, known)
+    name, far = _nearest(body, moved)
+    part = _with_others(body, skin, _pieces(body, _named(body, skin, name, moved)), far)
+    label[solid] = by_size(body.areas, joined_small(body.points, body.areas, part))
     # What floats is one part, which corresponds to none and widens none.
     label[~solid] = label[solid].max() + 1
     return label
@@ -62,28 +59,19 @@ def parts_like(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
 
 def _floating(whole: Cloud) -> Bools:
     """Which samples lie on fragments that touch nothing: birds, cables, reflections in a scan."""
-    pairs = cKDTree(whole.points).query_pairs(TOUCH * spacing(whole), output_type="ndarray")
-    piece = connected(pairs, np.zeros(len(whole), np.int64))
+    piece = _pieces(whole, np.zeros(len(whole), np.int64))
     count = np.bincount(piece)[piece]
     return np.asarray(count < np.minimum(max(_LEAST_SAMPLES, FRAGMENT * len(whole)), count.max()), bool)
 
 
 def fragments(cloud: Cloud) -> int:
     """How many fragments of a scan touch nothing."""
-    mine = np.flatnonzero(_floating(cloud))
-    if not len(mine):
-        return 0
-    pairs = cKDTree(cloud.points[mine]).query_pairs(TOUCH * spacing(cloud), output_type="ndarray")
-    return int(connected(pairs, np.zeros(len(mine), np.int64)).max()) + 1
+    return len(np.unique(_pieces(cloud, np.zeros(len(cloud), np.int64))[_floating(cloud)]))
 
 
-def _parts_of_solid(whole: Cloud, skin: Ints, known: Cloud) -> Ints:
-    moved = brought_onto(whole, known)
-    name, far = _nearest(whole, moved)
-    pairs = cKDTree(whole.points).query_pairs(TOUCH * spacing(whole), output_type="ndarray")
-    label = connected(pairs, _named(whole, skin, name, moved))
-    label = _with_others(whole, skin, label, far)
-    return by_size(whole.areas, joined_small(whole.points, whole.areas, label))
+def _pieces(cloud: Cloud, name: Ints) -> Ints:
+    """Samples of one name that touch, as parts (N,)."""
+    return connected(cKDTree(cloud.points).query_pairs(TOUCH * spacing(cloud), output_type="ndarray"), name)
 
 
 def carried(whole: Cloud, known: Cloud) -> Ints:
@@ -116,14 +104,14 @@ def _named(whole: Cloud, skin: Ints, name: Ints, moved: Cloud) -> Ints:
     brings a step too far. Nor do few samples of a stretch make a part.
     """
     number, diagonal, slack = int(name.max()) + 1, diagonal_of(whole.points), TOUCH * spacing(whole)
-    of_stretch, found = _counted(skin, name, number).argmax(axis=1)[skin], name.copy()
+    of_stretch, own_name = _counted(skin, name, number).argmax(axis=1)[skin], name.copy()
     for part in np.unique(of_stretch[name != of_stretch]):
-        asked = np.flatnonzero((of_stretch == part) & (name != part))
-        some = whole.at(asked)
+        doubt = np.flatnonzero((of_stretch == part) & (name != part))
+        some = whole.at(doubt)
         own, other = (_apart(some, one, diagonal)[0] for one in (moved, moved.at(labels_of(moved) == part)))
-        found[asked[other - own < slack]] = part
+        own_name[doubt[other - own < slack]] = part
     few = np.maximum(_LEAST_SAMPLES, TOLERANCE * np.bincount(skin))[skin]
-    return np.where(_counted(skin, found, number)[skin, found] < few, of_stretch, found)
+    return np.where(_counted(skin, own_name, number)[skin, own_name] < few, of_stretch, own_name)
 
 
 def _counted(skin: Ints, name: Ints, number: int) -> Ints:
@@ -155,10 +143,10 @@ def _with_others(whole: Cloud, skin: Ints, label: Ints, far: Bools) -> Ints:
         for template in templates:
             if not 1 / MOST_RATIO < mine.sum() / template.sum() < SAME_SIZE:
                 continue
-            found = _covered(whole, skin, template, mine, taken)
-            if far[found].mean() > MAJORITY and _alike(whole, template, found):
-                label[found] = label.max() + 1
-                taken = taken | found
+            another = _covered(whole, skin, template, mine, taken)
+            if far[another].mean() > MAJORITY and _alike(whole, template, another):
+                label[another] = label.max() + 1
+                taken = taken | another
                 break
     return label
 
@@ -169,8 +157,7 @@ def unnamed_like(whole: Cloud, named: Ints, template: Bools) -> bool:
     Samples without a name (N,), -1, that touch; what is much of its part was asked as a part.
     """
     label, lone = labels_of(whole), np.minimum(named, 0)
-    pairs = cKDTree(whole.points).query_pairs(TOUCH * spacing(whole), output_type="ndarray")
-    piece, area, most = connected(pairs, lone), whole.areas, SAME_SIZE**2
+    piece, area, most = _pieces(whole, lone), whole.areas, SAME_SIZE**2
     size = np.ptp(whole.points[template], axis=0)
     for each in np.unique(piece[lone < 0]):
         mine = piece == each
@@ -217,8 +204,8 @@ def _covered(whole: Cloud, skin: Ints, template: Bools, mine: Bools, taken: Bool
 def _compact(whole: Cloud, label: Ints) -> list[Bools]:
     """Which samples lie on each part that is small enough for others of its kind to stand elsewhere."""
     count = np.bincount(label)
-    found = [label == part for part in np.flatnonzero(count >= max(_LEAST_SAMPLES, FRAGMENT * len(label)))]
-    return [mine for mine in found if _is_compact(whole, mine)]
+    parts = [label == part for part in np.flatnonzero(count >= max(_LEAST_SAMPLES, FRAGMENT * len(label)))]
+    return [mine for mine in parts if _is_compact(whole, mine)]
 
 
 def _is_compact(whole: Cloud, mine: Bools) -> bool:

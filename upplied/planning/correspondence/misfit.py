@@ -106,10 +106,10 @@ def _distances(cloud: Cloud, other: Cloud, diagonal_m: float) -> Floats:
     A surface that faces another way is farther.
     """
     weight = FACING * diagonal_m
-    asked = spread_over(cloud, _SAMPLES)
+    some = spread_over(cloud, _SAMPLES)
     tree = cKDTree(with_normals(other.points, other.outward, weight))
-    found = tree.query(with_normals(cloud.points[asked], cloud.outward[asked], weight))[0]
-    return np.maximum(found - spacing(other), 0) / diagonal_m
+    away = tree.query(with_normals(cloud.points[some], cloud.outward[some], weight))[0]
+    return np.maximum(away - spacing(other), 0) / diagonal_m
 
 
 def _mean(cloud: Cloud, distances: Floats) -> float:

@@ -32,19 +32,16 @@ def pinned_parts(
     words: Floats = UNTURNED,
     named: Ints | None = None,
 ) -> dict[int, int]:
-    """Source part to target part for each pair of names.
+    """Source part to target part for each pair of names, on the source and on the target.
+
+    A name is a landmark of its structure or ``part_7``. On the target it may be places as well, ``outer`` or
+    ``left_inner``: they choose among the parts of the source part's shape, on its side unless they name one.
+    Places are asked on the registered target, however it is turned.
 
     Parameters
     ----------
     source, target : Cloud
-        Surface samples with parts, each in its own frame.
-    registration : Registration
-        Places are asked on the registered target, however it is turned.
-    pairs : tuple of (name on the source, name on the target)
-        A name is a landmark of its structure or ``part_7``. On the target it may be places as well,
-        ``outer`` or ``left_inner``: they choose among the parts of the source part's shape, on its
-        side unless they name one.
-    source_landmarks, target_landmarks : mapping of name to x y z, m, frame of each structure
+        Surface samples with parts, each in its own frame; so are the landmarks.
     words : array, shape (3, 3), optional
         Quarter turns of the source to the axes in which places are named: +X front, +Y left.
     named : array of int, shape (M,), optional
@@ -71,7 +68,12 @@ def pinned_parts(
             if other is None:
                 raise _not_told_apart(name, name_there, "no part of the target has the shape and size of it")
         elif other is not None and not _comparable(here, one, there, other):
-            raise _not_told_apart(name, name_there, _beside(here, one, there, other))
+            raise _not_told_apart(
+                name,
+                name_there,
+                f"there lies part_{other} of the target with {100 * there.area[other]:.1f} % of its surface, "
+                f"and part_{one} of the source has {100 * here.area[one]:.1f} %",
+            )
         if other is None:
             places = " or places among " + ", ".join(_PLACES)
             raise _unknown(name_there, "target", target_landmarks, len(there), places)
@@ -131,17 +133,10 @@ def _comparable(source: Parts, part: int, target: Parts, other: int) -> bool:
     return bool(1 / MOST_RATIO**2 < ratio < MOST_RATIO**2)
 
 
-def _beside(source: Parts, part: int, target: Parts, other: int) -> str:
-    return (
-        f"there lies part_{other} of the target with {100 * target.area[other]:.1f} % of its surface, and "
-        f"part_{part} of the source has {100 * source.area[part]:.1f} %"
-    )
-
-
-def _not_told_apart(name: str, name_there: str, found: str) -> RefusedError:
+def _not_told_apart(name: str, name_there: str, reason: str) -> RefusedError:
     return RefusedError(
         f"counterpart {name}={name_there}",
-        f"cannot be told apart on the target: {found}",
+        f"cannot be told apart on the target: {reason}",
         "a named counterpart is one part of the target",
         "give a model of the target in which that part is a piece of its own",
     )
@@ -217,21 +212,10 @@ def summary_of(source: Parts, matching: Matching, label: Ints, gone: Bools, targ
 
 
 def place_in(whole: Floats, points: Floats, weight: Floats) -> tuple[str, Bools]:
-    """The third of a structure along each axis in which most of some points lie, in words.
+    """The third of a structure (N, 3) along each axis in which most of some points (K, 3) lie, in words.
 
-    Parameters
-    ----------
-    whole : array, shape (N, 3), m
-        All of the structure, +X front and +Y left.
-    points : array, shape (K, 3), m
-    weight : array, shape (K,)
-
-    Returns
-    -------
-    str
-        E.g. ``the rear high section``.
-    array of bool, shape (K,)
-        Which of the points lie there.
+    E.g. ``the rear high section``, with which of the points (K,), of a weight (K,), lie there. The structure
+    stands with +X front and +Y left.
     """
     low, size = whole.min(axis=0), np.maximum(np.ptp(whole, axis=0), 1e-9)
     third = np.clip(((points - low) / size * 3).astype(int), 0, 2)

@@ -8,7 +8,6 @@ symmetric structure has no orientation of its own: then the declared heading dec
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import permutations, product
 from typing import Literal
 
@@ -37,17 +36,6 @@ class Orientation(Record):
     evidence: str  # in words
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class _Few(Record):
-    points: Floats
-    normals: Floats
-
-    @cached_property
-    def tree(self) -> cKDTree:
-        """Of the points."""
-        return cKDTree(self.points)
-
-
 def find_orientation(
     source: Cloud, target: Cloud, search: Literal["heading", "orientation"], declared: Floats | None = None
 ) -> Orientation:
@@ -56,10 +44,10 @@ def find_orientation(
     `declared` (3, 3) is the turn that was declared, none without it. Samples need normals.
     """
     declared = np.eye(3) if declared is None else declared
-    few, few_target = _few(source, _COARSE), _few(target, _COARSE)
+    few, few_target = (cloud.at(spread_over(cloud, _COARSE)) for cloud in (source, target))
     turns = _headings() if search == "heading" else np.concatenate([_headings(), _axes(source, target)])
     rough = np.array([_cost(few, few_target, turn) for turn in turns])
-    more, more_target = _few(source, _FINE), _few(target, _FINE)
+    more, more_target = (cloud.at(spread_over(cloud, _FINE)) for cloud in (source, target))
     best = turns[np.argsort(rough, kind="stable")]
     refined = [_refined(more, more_target, turn, search) for turn in best[_distinct(best)[:_REFINED]]]
     refined.sort(key=lambda turn_and_cost: turn_and_cost[1])
@@ -87,19 +75,14 @@ def _chosen(turns: Floats, costs: Floats, tried: int, declared: Floats) -> Orien
     )
 
 
-def _few(cloud: Cloud, number: int) -> _Few:
-    index = spread_over(cloud, number)
-    return _Few(cloud.points[index], cloud.outward[index])
-
-
-def _cost(source: _Few, target: _Few, turn: Floats) -> float:
+def _cost(source: Cloud, target: Cloud, turn: Floats) -> float:
     """Two-way distance over the diagonal, boxes matched, plus what turned normals and stretch count."""
     points, normals, scale = _in_box(source, target, turn)
     diagonal = diagonal_of(source.points)
     total = 0.0
     for a, na, tree, nb in (
-        (source.points, source.normals, cKDTree(points), normals),
-        (points, normals, source.tree, source.normals),
+        (source.points, source.outward, cKDTree(points), normals),
+        (points, normals, cKDTree(source.points), source.outward),
     ):
         distance, index = tree.query(a)
         facing = np.einsum("ij,ij->i", na, nb[index])
@@ -108,18 +91,18 @@ def _cost(source: _Few, target: _Few, turn: Floats) -> float:
     return total + FACING * float(np.abs(logs - logs[1]).max())
 
 
-def _in_box(source: _Few, target: _Few, turn: Floats) -> tuple[Floats, Floats, Floats]:
+def _in_box(source: Cloud, target: Cloud, turn: Floats) -> tuple[Floats, Floats, Floats]:
     points = target.points @ turn.T
     scale = box_scale(source.points, points)
-    normals = scaled_normals(target.normals @ turn.T, scale)
+    normals = scaled_normals(target.outward @ turn.T, scale)
     middle = (source.points.min(axis=0) + source.points.max(axis=0)) / 2
     return scale * (points - (points.min(axis=0) + points.max(axis=0)) / 2) + middle, normals, scale
 
 
-def _refined(source: _Few, target: _Few, turn: Floats, search: str) -> tuple[Floats, float]:
+def _refined(source: Cloud, target: Cloud, turn: Floats, search: str) -> tuple[Floats, float]:
     """The turn after ICP, where that lowers the cost, and its cost; a heading stays about the vertical."""
     points, _, _ = _in_box(source, target, turn)
-    rotation, _ = icp(points, source.points, _ITERATIONS, source.tree)
+    rotation, _ = icp(points, source.points, _ITERATIONS)
     if search == "heading":
         rotation = Rotation.from_euler("z", float(np.arctan2(rotation[1, 0], rotation[0, 0]))).as_matrix()
     candidate = rotation @ turn

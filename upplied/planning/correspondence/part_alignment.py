@@ -25,7 +25,7 @@ _OUTWARD = 0.25  # of its length: how far from the structure's middle such a par
 _FAR = 8.0  # how far the last `TOLERANCE` of a part's samples at either end must stick out to be stray
 _TURNED = np.cos(np.radians(10))
 _STEP_DEG = 7.5  # a blade is about as wide, seen from its hub, at half its length
-_ASKED = 400  # samples of the blades that are asked
+_BLADE_SAMPLES = 400
 
 
 def matched(
@@ -69,9 +69,9 @@ def alignments(moving: Patch, fixed: Patch) -> tuple[Floats, Floats, Bools]:
         if not mine.any() or not theirs.any():
             continue
         part, partner = moving.points[mine], fixed.points[theirs]
-        found = _turned(part, moving.points, partner, fixed.points)
-        turned[label] = found is not None
-        matrix[label], offset[label] = _box_on_box(part, partner) if found is None else found
+        turn = _turned(part, moving.points, partner, fixed.points)
+        turned[label] = turn is not None
+        matrix[label], offset[label] = _box_on_box(part, partner) if turn is None else turn
     return matrix, offset, turned
 
 
@@ -192,7 +192,7 @@ def rotor_turned(known: Cloud, whole: Cloud) -> Cloud:
         points[blades] = (points[blades] - middle) @ turn.T + middle
         normals[blades] = normals[blades] @ turn.T
         fitted = _in_box_of(replace(known, points=points, normals=normals), whole.points)
-        some = fitted.points[blades][:: max(1, int(blades.sum()) // _ASKED)]
+        some = fitted.points[blades][:: max(1, int(blades.sum()) // _BLADE_SAMPLES)]
         off = float(np.minimum(tree.query(some)[0], TOLERANCE * diagonal).mean())
         if off < least:
             best, least = fitted, off

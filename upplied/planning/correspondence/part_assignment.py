@@ -44,21 +44,12 @@ def match_parts(
     fits: Callable[[Sequence[int], Sequence[int]], bool],
     pinned: Mapping[int, int] | None = None,
 ) -> Matching:
-    """Match parts one to one.
+    """Match parts one to one; both structures are in the frame and at the scale of the source.
 
-    Boxes of like extents are proof enough. Where they are less alike, a deck that is shorter or a
-    wing modelled whole here and in halves there, the surfaces must agree with box on box.
-
-    Parameters
-    ----------
-    source, target : Parts
-        Both in the frame and at the scale of the source.
-    diagonal_m : float
-        Of the source.
-    fits : callable
-        Whether the surfaces of some source parts and of some target parts agree, box on box.
-    pinned : mapping, optional
-        Source part to target part, as the user said.
+    Boxes of like extents are proof enough. Where they are less alike, a deck that is shorter or a wing
+    modelled whole here and in halves there, the surfaces must agree with box on box: `fits` says so of some
+    source parts and some target parts. `pinned` is source part to target part, as the user named them;
+    `diagonal_m` is that of the source.
     """
     pinned = dict(pinned or {})
     cost, allowed = _costs(source, target, diagonal_m)
@@ -92,10 +83,8 @@ def _unmatched(source: Parts) -> Floats:
 
 def like_shape(source: Parts, part: int, target: Parts, diagonal_m: float) -> Ints:
     """The target parts that have the shape and size of a source part, wherever they are."""
-    alike = _alike(source, target, diagonal_m, LEAST_PART, MOST_RATIO) & _alike(
-        source, target, diagonal_m, TOLERANCE, _ALIKE
-    )
-    return np.flatnonzero(alike[part])
+    alike = _alike(source, target, diagonal_m, LEAST_PART, MOST_RATIO)
+    return np.flatnonzero((alike & _alike(source, target, diagonal_m, TOLERANCE, _ALIKE))[part])
 
 
 def _costs(source: Parts, target: Parts, diagonal_m: float) -> tuple[Floats, Bools]:
@@ -207,16 +196,13 @@ def _with_unions(
 ) -> Matching:
     """Let one part correspond to two that make it up."""
     source_class, target_class = matching.source_class.copy(), matching.target_class.copy()
-    for part in np.flatnonzero(source_class < 0).tolist():
-        for pair in _unions_like(source, part, target, np.flatnonzero(target_class < 0), diagonal_m):
-            if fits([part], pair):
-                source_class[part] = target_class[pair] = source_class.max() + 1
-                break
-    for part in np.flatnonzero(target_class < 0).tolist():
-        for pair in _unions_like(target, part, source, np.flatnonzero(source_class < 0), diagonal_m):
-            if fits(pair, [part]):
-                target_class[part] = source_class[pair] = source_class.max() + 1
-                break
+    here, there = (source, source_class), (target, target_class)
+    for (one, one_class), (other, other_class), swapped in ((here, there, False), (there, here, True)):
+        for part in np.flatnonzero(one_class < 0).tolist():
+            for pair in _unions_like(one, part, other, np.flatnonzero(other_class < 0), diagonal_m):
+                if fits(pair, [part]) if swapped else fits([part], pair):
+                    one_class[part] = other_class[pair] = source_class.max() + 1
+                    break
     return Matching(source_class, target_class)
 
 

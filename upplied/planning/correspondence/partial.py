@@ -43,7 +43,7 @@ def registered_partly(source: Cloud, target: Cloud, box: Registration) -> Regist
 
     `box` is the registration by boxes made equal; samples have normals.
     """
-    if source.normals is None or target.normals is None or diagonal_of(source.points) <= 0:
+    if diagonal_of(source.points) <= 0:
         return None
     both = _Both(source, target, box)
     ways = sorted(both.ways(), key=lambda way: both.apart(*way))
@@ -66,7 +66,7 @@ class Judged(NamedTuple):
     registration: Registration
 
 
-def ways_of_open(source: Cloud, target: Cloud, box: Registration, found: Registration) -> list[Judged]:
+def ways_of_open(source: Cloud, target: Cloud, box: Registration, registration: Registration) -> list[Judged]:
     """Registrations of an open target: one that was found, and others, the best first.
 
     `box` is the registration by boxes made equal, turned as `found`.
@@ -76,22 +76,22 @@ def ways_of_open(source: Cloud, target: Cloud, box: Registration, found: Registr
     known = [both.judged(*way) for way in ways]
     best = sorted(range(len(ways)), key=lambda way: known[way].apart_m)
     known += [both.judged(*both.refined(*ways[way])) for way in best[:_REFINED]]
-    as_found = both.judged(*both.way(found))._replace(registration=found)
-    return [as_found, *sorted(known, key=lambda each: each.apart_m)]
+    first = both.judged(*both.way(registration))._replace(registration=registration)
+    return [first, *sorted(known, key=lambda each: each.apart_m)]
 
 
-def as_likely(source: Cloud, target: Cloud, found: Registration) -> list[tuple[Registration, Bools]]:
+def as_likely(source: Cloud, target: Cloud, registration: Registration) -> list[tuple[Registration, Bools]]:
     """Registrations by which an open target goes on farther at an open end, that samples cannot rule out.
 
     With each, which samples of the source (N,) lie past where the target ends.
     """
-    both = _Both(source, target, found)
-    as_found = both.judged(np.ones(3), np.zeros(3))
+    both = _Both(source, target, registration)
+    first = both.judged(np.ones(3), np.zeros(3))
     likely = []
     for axis, side in both.open_ends():
         for scale, shift in both.longer(axis, side):
             way = both.judged(scale, shift)
-            if way.apart_m <= as_found.apart_m + as_found.error_m:
+            if way.apart_m <= first.apart_m + first.error_m:
                 beyond = source.points[:, axis] - (scale * both.ends[side] + shift)[axis]
                 likely.append((way.registration, (beyond if side else -beyond) > both.slack))
     return likely
@@ -117,10 +117,10 @@ class _Both:
         moved = scale * box.translation + shift
         return Registration(scale * box.scale, box.rotation, moved, float("nan"), False, turn=box.turn)
 
-    def way(self, found: Registration) -> Way:
+    def way(self, registration: Registration) -> Way:
         """A registration of the target, turned as the boxes are, as a way."""
-        scale = found.scale / self.box.scale
-        return scale, found.translation - scale * self.box.translation
+        scale = registration.scale / self.box.scale
+        return scale, registration.translation - scale * self.box.translation
 
     def ways(self) -> Iterator[Way]:
         """The boxes as they are, and along some axes the scale of the others, or less, from either end."""

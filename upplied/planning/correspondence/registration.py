@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 
@@ -38,8 +37,8 @@ _ICP_POINTS = 700  # points of the cloud that fine alignment moves
 class Declared(Record):
     """What was said of how two structures stand, in the frames that their clouds are given in."""
 
-    turn: Floats = field(default_factory=lambda: np.eye(3))  # (3, 3) target to the source's orientation
-    words: Floats = field(default_factory=lambda: np.eye(3))  # (3, 3) source to +X front, +Y left
+    turn: Floats = field(default_factory=lambda: UNTURNED)  # (3, 3) target to the source's orientation
+    words: Floats = field(default_factory=lambda: UNTURNED)  # (3, 3) source to +X front, +Y left
 
 
 def declared_for(source: Structure, target: Structure) -> Declared:
@@ -75,7 +74,7 @@ def register(
 
 
 def published(
-    source: Cloud, target: Cloud, settings: RegistrationSettings, turn: Floats | None = None
+    source: Cloud, target: Cloud, settings: RegistrationSettings, turn: Floats = UNTURNED
 ) -> Registration:
     """Scale the target until the bounding boxes match, align it by ICP, and judge the score (Alg. 1).
 
@@ -92,20 +91,12 @@ def published(
     score = mean_squared_nn_distance(source.points, aligned)
     leaf = spacing(source)
     gate = settings.gamma * leaf**2
-    accepted = score < gate
     reason = (
         f"the clouds do not fit: mean squared nearest-neighbour distance {score:.3g} m^2, "
         f"gate {gate:.3g} m^2 (gamma {settings.gamma:g} times the squared spacing of {leaf:.3g} m)"
     )
-    return Registration(
-        scale=scale,
-        rotation=rotation,
-        translation=translation,
-        score_m2=score,
-        accepted=accepted,
-        reason="" if accepted else reason,
-        turn=start.turn,
-    )
+    verdict = (True, "") if score < gate else (False, reason)
+    return Registration(scale, rotation, translation, score, *verdict, turn=start.turn)
 
 
 def judged(
@@ -116,15 +107,16 @@ def judged(
     Rigid ICP after box scaling lowers the score and raises the true error of structures whose
     orientations agree, so it is taken only where it helps much.
     """
-    search: Literal["heading", "orientation"] = "heading" if settings.search == "none" else settings.search
-    best = find_orientation(source, target, search, declared.turn)
+    best = find_orientation(
+        source, target, "heading" if settings.search == "none" else settings.search, declared.turn
+    )
     turn, gap, evidence, doubt = best.turn, best.gap, best.evidence, ""
     if settings.search == "none":
         turn, gap, evidence = declared.turn, float("nan"), "orientation as declared"
         doubt = _doubt(best.turn @ declared.turn.T, best.gap)
-    found = _best_registration(source, target, turn, gate, declared.words)
-    score = mean_squared_nn_distance(source.points, in_source_frame(target, found[0]).points)
-    return replace(_verdict(*found, gate, evidence, doubt), score_m2=score, runner_up_gap=gap)
+    chosen = _best_registration(source, target, turn, gate, declared.words)
+    score = mean_squared_nn_distance(source.points, in_source_frame(target, chosen[0]).points)
+    return replace(_verdict(*chosen, gate, evidence, doubt), score_m2=score, runner_up_gap=gap)
 
 
 def fitted(source: Cloud, target: Cloud, gate: float) -> Registration:
@@ -196,22 +188,20 @@ def _of_open(
     return closed
 
 
-def box_on_box(source: Cloud, target: Cloud, turn: Floats | None = None) -> Registration:
+def box_on_box(source: Cloud, target: Cloud, turn: Floats = UNTURNED) -> Registration:
     """The registration that makes the bounding boxes equal, after a turn of the target; not judged."""
-    turn = np.eye(3) if turn is None else turn
     turned = target.points @ turn.T
     scale = box_scale(source.points, turned)
     offset = source.points.min(axis=0) - scale * turned.min(axis=0)
     return Registration(scale, np.eye(3), offset, float("nan"), False, turn=turn)
 
 
-def body_on_body(source: Cloud, target: Cloud, turn: Floats | None = None) -> Registration:
+def body_on_body(source: Cloud, target: Cloud, turn: Floats = UNTURNED) -> Registration:
     """Boxes without the blades made equal, but across the axis of the rotor the blades' lengths.
 
     Where a rotor stopped shifts and widens the box of a turbine. Its axis is the one of the two
     horizontal axes along which the blades are spread less.
     """
-    turn = np.eye(3) if turn is None else turn
     turned = Cloud(target.points @ turn.T, None, target.area_m2, target.part)
     body, other_body = (cloud.points[~blades_of(cloud)] for cloud in (source, turned))
     scale = box_scale(body, other_body)

@@ -15,7 +15,7 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.planning.constants import CLEARLY_BETTER, LEAST_PART
-from upplied.planning.correspondence.fit import Fit, Told, without_counterparts
+from upplied.planning.correspondence.fit import Fit, Labelling, without_counterparts
 from upplied.planning.correspondence.memo import Memo, no_memo, remembering
 from upplied.planning.correspondence.pair import Pair, Task, pair_of, samples_of, surface_fit, surfaces_of
 from upplied.planning.surface.frames import own_frame, structure_in
@@ -82,7 +82,7 @@ def _labelled_by_best(
     fit = other.as_named(other.fit_labelled(1, by_source.registration))
     if modelled and (_matched(by_source) & ~_matched(fit)).any():
         return None  # what the source finds of its parts, the sibling must not lose
-    told = Told(
+    labelling = Labelling(
         sibling.structure_id,
         sibling.sha256,
         to_target=to_target,
@@ -90,7 +90,7 @@ def _labelled_by_best(
         to_source=None if modelled else first,
         by_source=by_source if modelled else None,
     )
-    return replace(fit, told=told)
+    return replace(fit, told=labelling)
 
 
 def _best(tasks: Sequence[Sequence[Task]], least: float) -> int | None:

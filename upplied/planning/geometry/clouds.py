@@ -56,22 +56,19 @@ def in_source_frame(target: Cloud, registration: Registration) -> Cloud:
     return Cloud(points, outward, area, target.part, target.leaf_m, target.open)
 
 
-def icp(
-    source: Floats, target: Floats, iterations: int, tree: cKDTree | None = None
-) -> tuple[Floats, Floats]:
+def icp(source: Floats, target: Floats, iterations: int) -> tuple[Floats, Floats]:
     """The rigid motion that brings `source` onto `target`: ``p_target = rotation @ p + translation``.
 
     Every source point (N, 3), m, is paired with its nearest target point (M, 3), however far; all iterations
     count. Open3D's ``registration_icp`` with ``ICPConvergenceCriteria(0, 0, iterations)`` gives the same
-    motion. `tree` is that of `target`, where it is at hand.
+    motion.
 
     Returns
     -------
     rotation : array, shape (3, 3)
     translation : array, shape (3,), m
     """
-    tree = cKDTree(target) if tree is None else tree
-    rotation, translation = np.eye(3), np.zeros(3)
+    tree, rotation, translation = cKDTree(target), np.eye(3), np.zeros(3)
     before = None
     for _ in range(iterations):
         nearest = tree.query(source @ rotation.T + translation)[1]

@@ -84,11 +84,7 @@ def frechet_floored(demonstrated: Floats, planned: Floats, relative: float = _RE
 
 
 def zscored(path: Floats) -> Floats:
-    """A path with mean 0 and deviation 1 along each axis, by its own `spread`.
-
-    Parameters
-    ----------
-    path : array, shape (N, D)
+    """A path (N, D) with mean 0 and deviation 1 along each axis, by its own `spread`.
 
     Examples
     --------

@@ -4,26 +4,102 @@ Rays escape from both sides of a thin sheet, and from both sides of a shell next
 is open since nothing was scanned its inside can be seen, and is no outside: winding is asked of scans alone,
 and only which side of a piece is its front, the one that mostly shows. A closed surface has no such place,
 and a model may have: ducts, sheets, hulls without a deck.
+
+An open bottom counts as closed by the floor: hulls, houses and tanks come without one.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import TOUCH
+from upplied.planning.constants import LEAST_PART, TOUCH
 from upplied.planning.geometry.clouds import spacing
-from upplied.planning.surface.floor import Floor
-from upplied.records import Bools, Cloud, Floats, Ints, Structure
+from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 from upplied.scene import Scene
 from upplied.vectors import area_vectors, sphere
 
+_CELLS = 256  # along the longer side of the plan
 ESCAPE = 0.06  # least share of a side's rays that escape: inlets reach 0.1, cabins behind a hole 0.03
 DIRECTIONS = 64  # over the whole sphere: half of them for each side of a surface
 _FEW = 16  # of those, for samples whose neighbours were asked thoroughly
 _LEVEL = 0.1  # least cosine of a ray and the normal
 _ROUNDS = (2, 2, 4, 8, 16)  # rays of each side, cast together
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Floor(Record):
+    """A horizontal lid over what the walls of a structure enclose at its foot."""
+
+    z_m: float
+    low: Floats  # (2,) m, corner of the grid
+    cell_m: float
+    enclosed: Bools  # (X, Y)
+
+    def beneath(self, points: Floats) -> Bools:
+        """Which points (N, 3) lie under the lid."""
+        return (points[:, 2] <= self.z_m) & self.covers(points[:, :2])
+
+    def covers(self, xy: Floats) -> Bools:
+        """Which places (N, 2) lie in the lid."""
+        cell = np.floor((xy - self.low) / self.cell_m)
+        inside: Bools = np.all((cell >= 0) & (cell < self.enclosed.shape), axis=1)
+        index = np.where(inside[:, None], cell, 0).astype(int)
+        return np.asarray(inside & self.enclosed[index[:, 0], index[:, 1]], bool)
+
+    def grid(self, origin: Floats) -> tuple[float, Floats, float, Bools]:
+        """Height, corner (2,) and cells (X, Y) of the lid from an origin (3,), for compiled code."""
+        return self.z_m - float(origin[2]), self.low - origin[:2], self.cell_m, self.enclosed
+
+    @classmethod
+    def none(cls) -> Floor:
+        """No floor at all."""
+        return cls(0.0, np.zeros(2), 1.0, np.zeros((1, 1), bool))
+
+
+def floor_of(structure: Structure) -> Floor:
+    """The lid at the foot of a mesh, found by cutting it there and filling what the cut encloses."""
+    low, high = structure.vertices.min(axis=0), structure.vertices.max(axis=0)
+    z = float(low[2] + LEAST_PART * (high[2] - low[2]))
+    first, last = _cut(structure, z)
+    size = (high - low)[:2]
+    cell = float(size.max()) / _CELLS
+    if not len(first) or cell <= 0:
+        return Floor.none()
+    shape = np.ceil(size / cell).astype(int) + 3
+    corner = low[:2] - cell
+    steps = np.ceil(np.linalg.norm(last - first, axis=1) / (0.4 * cell)).astype(int) + 1
+    segment = np.repeat(np.arange(len(first)), steps)
+    along = (np.arange(len(segment)) - np.repeat(np.cumsum(steps) - steps, steps)) / np.maximum(
+        steps[segment] - 1, 1
+    )
+    points = first[segment] + along[:, None] * (last - first)[segment]
+    index = np.floor((points - corner) / cell).astype(int)
+    wall = np.zeros(shape, bool)
+    wall[index[:, 0], index[:, 1]] = True
+    return Floor(z, corner, cell, ndimage.binary_fill_holes(wall))
+
+
+def _cut(structure: Structure, z: float) -> tuple[Floats, Floats]:
+    """Both ends (S, 2) of the segments in which the triangles meet the plane at height `z`."""
+    above = structure.vertices[:, 2] > z
+    corner_above = above[structure.triangles]
+    crossing = corner_above.any(axis=1) & ~corner_above.all(axis=1)
+    triangles, state = structure.triangles[crossing], corner_above[crossing]
+    # The corner that lies alone on its side is an end of both edges that cross the plane.
+    alone = np.where(state.sum(axis=1) == 1, state.argmax(axis=1), (~state).argmax(axis=1))
+    rows = np.arange(len(triangles))
+    apex = structure.vertices[triangles[rows, alone]]
+    ends = []
+    for step in (1, 2):
+        other = structure.vertices[triangles[rows, (alone + step) % 3]]
+        share = (z - apex[:, 2]) / (other[:, 2] - apex[:, 2])
+        ends.append((apex + share[:, None] * (other - apex))[:, :2])
+    return ends[0], ends[1]
 
 
 def lets_out(
@@ -86,14 +162,14 @@ def _next_rays(
     """Write the next rays of each side in doubt that do not meet the floor; how many there are."""
     count = 0
     for side in doubt:
-        asked = 0
-        while asked < number and along[side] < len(directions):
+        taken = 0
+        while taken < number and along[side] < len(directions):
             way = directions[order[nearest[side], along[side]]]
             along[side] += 1
             facing = normals[side, 0] * way[0] + normals[side, 1] * way[1] + normals[side, 2] * way[2]
             if facing <= _LEVEL:
                 continue
-            asked += 1
+            taken += 1
             left[side] -= 1
             start = local[side]
             if above[side] and way[2] < 0:
@@ -151,17 +227,17 @@ def inside_open_shell(
     # A tank, a boat: what mostly shows from both sides is no shell that happens to be open.
     from_one, from_both = (np.bincount(of[some], minlength=number) for some in (~both, both & (side > 0)))
     front = np.where(from_one > from_both, np.sign(shown), 0)[piece]  # of each triangle, as wound
-    asked = np.flatnonzero(both & (side * front[triangle] < 0))
-    outward = area_vectors(structure.vertices[structure.triangles[triangle[asked]]])
-    outward *= (side[asked] / np.linalg.norm(outward, axis=1))[:, None]
+    doubt = np.flatnonzero(both & (side * front[triangle] < 0))
+    outward = area_vectors(structure.vertices[structure.triangles[triangle[doubt]]])
+    outward *= (side[doubt] / np.linalg.norm(outward, axis=1))[:, None]
     directions = sphere(DIRECTIONS)
     owner, which = np.nonzero(outward @ directions.T > 0)
-    starts = points[asked] + 1e-5 * structure.diagonal_m * outward
+    starts = points[doubt] + 1e-5 * structure.diagonal_m * outward
     _, met, wound = scene.cast(starts[owner], directions[which])
     along = np.einsum("ij,ij->i", wound, directions[which])
     back = (met >= 0) & (front[met] * along > 0)
-    backs, others = (np.bincount(owner, weights=some, minlength=len(asked)) for some in (back, ~back))
-    inside[asked] = backs > others
+    backs, others = (np.bincount(owner, weights=some, minlength=len(doubt)) for some in (back, ~back))
+    inside[doubt] = backs > others
     return inside
 
 
@@ -176,15 +252,15 @@ def shows_inside(structure: Structure, scene: Scene, cloud: Cloud) -> Bools:
     """
     shows, inward = np.zeros(len(cloud), bool), -cloud.outward
     gap = scene.grain_m or 1e-5 * structure.diagonal_m
-    starts, asked = cloud.points + gap * inward, np.arange(len(cloud))
+    starts, some = cloud.points + gap * inward, np.arange(len(cloud))
     if scene.grain_m:
-        asked = np.flatnonzero(scene.cast(starts, -inward)[0] > _ITSELF * gap)
-    open_ = escapes(starts[asked], inward[asked], 2 * structure.diagonal_m, scene) > ESCAPE
-    at, reach = cloud.points[asked], TOUCH * spacing(cloud)
+        some = np.flatnonzero(scene.cast(starts, -inward)[0] > _ITSELF * gap)
+    open_ = escapes(starts[some], inward[some], 2 * structure.diagonal_m, scene) > ESCAPE
+    at, reach = cloud.points[some], TOUCH * spacing(cloud)
     near = cKDTree(at).query(at, k=range(2, 2 + _AROUND), distance_upper_bound=reach)[1]
     while True:  # what shows here and there, between discs at an edge, is no opening
         joined = open_ & (2 * np.append(open_, False)[near].sum(axis=1) >= _AROUND)
         if np.array_equal(joined, open_):
-            shows[asked] = open_
+            shows[some] = open_
             return shows
         open_ = joined

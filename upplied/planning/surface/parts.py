@@ -94,14 +94,7 @@ def mesh_pieces(structure: Structure) -> Ints:
 
 
 def part_labels(points: Floats, area: Floats, piece: Ints) -> Ints:
-    """The part (N,) of each sample, from the mesh's piece it lies on; 0 has the largest area.
-
-    Parameters
-    ----------
-    points : array, shape (N, 3), m
-    area : array, shape (N,), m^2
-    piece : array, shape (N,)
-    """
+    """The part (N,) of each sample, from the mesh's piece it lies on; 0 has the largest area."""
     label = joined_small(points, area, piece)
     return by_size(area, _joined_bodies(points, area, label))
 
@@ -120,13 +113,9 @@ def parts_of(cloud: Cloud) -> Parts:
 
 
 def _measured(cloud: Cloud) -> Parts:
-    points = cloud.points
-    label = labels_of(cloud)
-    area = cloud.areas
+    points, label, area = cloud.points, labels_of(cloud), cloud.areas
     number = int(label.max()) + 1
-    order = np.argsort(label, kind="stable")
-    first = np.searchsorted(label[order], np.arange(number))
-    low, high = (of.reduceat(points[order], first, axis=0) for of in (np.minimum, np.maximum))
+    low, high = _corners(points, label)
     side = sides(low, high, points.min(axis=0), points.max(axis=0))
     pairs = _near_others(points, label)
     share = np.bincount(label, weights=area) / area.sum()
@@ -140,6 +129,15 @@ def _measured(cloud: Cloud) -> Parts:
         extent=extent,
         side=np.where(_mirrored(cloud, label, area), side, np.nan),
         blade=blades(extent, share, (low + high) / 2),
+    )
+
+
+def _corners(points: Floats, label: Ints) -> tuple[Floats, Floats]:
+    """Lower and upper corners (K, 3) of the boxes of labelled points; every label up to K - 1 has some."""
+    order = np.argsort(label, kind="stable")
+    first = np.searchsorted(label[order], np.arange(int(label.max()) + 1))
+    return np.minimum.reduceat(points[order], first, axis=0), np.maximum.reduceat(
+        points[order], first, axis=0
     )
 
 
@@ -161,13 +159,7 @@ def parts_of_both(source: Cloud, registered: Cloud, words: Floats) -> tuple[Part
 def blades(extent: Floats, area: Floats, middle: Floats) -> Bools:
     """Which parts (K,) are blades: long ones of one length that lie round a hub, and may point anywhere.
 
-    Parameters
-    ----------
-    extent : array, shape (K, 3), m
-        Longest first.
-    area : array, shape (K,)
-        Share of the surface.
-    middle : array, shape (K, 3), m
+    By their extents (K, 3), m, longest first, their shares of the surface (K,) and their middles (K, 3), m.
     """
     length, width = extent[:, 0], extent[:, 1]
     slender = (length > SLENDER * width) & (area > LEAST_PART) & (np.arange(len(area)) > 0)
@@ -192,12 +184,7 @@ def labels_of(cloud: Cloud) -> Ints:
 def names_of(cloud: Cloud, named: Ints) -> Ints:
     """What most of each part (K,) of a cloud is named, of what has a name; -1 where too little has one.
 
-    Parameters
-    ----------
-    cloud : Cloud
-        With parts.
-    named : array of int, shape (N,)
-        The name of each sample, -1 for none.
+    `named` (N,) is the name of each sample, -1 for none.
     """
     label, known = labels_of(cloud), named >= 0
     area = np.zeros((int(label.max()) + 1, int(named.max(initial=0)) + 1))
@@ -216,14 +203,14 @@ def _mirrored(cloud: Cloud, label: Ints, area: Floats) -> Bools:
     points, tree = cloud.points, cKDTree(cloud.points)
     low, high = points.min(axis=0), points.max(axis=0)
     reach = max(_CONTACT * float(np.linalg.norm(high - low)), spacing(cloud))
-    found = np.empty((int(label.max()) + 1, 2), bool)
+    mirrored = np.empty((int(label.max()) + 1, 2), bool)
     for axis in (0, 1):
         image = points.copy()
         image[:, axis] = low[axis] + high[axis] - image[:, axis]
         near = tree.query(image, distance_upper_bound=reach)[0] < reach
         whole = area[near].sum() > _MIRRORED * area.sum()
-        found[:, axis] = whole & (np.bincount(label, weights=near) > _MIRRORED * np.bincount(label))
-    return found
+        mirrored[:, axis] = whole & (np.bincount(label, weights=near) > _MIRRORED * np.bincount(label))
+    return mirrored
 
 
 def joined_small(points: Floats, area: Floats, label: Ints) -> Ints:
@@ -231,13 +218,13 @@ def joined_small(points: Floats, area: Floats, label: Ints) -> Ints:
     label = np.unique(label, return_inverse=True)[1].reshape(-1)
     share = np.bincount(label, weights=area) / area.sum()
     keep = share >= _SMALLEST if len(share) > _MANY else np.bincount(label) >= _LEAST_SAMPLES
-    kept = keep[label]
-    if kept.all() or not kept.any():
+    large = keep[label]
+    if large.all() or not large.any():
         return label
-    nearest = label[kept][cKDTree(points[kept]).query(points[~kept])[1]]
+    nearest = label[large][cKDTree(points[large]).query(points[~large])[1]]
     joined = label.copy()
     for piece in np.flatnonzero(~keep):
-        mine = label[~kept] == piece
+        mine = label[~large] == piece
         if mine.any():
             joined[label == piece] = np.bincount(nearest[mine]).argmax()
     return np.unique(joined, return_inverse=True)[1].reshape(-1)
@@ -253,9 +240,7 @@ def _joined_bodies(points: Floats, area: Floats, label: Ints) -> Ints:
     if number < 3:
         return label
     most = COMPACT * np.linalg.norm(np.ptp(points, axis=0))
-    order = np.argsort(label, kind="stable")
-    first = np.searchsorted(label[order], np.arange(number))
-    low, high = (of.reduceat(points[order], first, axis=0) for of in (np.minimum, np.maximum))
+    low, high = _corners(points, label)
     size = np.bincount(label, weights=area)
     near, count = _contacts(_near_others(points, label), label)
     of_smaller = near / np.minimum(count[:, None], count[None, :])
@@ -278,11 +263,7 @@ def _joined_bodies(points: Floats, area: Floats, label: Ints) -> Ints:
 def _contacts(pairs: Ints, label: Ints) -> tuple[Ints, Ints]:
     """How many samples of each part (row) come near each other part (column), and samples per part.
 
-    Parameters
-    ----------
-    pairs : array, shape (P, 2)
-        Of samples of different parts that come near each other.
-    label : array, shape (N,)
+    `pairs` (P, 2) are samples of different parts that come near each other.
     """
     number = int(label.max()) + 1
     both = np.concatenate([pairs, pairs[:, ::-1]])

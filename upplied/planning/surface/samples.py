@@ -1,8 +1,11 @@
-"""Samples with normals on the outside surface of a structure.
+"""Samples with normals on the outside surface of a structure: even ones, and fine ones where it matters.
 
 Real meshes carry hidden interiors, duplicate faces and flipped patches, and few are watertight. So
 neither winding nor inside tests are used: a side of a surface counts where rays from it escape. Of shells
 that are open where nothing was scanned the inside does not count (`surface.escape`).
+
+The even samples tell how a structure is built and what stands in the way; an engine has some dozens of them,
+each one to four hundredths of it. What was inspected, and its counterpart, have fine ones however small.
 """
 
 from __future__ import annotations
@@ -10,19 +13,33 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from upplied.config import CloudSettings
-from upplied.planning.surface.escape import ESCAPE, escapes, inside_open_shell, lets_out, shows_inside
-from upplied.planning.surface.floor import Floor, floor_of
+from upplied.planning.constants import TOUCH
+from upplied.planning.geometry.clouds import spacing
+from upplied.planning.surface.escape import (
+    ESCAPE,
+    Floor,
+    escapes,
+    floor_of,
+    inside_open_shell,
+    lets_out,
+    shows_inside,
+)
 from upplied.planning.surface.lattice import Lattice, lattice, spacing_for
 from upplied.planning.surface.parts import mesh_pieces, part_labels
+from upplied.planning.surface.skin import outside_like, outward_of_points
 from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.scene import Scene, discs_of
-from upplied.vectors import area_vectors, plane_normals, triangle_areas
+from upplied.vectors import area_vectors, plane_normals, triangle_areas, with_normals
 
 _AREA = 9  # points, each with its nearest, whose circle tells the area that a point stands for
-_SPARE = 2  # candidates on the outside for each sample: all lines of a lattice for every second one
+_SPARE = 2  # candidates for each sample: all lines of a lattice for every second one
+FINE = 1500  # samples of what was inspected, and of its counterpart, at least
+_MOST = 4000  # of them and of what is beside them
+_CLOSE = 1.5  # spacings of even samples: what lies farther from all of a region's is not in it
 
 
 def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
@@ -62,9 +79,9 @@ def _from_triangles(structure: Structure, scene: Scene, settings: CloudSettings)
     outside = float(few.area[seen].sum())
     lines = lattice(structure, spacing_for(structure, outside, wanted))
     index, normals = _outside(lines, piece, structure, scene, floor)
-    kept = np.flatnonzero(lines.coarse[index])
+    chosen = np.flatnonzero(lines.coarse[index])
     points, area = lines.points[index], lines.area[index]
-    return _standing_for(points, normals, area, piece[lines.triangle[index]], kept)
+    return _standing_for(points, normals, area, piece[lines.triangle[index]], chosen)
 
 
 def _outside(
@@ -112,9 +129,9 @@ def _standing_for(points: Floats, normals: Floats, area: Floats, piece: Ints, ch
 
 
 def _thinned(points: Floats, normals: Floats, area: Floats, number: int) -> Cloud:
-    kept = thin(points, normals, number, float(area.sum()))
-    kept = np.random.default_rng(0).permutation(kept)  # so that every beginning of them is spread evenly
-    return _standing_for(points, normals, area, np.zeros(len(points), np.int64), kept)
+    chosen = thin(points, normals, number, float(area.sum()))
+    chosen = np.random.default_rng(0).permutation(chosen)  # so that every beginning of them is spread evenly
+    return _standing_for(points, normals, area, np.zeros(len(points), np.int64), chosen)
 
 
 def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
@@ -132,3 +149,97 @@ def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) ->
     outward = np.where((behind > ahead)[:, None], -normals, normals)
     seen: Bools = np.maximum(ahead, behind) >= ESCAPE
     return _thinned(points[seen], outward[seen], area[seen], settings.surface_samples)
+
+
+def beside(cloud: Cloud, region: Bools) -> Bools:
+    """A region (N,) of a cloud with the samples next to it."""
+    if not region.any() or region.all():
+        return region
+    near = cKDTree(cloud.points[region]).query(cloud.points)[0]
+    return np.asarray(region | (near < TOUCH * spacing(cloud)), bool)
+
+
+def with_fine(structure: Structure, scene: Scene, cloud: Cloud, meant: Bools) -> tuple[Cloud, Ints]:
+    """A structure's samples, with at least `FINE` on what is meant, (N,) of the even samples `cloud`.
+
+    Returns
+    -------
+    Cloud
+        M samples; the even ones stay elsewhere. Parts are those of the even samples.
+    array of int, shape (M,)
+        The even sample that each is, or lies nearest to and faces like.
+    """
+    own = np.arange(len(cloud))
+    if not meant.any() or meant.sum() >= FINE:
+        return cloud, own
+    region = beside(cloud, meant)
+    area = cloud.areas
+    number = min(FINE * area[region].sum() / area[meant].sum(), _MOST)
+    if len(structure.triangles):
+        points, normals, like, weight, chosen = _on_mesh(structure, scene, cloud, region, number)
+    else:
+        points, normals, like, weight = _of_points(structure, cloud, region, int(number))
+        chosen = thin(points, normals, int(number), float(weight.sum()))
+    if len(chosen) <= region.sum():
+        return cloud, own
+    fine_area = shares(points, normals, weight, chosen)
+    chosen, fine_area = chosen[fine_area > 0], fine_area[fine_area > 0]
+    even = np.flatnonzero(~region)
+    if cloud.part is not None:  # no part is lost of which no fine sample lies nearest
+        even = np.union1d(even, np.flatnonzero(~np.isin(cloud.part, cloud.part[[*even, *like[chosen]]])))
+    index = np.concatenate([even, like[chosen]])
+    return (
+        Cloud(
+            np.concatenate([cloud.points[even], points[chosen]]),
+            np.concatenate([cloud.outward[even], normals[chosen]]),
+            np.concatenate([area[even], fine_area]),
+            None if cloud.part is None else cloud.part[index],
+            open=None if cloud.open is None else cloud.open[index],
+        ),
+        index,
+    )
+
+
+def _on_mesh(
+    structure: Structure, scene: Scene, cloud: Cloud, region: Bools, number: float
+) -> tuple[Floats, Floats, Ints, Floats, Ints]:
+    """Candidates in a region of a mesh: points, outward normals, the even sample of each, area; some kept."""
+    near, tree, reach_m = _near(structure, cloud, region), cKDTree(cloud.points[region]), spacing(cloud)
+    # No fewer than asked for: the next narrower of the spacings.
+    spacing_m = spacing_for(structure, float(cloud.areas[region].sum()), _SPARE * number * 2**0.25)
+    lines = lattice(structure, spacing_m, near)
+    close = np.flatnonzero(np.isfinite(tree.query(lines.points, distance_upper_bound=_CLOSE * reach_m)[0]))
+    points, triangle = lines.points[close], lines.triangle[close]
+    index, outward, like = outside_like(points, triangle, structure, scene, cloud)
+    mine = region[like]
+    index, outward, like = index[mine], outward[mine], like[mine]
+    chosen = close[index]
+    return points[index], outward, like, lines.area[chosen], np.flatnonzero(lines.coarse[chosen])
+
+
+def _near(structure: Structure, cloud: Cloud, region: Bools) -> Ints:
+    """The triangles that may lie in a region."""
+    corners = structure.vertices[structure.triangles]
+    middle = corners.mean(axis=1)
+    reach = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1) + _CLOSE * spacing(cloud)
+    away = cKDTree(cloud.points[region]).query(middle, distance_upper_bound=float(reach.max()))[0]
+    return np.flatnonzero(away <= reach)
+
+
+def _of_points(
+    structure: Structure, cloud: Cloud, region: Bools, number: int
+) -> tuple[Floats, Floats, Ints, Floats]:
+    """The same of a structure given as points: those of its points that lie there."""
+    points = structure.vertices
+    like = cKDTree(cloud.points).query(points)[1]
+    chosen = np.flatnonzero(region[like])
+    chosen = np.sort(np.random.default_rng(0).permutation(chosen)[: _SPARE * number])
+    points, like, outward = points[chosen], like[chosen], outward_of_points(structure, chosen, cloud)
+    if structure.normals is not None:
+        weight = TOUCH * spacing(cloud)
+        known = cKDTree(with_normals(cloud.points, cloud.outward, weight))
+        like = known.query(with_normals(points, outward, weight))[1]
+    mine = region[like]
+    count = np.maximum(np.bincount(like[mine], minlength=len(cloud)), 1)
+    area = (cloud.areas / count)[like[mine]]
+    return points[mine], outward[mine], like[mine], area

@@ -17,8 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from upplied.planning.constants import FRAGMENT, SAME_FACE, TOUCH
-from upplied.planning.surface.escape import lets_out
-from upplied.planning.surface.floor import floor_of
+from upplied.planning.surface.escape import floor_of, lets_out
 from upplied.planning.surface.lattice import lattice, spacing_for
 from upplied.planning.surface.parts import mesh_pieces
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure

@@ -115,10 +115,10 @@ def shares(points: Floats, normals: Floats, area: Floats, chosen: Ints) -> Float
     tree, sides = cKDTree(points[chosen]), normals[chosen]
     choice = tree.query(points)[1]
     # The nearest of all is mostly on the same side.
-    asked = np.flatnonzero(~(np.einsum("ni,ni->n", sides[choice], normals) > 0))
-    near = tree.query(points[asked], k=[*range(1, min(8, len(chosen)) + 1)])[1]
-    facing = np.einsum("nki,ni->nk", sides[near], normals[asked]) > 0
-    choice[asked] = near[np.arange(len(asked)), np.argmax(facing, axis=1)]
+    doubt = np.flatnonzero(~(np.einsum("ni,ni->n", sides[choice], normals) > 0))
+    near = tree.query(points[doubt], k=[*range(1, min(8, len(chosen)) + 1)])[1]
+    facing = np.einsum("nki,ni->nk", sides[near], normals[doubt]) > 0
+    choice[doubt] = near[np.arange(len(doubt)), np.argmax(facing, axis=1)]
     return np.asarray(np.bincount(choice, weights=area, minlength=len(chosen)), float)
 
 

@@ -1,0 +1,423 @@
+"""Findings from a mark in a photo to the same view on another structure."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_plans import plan_as_demonstrated
+from PIL import Image
+
+from upplied.catalog import open_catalog, verify
+from upplied.catalog.database import Catalog
+from upplied.catalog.verbs.looks import put_looks
+from upplied.catalog.verbs.published import export_tables
+from upplied.cli import main
+from upplied.config import CloudSettings
+from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
+from upplied.findings.adding import add_marks, on_surface
+from upplied.findings.campaign import asked_findings, plan_campaign
+from upplied.findings.carried import Carrying
+from upplied.findings.looks import Spot, looks_at_spot, looks_frame, spot_at, spot_of
+from upplied.findings.marks import Mark, box_corners, read_marks
+from upplied.findings.photos import flight_of, register_photos
+from upplied.findings.place import Errors, located
+from upplied.findings.queries import by_reference, photographed
+from upplied.findings.rays import footprint_m, pixels_of, rays_of
+from upplied.findings.reshoot import plan_reshoot
+from upplied.outputs.structure_page import structure_facts
+from upplied.planning.surface.samples import surface_samples
+from upplied.poses import look_at, matrices
+from upplied.records import Camera, Demonstration
+from upplied.samples.correspondence import true_counterparts
+from upplied.samples.fleet import member
+from upplied.scene import scene_of
+
+CUBE, CUBOID = member("cube-v1").structure, member("cuboid-v1").structure
+LOW, HIGH = CUBE.vertices.min(axis=0), CUBE.vertices.max(axis=0)
+CAMERA = Camera(70.0, 55.0, 1.0, 30.0, 1600, 1190)  # 7 mm a pixel from 8 m
+MARK = np.array([HIGH[0], 1.0, 4.0])  # on the side that faces +X
+BEGAN_NS = 1_770_000_000_000_000_000
+
+
+def flown() -> Demonstration:
+    """Past the side of the cube that faces +X, 8 m from it, looking straight at it."""
+    y = np.linspace(-4.0, 4.0, 41)
+    positions = np.column_stack([np.full(41, HIGH[0] + 8.0), y, np.full(41, 4.0)])
+    quats = look_at(positions, positions - [8.0, 0.0, 0.0])
+    t_ns = BEGAN_NS + np.arange(41, dtype=np.int64) * 500_000_000
+    return Demonstration("past", "cube-v1", t_ns, positions, quats, CAMERA, sha256="ab" * 32)
+
+
+def pixel_of(t_s: float, point: np.ndarray) -> tuple[float, float]:
+    """Where a point is in the photo at a time, by tangents."""
+    y = np.interp(t_s, [0.0, 20.0], [-4.0, 4.0])
+    focal = 800 / np.tan(np.radians(35.0)), 595 / np.tan(np.radians(27.5))
+    return 800 + focal[0] * (point[1] - y) / 8.0, 595 - focal[1] * (point[2] - 4.0) / 8.0
+
+
+def square(t_s: float, half_m: float) -> tuple[tuple[float, float], ...]:
+    ways = ((-1, 1), (1, 1), (1, -1), (-1, -1))
+    return tuple(pixel_of(t_s, MARK + half_m * np.array([0.0, across, up])) for across, up in ways)
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory):
+    """A catalog with the flight, a photo of it every 5 s, and one finding: a square of 0.4 m."""
+    folder = tmp_path_factory.mktemp("findings")
+    catalog = open_catalog(folder / "catalog")
+    catalog.add_structures([CUBE, CUBOID])
+    catalog.add_demonstrations([flown()])
+    photos = folder / "photos"
+    photos.mkdir()
+    lines = ["name,t_ns"]
+    for number, t_s in enumerate((0.0, 5.0, 10.0, 15.0, 20.0)):
+        pixels = np.full((1190, 1600, 3), 90, np.uint8)
+        corners = np.array(square(t_s, 0.2))
+        (left, top), (right, bottom) = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int)
+        pixels[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)] = 250
+        Image.fromarray(pixels).save(photos / f"P{number}.png", compress_level=1)
+        lines.append(f"P{number}.png,{BEGAN_NS + int(t_s * 1e9)}")
+    (folder / "times.csv").write_text("\n".join(lines))
+    new, refused = register_photos(
+        catalog, flight_of(catalog, "past"), photos, folder / "times.csv", by="Ada"
+    )
+    assert (new, refused) == (5, [])
+    made = add_marks(catalog, [Mark("it", "P2.png", square(10.0, 0.2), class_name="crack")], "Ada")
+    assert made.new == 1
+    return catalog, folder, made.ids[0]
+
+
+@pytest.fixture
+def catalog(filled) -> Catalog:
+    return filled[0]
+
+
+def row_of(catalog: Catalog, name: str) -> dict:
+    return catalog.finding(name)
+
+
+def test_a_pixel_is_the_ray_to_what_it_shows_and_back():
+    quat = look_at(np.array([1.0, 2.0, 3.0]), np.array([4.0, -3.0, 1.0]))
+    for camera in (CAMERA, Camera(200.0, 150.0, 1.0, 30.0, 1600, 1200)):
+        pixels = np.array([[0.0, 0.0], [800.0, 595.0], [1599.0, 12.5]])
+        points = np.array([1.0, 2.0, 3.0]) + 7 * rays_of(camera, pixels) @ matrices(quat).T
+        assert pixels_of(camera, np.array([1.0, 2.0, 3.0]), quat, points) == pytest.approx(pixels, abs=1e-6)
+
+
+def test_a_pixel_covers_what_rays_through_its_corners_meet():
+    position, place, normal = np.array([0.0, 0.0, 0.0]), np.array([6.0, 2.0, 1.0]), np.array([-0.8, 0.6, 0.0])
+    quat = look_at(position, np.array([6.0, 0.0, 0.0]))
+    (pixel,) = pixels_of(CAMERA, position, quat, place[None])
+    ends = []
+    for way in np.radians(np.arange(0, 180, 1.0)):
+        rays = rays_of(
+            CAMERA, pixel + 0.5 * np.array([[-np.cos(way), -np.sin(way)], [np.cos(way), np.sin(way)]])
+        )
+        rays = rays @ matrices(quat).T
+        there = position + ((place - position) @ normal / (rays @ normal))[:, None] * rays
+        ends.append(np.linalg.norm(there[1] - there[0]))
+    assert footprint_m(CAMERA, position, quat, place, normal) == pytest.approx(max(ends), rel=0.01)
+
+
+def test_a_finding_has_its_place_size_and_view(filled):
+    catalog, _, name = filled
+    row = row_of(catalog, name)
+    assert [row[f"{axis}_m"] for axis in "xyz"] == pytest.approx(MARK, abs=1e-3)
+    assert json.loads(row["normal_json"]) == pytest.approx([1.0, 0.0, 0.0])
+    assert row["length_mm"] == pytest.approx(400 * np.sqrt(2), rel=1e-3)
+    assert row["area_mm2"] == pytest.approx(160_000, rel=1e-3)
+    assert row["distance_m"] == pytest.approx(np.hypot(8.0, 1.0)) and row["state"] == "open"
+    assert (row["class"], row["by"], row["photo"], row["kind"]) == ("crack", "Ada", "P2.png", CUBE.kind)
+    assert (
+        f"{row['photo_at']:%H:%M:%S}" == f"{np.datetime64(BEGAN_NS, 'ns') + np.timedelta64(10, 's')}"[11:19]
+    )
+    # the position is not stated: half a metre; and 0.4 degrees of attitude from 8 m
+    assert 0.3 < row["place_error_m"] < 0.7 and row["pixel_error_m"] < 0.04 and row["mesh_error_m"] == 0
+    assert 0 < row["length_error_mm"] < 100 and verify(catalog) == []
+
+
+def test_the_same_mark_again_adds_nothing_and_states_are_a_history(filled, tmp_path):
+    catalog, _, name = filled
+    mark = Mark("it", "P2.png", square(10.0, 0.2), class_name="crack")
+    assert add_marks(catalog, [mark], "Bob").new == 0
+    catalog.set_finding(name[:6], "watched", "Bob", "grows")
+    assert (
+        list(catalog.findings(state="watched")["note"]) == ["grows"] and catalog.findings(state="open").empty
+    )
+    history = catalog.findings(history=True)
+    assert list(history["state"]) == ["open", "watched"] and list(history["by"]) == ["Ada", "Bob"]
+    catalog.set_finding(name, "open", "Ada")
+    for state, by, kind in (("gone", "Ada", SettingsError), ("open", " ", SettingsError)):
+        with pytest.raises(kind):
+            catalog.set_finding(name, state, by)
+    with pytest.raises(CatalogError, match="is not in the catalog"):
+        catalog.finding("nothing")
+    assert len(catalog.findings(class_name="crack", since="2000-01-01", kind=CUBE.kind)) == 1
+    assert catalog.findings(since="2100-01-01").empty and catalog.findings(structure="cuboid-v1").empty
+    assert export_tables(catalog, tmp_path)["findings"] == 1 and verify(catalog) == []
+
+
+@pytest.mark.parametrize(
+    ("mark", "reason"),
+    [
+        (Mark("it", "P9.png", ((1.0, 1.0),)), "photo P9.png: belongs to no known flight"),
+        (Mark("it", "P4.png", ((1590.0, 600.0),)), "100 % of it misses the structure"),
+        (Mark("it", "P2.png", ((5000.0, 10.0),)), "lies outside of its photo"),
+        (Mark("it", flight="past", t_s=30.0, pixels=((1.0, 1.0),)), "the flight took 20.0 s"),
+        (Mark("it", flight="none", t_s=1.0, pixels=((1.0, 1.0),)), "flight none: is not in the catalog"),
+        (Mark("it", pixels=((1.0, 1.0),)), "names neither photo nor time"),
+        (Mark("it", place=(0.0, 0.0, 90.0), structure="cube-v1"), "m off the surface of cube-v1"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_placed_is_refused_with_the_reason(catalog, mark, reason):
+    before = len(catalog.findings(history=True))
+    made = add_marks(catalog, [mark], "Ada")
+    assert made.new == 0 and reason in made.refused[0] and len(catalog.findings(history=True)) == before
+
+
+def test_a_grazing_look_is_refused():
+    position = np.array([HIGH[0] + 0.5, -15.0, 4.0])
+    quat = look_at(position, MARK)
+    (pixel,) = pixels_of(CAMERA, position, quat, MARK[None])
+    with pytest.raises(RefusedError, match=r"looks at the surface at 88 degrees"):
+        located("it", scene_of(CUBE), CAMERA, position, quat, pixel[None], Errors())
+
+
+def test_the_stated_error_holds_in_95_percent_of_draws():
+    rng, scene = np.random.default_rng(5), scene_of(CUBE)
+    errors, off = Errors(0.3, 0.5, 2.0), []
+    position = np.array([HIGH[0] + 6.0, -2.0, 5.0])
+    for _ in range(120):
+        target = MARK + np.append(0.0, rng.uniform(-2, 2, 2))
+        (pixel,) = pixels_of(CAMERA, position, look_at(position, MARK), target[None])
+        told = position + rng.normal(0, 0.3 / 2.7955, 3)
+        aside = MARK + np.cross(rng.normal(0, np.radians(0.5), 3), MARK - position)
+        found = located("it", scene, CAMERA, told, look_at(told, told + aside - position),
+                        (pixel + rng.normal(0, 2.0, 2))[None], errors)  # fmt: skip
+        off.append(np.linalg.norm(found.place - target) / found.error_m)
+    assert 0.90 <= np.mean(np.array(off) <= 1) <= 0.99
+
+
+def test_files_of_detections_say_the_same(tmp_path):
+    corners = [[10.0, 20.0], [40.0, 20.0], [40.0, 60.0], [10.0, 60.0]]
+    coco = {
+        "images": [{"id": 1, "file_name": "a/P2.png", "width": 1600, "height": 1190}],
+        "categories": [{"id": 3, "name": "crack"}],
+        "annotations": [{"id": 7, "image_id": 1, "category_id": 3, "bbox": [10, 20, 30, 40]}],
+    }
+    (tmp_path / "c.json").write_text(json.dumps(coco))
+    (tmp_path / "d.csv").write_text("photo,x_px,y_px,width_px,height_px,class\nP2.png,10,20,30,40,crack\n")
+    shape = {"type": "Polygon", "coordinates": [[*corners, corners[0]]]}
+    feature = {"type": "Feature", "geometry": shape, "properties": {"photo": "P2.png", "class": "crack"}}
+    (tmp_path / "g.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    marks = [read_marks(tmp_path / name)[0] for name in ("c.json", "d.csv", "g.geojson")]
+    assert {mark.pixels for mark in marks} == {box_corners(10.0, 20.0, 30.0, 40.0)}
+    assert {mark.class_name for mark in marks} == {"crack"} and marks[0].size_px == (1600, 1190)
+    assert all(len(mark.file_sha256) == 64 for mark in marks)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.json", "{"), ("b.json", "[1]"), ("c.json", '{"images": [], "annotations": []}'),
+        ("d.csv", "a,b\n1,2\n"),
+        ("e.csv", "photo,x_px,y_px\nP,nan,1\n"), ("f.geojson", '{"features": [{"geometry": {"type": "X", '
+         '"coordinates": []}}]}'), ("g.json", "[" * 50_000), ("h.csv", "photo,outline_px\nP,1 2 3\n"),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_none_is_told_with_the_rule(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=rf"{name}: (cannot be read|holds 0 marks)"):
+        read_marks(tmp_path / name)
+
+
+def test_every_photo_that_shows_a_place_is_found_and_no_other(filled):
+    catalog, _, name = filled
+    found = looks_frame(looks_at_spot(catalog, spot_of(row_of(catalog, name))))
+    pixels = np.array([pixel_of(t_s, MARK) for t_s in (0.0, 5.0, 10.0, 15.0, 20.0)])
+    inside = ((pixels >= 0) & (pixels <= [1600, 1190])).all(axis=1)
+    seen = {f"P{number}.png" for number in np.flatnonzero(inside)}
+    assert set(found["photo"]) == seen and 3 <= len(seen) < 6
+    assert found["mm_px"].is_monotonic_increasing and found.iloc[0]["mm_px"] == pytest.approx(7.0, rel=0.05)
+    at = found.set_index("photo").loc["P2.png"]
+    x, y = pixel_of(10.0, MARK)
+    assert at["left_px"] < x < at["right_px"] and at["top_px"] < y < at["bottom_px"]
+    assert at["blur_px"] == pytest.approx(0.4 / 500 / 7.0e-3, rel=0.1)
+    # the other side of the cube is hidden by it
+    assert not looks_at_spot(catalog, spot_at(catalog, "cube-v1", (LOW[0], 1.0, 4.0)))
+    with pytest.raises(SettingsError, match="three coordinates"):
+        spot_at(catalog, "cube-v1", (float("nan"), 0.0, 0.0))
+
+
+def test_crops_show_a_place_in_one_view_and_scale(filled, tmp_path, capsys):
+    catalog, folder, name = filled
+    moved = folder / "photos" / "P1.png"
+    moved.rename(tmp_path / "P1.png")
+    where = "--catalog", catalog.location
+    assert main(["findings", "looks", name, "--out", str(tmp_path / "out"), *where]) == 1
+    assert "P1.png" in capsys.readouterr().err
+    assert (
+        main(["findings", "looks", name, "--out", str(tmp_path / "out"), "--photos", str(tmp_path), *where])
+        == 0
+    )
+    (tmp_path / "P1.png").rename(moved)
+    crops = [np.asarray(Image.open(path)) for path in sorted((tmp_path / "out").glob("*.png"))]
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert len(crops) == page.count("<img") >= 3 and len({crop.shape for crop in crops}) == 1
+    bright = [np.argwhere(crop[:, :, 0] > 170).mean(axis=0) for crop in crops if (crop[:, :, 0] > 170).any()]
+    area = [(crop[:, :, 0] > 170).sum() for crop in crops]
+    assert len(bright) == len(crops) and np.ptp(area) < 0.05 * np.mean(area)
+    assert np.abs(np.array(bright) - np.array(crops[0].shape[:2]) / 2).max() < 3
+
+
+def test_the_same_place_elsewhere_is_where_the_samples_say(catalog):
+    places = np.array([[HIGH[0], 1.0, 4.0], [0.0, HIGH[1], 6.0], [1.0, 1.0, HIGH[2]]])
+    found, normals = on_surface(scene_of(CUBE), places)
+    assert found == pytest.approx(places, abs=1e-6) and (normals @ [1, 1, 1] == pytest.approx(1.0))
+    spots = [Spot("cube-v1", place, way, place[None]) for place, way in zip(found, normals, strict=True)]
+    there = Carrying(catalog).to(spots, "cuboid-v1")
+    truth = true_counterparts("cube-v1", "cuboid-v1", places)
+    assert np.linalg.norm(there.place - truth, axis=1).max() < 0.02 * CUBOID.diagonal_m
+    assert there.normal == pytest.approx(normals, abs=1e-6) and not there.doubtful.any()
+    assert np.einsum("nij,nj->ni", there.turn, normals) == pytest.approx(there.normal, abs=1e-6)
+    with pytest.raises(RefusedError, match="structures of one kind"):
+        Carrying(catalog).targets("cube-v1", "a320-v1")
+
+
+def test_questions_over_the_fleet(filled):
+    catalog, _, name = filled
+    found = photographed(catalog, row_of(catalog, name)).set_index("structure_id")
+    assert list(found.index) == ["cube-v1", "cuboid-v1"] and found["looked_at"].isna().all()
+    assert found.loc["cuboid-v1", "error_m"] >= row_of(catalog, name)["place_error_m"]
+    on = by_reference(catalog, "cuboid-v1", class_name="crack")
+    truth = true_counterparts("cube-v1", "cuboid-v1", MARK[None])[0]
+    assert on[[f"reference_{axis}_m" for axis in "xyz"]].to_numpy()[0] == pytest.approx(truth, abs=0.3)
+    assert by_reference(catalog, "cuboid-v1", class_name="rust").empty
+    (shown,) = structure_facts(catalog, CUBE, [], [])["marks"]
+    assert (shown["finding"], shown["class"], shown["photo"]) == (name, "crack", "P2.png")
+
+
+def test_a_look_counts_on_the_side_that_it_saw_and_as_finely_as_asked(tmp_path):
+    catalog = open_catalog(tmp_path / "catalog")
+    plate = replace(CUBE, vertices=CUBE.vertices * [0.01, 1.0, 1.0], sha256="ef" * 32)  # 12 cm thick
+    catalog.add_structures([plate])
+    catalog.add_demonstrations([flown()])
+    surface = surface_samples(plate, scene_of(plate), CloudSettings())
+    catalog.add_plans([("12" * 32, plan_as_demonstrated(plate, flown(), surface), {})])
+    front = surface.outward[:, 0] > 0.9
+    values = dict.fromkeys(
+        ("distance_m", "incidence_deg", "speed_mps", "t_s", "frontal_distance_m", "frontal_incidence_deg"),
+        np.full(len(surface), 8.0),
+    )
+    (plan,) = catalog.transfers(every=True)["transfer_id"]
+    row = {
+        "flight_id": "34" * 32, "transfer_id": plan, "kind": "flown", "target_id": "cube-v1",
+        "demonstration_id": "past", "flown_at": catalog.clock.now(),
+        "looks_sha256": put_looks(catalog, surface.points, surface.normals, front, values),
+    }  # fmt: skip
+    catalog.add_flight(row, flown().trajectory)
+    sides = [spot_at(catalog, "cube-v1", (x, 1.0, 4.0)) for x in (0.06, -0.06)]
+    assert [side.normal[0] for side in sides] == pytest.approx([1.0, -1.0])
+    last = [photographed(catalog, side, "cube-v1").iloc[0] for side in sides]
+    assert last[0]["looks"] == 1 and last[1]["looks"] == 0
+    assert last[0]["mm_px"] == pytest.approx(1e3 * 8 / np.cos(np.radians(8)) * np.tan(np.radians(35)) / 800)
+    assert photographed(catalog, sides[0], "cube-v1", mm_px=7.0).iloc[0]["looks"] == 0
+    assert photographed(catalog, sides[0], "cube-v1", since="2100-01-01").iloc[0]["looks"] == 0
+
+
+def test_a_mission_shows_a_place_as_its_photo_did_and_as_finely_as_asked(filled):
+    catalog, _, name = filled
+    rows = asked_findings(catalog, "open", "cube-v1")
+    made = plan_reshoot(catalog, rows, "cube-v1", 5.0)
+    plan = catalog.plan(made.transfer_id)
+    assert made.shown == (name,) and not made.refused
+    assert plan.trajectory is not None and plan.is_viewpoint is not None and plan.flyable
+    shot = plan.trajectory.take(plan.is_viewpoint)
+    position, quat = shot.positions[0], shot.quat_xyzw[0]
+    assert 1e3 * footprint_m(CAMERA, position, quat, MARK, np.array([1.0, 0.0, 0.0])) <= 5.0
+    wanted = np.array([8.0, -1.0, 0.0]) / np.hypot(8.0, 1.0)  # the photo at 10 s was taken from y = 0
+    way = (position - MARK) / np.linalg.norm(position - MARK)
+    assert np.degrees(np.arccos(way @ wanted)) < 0.1
+    assert scene_of(CUBE).distance(plan.trajectory.positions).min() >= 2.0
+    (row,) = catalog.transfers(every=True, ids=[made.transfer_id]).to_dict("records")
+    assert row["purpose"].startswith("reshoot ") and row["state"] == "draft"
+    assert plan_reshoot(catalog, rows, "cube-v1", 5.0).transfer_id == made.transfer_id
+    file, where = f"{catalog.location}.plan", ("--catalog", catalog.location)
+    assert (
+        main(["export", made.transfer_id, "--to", "qgc-plan", "-o", file, "--draft", *where]) == 0
+    )  # its gate
+    assert main(["transfer", "--reproduce", made.transfer_id, *where]) == 1
+    with pytest.raises(RefusedError, match=r"no safe look at 0\.2 mm a pixel, 2 m away"):
+        plan_reshoot(catalog, rows, "cube-v1", 0.2)
+    with pytest.raises(RefusedError, match="has neither plan nor demonstration"):
+        plan_reshoot(catalog, rows, "cuboid-v1", 5.0)
+
+
+def test_a_campaign_has_a_draft_for_each_structure_without_a_look(filled):
+    catalog, _, name = filled
+    other = open_catalog(f"{catalog.location}-campaign")
+    other.add_structures([CUBE, CUBOID])
+    other.add_demonstrations([replace(flown(), demonstration_id="there", structure_id="cuboid-v1")])
+    row = row_of(catalog, name)
+    (one,) = plan_campaign(other, row, 8.0)
+    plan = other.plan(one["words"].split(";")[0])
+    assert (one["structure_id"], one["status"]) == ("cuboid-v1", "draft")
+    assert plan.trajectory is not None and plan.target_id == "cuboid-v1"
+    place = true_counterparts("cube-v1", "cuboid-v1", MARK[None])[0]
+    ahead = matrices(plan.trajectory.quat_xyzw[0])[:, 0]
+    assert ahead @ (place - plan.trajectory.positions[0]) > 0.999 * np.linalg.norm(
+        place - plan.trajectory.positions[0]
+    )
+    assert plan_campaign(other, row, 0.1)[0]["status"] == "refused"
+
+
+def test_a_place_that_is_hidden_where_its_photo_was_taken_from_is_seen_from_aside(filled):
+    catalog, _, name = filled
+    below = replace(CUBE, surroundings=replace(CUBE.surroundings, keep_out_m=np.array(
+        [[[HIGH[0] + 3.0, -2.0, 0.0], [HIGH[0] + 20.0, 2.0, 12.0]]])))  # fmt: skip
+    other = open_catalog(f"{catalog.location}-kept-out")
+    other.add_structures([replace(below, sha256="cd" * 32)])
+    other.add_demonstrations([flown()])
+    made = plan_reshoot(other, [row_of(catalog, name)], "cube-v1", 7.5)
+    assert "degrees aside: nothing nearer is safe and sees it" in made.words[1] or "m nearer" in made.words[1]
+    shot = other.plan(made.transfer_id).trajectory.positions
+    inside = ((shot > [HIGH[0] + 3.0, -2.0, 0.0]) & (shot < [HIGH[0] + 20.0, 2.0, 12.0])).all(axis=1)
+    assert not inside.any()
+
+
+def test_the_command_places_lists_and_changes(filled, capsys, tmp_path):
+    catalog, _, name = filled
+    where = "--catalog", catalog.location
+    x, y = pixel_of(5.0, MARK + np.array([0.0, 0.0, 1.0]))
+    told = [
+        "findings",
+        "add",
+        "--photo",
+        "P1.png",
+        "--pixel",
+        f"{x}",
+        f"{y}",
+        "--class",
+        "rust",
+        "--by",
+        "Ada",
+    ]
+    assert main([*told, *where, "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert row["class"] == "rust" and row["z_m"] == pytest.approx(MARK[2] + 1.0, abs=1e-3)
+    assert (
+        main(["findings", "set", row["finding_id"], "dismissed", "--by", "Bob", "--note", "dirt", *where])
+        == 0
+    )
+    assert main(["findings", "list", "--state", "open", *where]) == 0
+    said = capsys.readouterr().out
+    assert name in said and row["finding_id"] not in said.split("is dismissed")[1]
+    assert main(["findings", "history", row["finding_id"], *where]) == 0 and "dirt" in capsys.readouterr().out
+    (tmp_path / "d.csv").write_text("photo,x_px,y_px\nP1.png,1,1\nP7.png,1,1\n")
+    assert main(["findings", "add", str(tmp_path / "d.csv"), "--by", "Ada", *where]) == 1
+    assert "d.csv, line 2" in (errors := capsys.readouterr().err) and "P7.png" in errors
+    assert main(["looks", "cube-v1", *map(str, MARK), *where]) == 0 and "P2.png" in capsys.readouterr().out
+    assert main(["findings", "add", "--by", "Ada", *where]) == 2

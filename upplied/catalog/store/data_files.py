@@ -1,0 +1,67 @@
+"""Data files of tables: written here and not by delta-rs, on the disk before a commit names them.
+
+(An error of the disk comes back as an error; delta-rs 1.6 prints a panic besides.)
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import secrets
+import time
+from datetime import datetime, timedelta
+from io import BytesIO
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from deltalake.transaction import AddAction
+
+from upplied.catalog.store.files import FileStore
+
+ROW_GROUP = 16_384
+_LONGEST_STATISTIC = 64
+_NAMES = ("transfer_id", "key", "waypoints_sha256")  # hardly one twice
+
+
+def new_file(files: FileStore, rows: pa.Table) -> AddAction:
+    """Write a data file that no commit names yet."""
+    sink = BytesIO()
+    pq.write_table(rows, sink, row_group_size=ROW_GROUP, compression="zstd")
+    name = f"part-{hashlib.sha256(sink.getbuffer()).hexdigest()}-{secrets.token_hex(4)}.parquet"
+    files.write(name, sink.getvalue())
+    return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, statistics(rows))
+
+
+def statistics(rows: pa.Table) -> str:
+    """What readers may skip the file by: the range of each column, and its nulls.
+
+    Long texts have no range; moments are stated to the millisecond, so theirs is a little wider. A
+    column that is filtered by must have one (ids are short enough): pyarrow takes a missing range
+    for nulls.
+    """
+    low, high = {}, {}
+    for name in rows.column_names:
+        if pa.types.is_nested(rows.schema.field(name).type):
+            continue  # of a newer program; we have none
+        ends = pc.min_max(rows[name]).as_py()
+        least, most = ends["min"], ends["max"]
+        if most is None or len(str(most)) > _LONGEST_STATISTIC or most != most:
+            continue
+        if isinstance(most, datetime):
+            most += timedelta(milliseconds=1)
+            least, most = (when.isoformat(timespec="milliseconds") for when in (least, most))
+        low[name], high[name] = least, most
+    nulls = {name: rows[name].null_count for name in rows.column_names}
+    return json.dumps({"numRecords": len(rows), "minValues": low, "maxValues": high, "nullCount": nulls})
+
+
+def encoded(rows: pa.Table) -> pa.Table:
+    """Rows with their texts as dictionaries, but for those that name a row each.
+
+    Copied: a column as it was read keeps ten times its bytes in memory, those it was decoded in.
+    """
+    for at, field in enumerate(rows.schema):
+        if pa.types.is_string(field.type) and field.name not in _NAMES:
+            rows = rows.set_column(at, field.name, rows.column(at).dictionary_encode())
+    return rows.take(pa.array(range(len(rows)), pa.int64()))
