@@ -99,7 +99,7 @@ def test_missions(format, planned, tmp_path, capsys):
     assert "preset: the plan is of preset baseline" in capsys.readouterr().err
     arguments += [*FORCED]
     assert main(arguments) == 1 and not output.exists()
-    assert "say --draft" in capsys.readouterr().err.lower()
+    assert "use --draft" in capsys.readouterr().err.lower()
     arguments += ["--draft"]
     assert main(arguments) == 0
     assert output.stat().st_size > 100

@@ -120,7 +120,7 @@ class MissionOptions:
 
             known_camera(self.camera, self.file_format)
         for rule in {*DRAFTS} & {*self.force}:
-            raise SettingsError(f"rule {rule!r}", "is not overruled by name", "", "say --draft")
+            raise SettingsError(f"rule {rule!r}", "is not overruled by name", "", "use --draft")
         for name, valid, rule in _RULES:
             value = getattr(self, name)
             if value is not None and not valid(value):
