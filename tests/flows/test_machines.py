@@ -19,7 +19,7 @@ from processes import cut_the_power
 
 from upplied import fleet
 from upplied.catalog import Catalog, open_catalog
-from upplied.flows.server import Server, free_port, start, stop
+from upplied.flows.server import Server, free_port, private_server, start, stop
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
 
@@ -138,24 +138,24 @@ def pool_of(server: Server, place: Path, names: Sequence[str]) -> Iterator[list[
         yield machines
 
 
-@pytest.fixture(scope="module")
-def pooled(own_server) -> Server:
-    """A server with the work pools and the deployments."""
+def prepare(server: Server) -> None:
     for pool in ("local", "planners"):
-        prefect(own_server, "work-pool", "create", pool, "--type", "process")
-    prefect(own_server, "--no-prompt", "deploy", "--all")
-    return own_server
+        prefect(server, "work-pool", "create", pool, "--type", "process")
+    prefect(server, "--no-prompt", "deploy", "--all")
 
 
 @pytest.mark.ci
-def test_two_machines_and_an_object_store_give_the_same_bytes_as_one(pooled, tmp_path, bucket):
+def test_two_machines_and_an_object_store_give_the_same_bytes_as_one(tmp_path, bucket):
     here = boxes(tmp_path / "here", tmp_path / "cache-here")
     fleet.transfer(here, fleet.decide(here, fleet.PlanRequest(PRESETS)).jobs, "here", fleet.Resources(2))
     there = boxes(bucket, tmp_path / "cache-there")
-    with pool_of(pooled, tmp_path, ("one", "two")) as machines:
-        assert "12 ok, 0 refused, 0 failed, 0 unchanged" in said(start_run(pooled, bucket, 0))
-        taken = [each.log.read_text().count("submitted to infrastructure") for each in machines]
-        assert "0 ok, 0 refused, 0 failed, 12 unchanged" in said(start_run(pooled, bucket, 0))
+    with private_server(tmp_path / "prefect") as server:
+        server.wait()
+        prepare(server)
+        with pool_of(server, tmp_path, ("one", "two")) as machines:
+            assert "12 ok, 0 refused, 0 failed, 0 unchanged" in said(start_run(server, bucket, 0))
+            taken = [each.log.read_text().count("submitted to infrastructure") for each in machines]
+            assert "0 ok, 0 refused, 0 failed, 12 unchanged" in said(start_run(server, bucket, 0))
     assert taken == [1, 1], "the fleet was not shared out"
     rows = there.transfers(every=True)
     assert len(rows) == 12
@@ -165,21 +165,23 @@ def test_two_machines_and_an_object_store_give_the_same_bytes_as_one(pooled, tmp
     assert kept(here) == kept(there)
 
 
-def test_a_machine_that_is_lost_is_found_by_its_silence_and_its_shard_goes_to_another(
-    pooled, tmp_path, bucket
-):
-    """Worker and flow of one machine are killed at once; its shard goes to the other."""
+def test_a_machine_that_is_lost_is_found_by_its_silence_and_its_shard_goes_to_another(tmp_path, bucket):
+    """Worker and flow of one machine are killed at once: nobody is left there to tell the server."""
     catalog = boxes(bucket, tmp_path / "cache-there")
-    before = {run["id"] for run in states(pooled)}
-    quickly = "from upplied.flows.automations import apply, zombies; apply(zombies(90))"  # three heartbeats
-    subprocess.run([sys.executable, "-c", quickly], env=pooled.environment, cwd=ROOT, check=True)
-    with pool_of(pooled, tmp_path, ("one", "two")) as (lost, other):
-        night = start_run(pooled, bucket, 1)
-        lost.wait_for("Beginning")
-        lost.cut_the_power()
-        told = said(night)
-        runs = [run for run in states(pooled) if run["id"] not in before]
-    assert "submitted to infrastructure" in other.log.read_text()
+    with private_server(tmp_path / "prefect") as server:
+        server.wait()
+        prepare(server)
+        quickly = (
+            "from upplied.flows.automations import apply, zombies; apply(zombies(90))"  # three heartbeats
+        )
+        subprocess.run([sys.executable, "-c", quickly], env=server.environment, cwd=ROOT, check=True)
+        with pool_of(server, tmp_path, ("one", "two")) as (lost, other):
+            night = start_run(server, bucket, 1)
+            lost.wait_for("Beginning")
+            lost.cut_the_power()
+            told = said(night)
+            runs = states(server)
+        assert "submitted to infrastructure" in other.log.read_text()
     assert "12 ok, 0 refused, 0 failed, 0 unchanged" in told
     assert "was lost" not in told, "the shard was planned by the run itself, not by the other machine"
     assert [run["name"] for run in runs if run["state"] == "CRASHED"] == [lost.shard()]
@@ -191,13 +193,16 @@ def test_a_machine_that_is_lost_is_found_by_its_silence_and_its_shard_goes_to_an
 
 
 @pytest.mark.ci
-def test_where_the_last_machine_leaves_the_run_plans_the_rest_itself(pooled, tmp_path, bucket):
+def test_where_the_last_machine_leaves_the_run_plans_the_rest_itself(tmp_path, bucket):
     catalog = boxes(bucket, tmp_path / "cache-there")
-    with pool_of(pooled, tmp_path, ("one",)) as (only,):
-        night = start_run(pooled, bucket, 1)
-        only.wait_for("Finished in state Completed('2 ok")
-        stop(only.worker)
-        told = said(night)
+    with private_server(tmp_path / "prefect") as server:
+        server.wait()
+        prepare(server)
+        with pool_of(server, tmp_path, ("one",)) as (only,):
+            night = start_run(server, bucket, 1)
+            only.wait_for("Finished in state Completed('2 ok")
+            stop(only.worker)
+            told = said(night)
     assert "12 ok, 0 refused, 0 failed, 0 unchanged" in told
     assert "was lost" in told
     rows = catalog.transfers(every=True)
@@ -226,7 +231,7 @@ def states(server: Server) -> list[dict[str, str]]:
 import json
 from prefect import get_client
 with get_client(sync_client=True) as client:
-    print(json.dumps([{"id": str(it.id), "name": it.name, "state": it.state.type.value}
+    print(json.dumps([{"name": it.name, "state": it.state.type.value, "said": it.state.message}
                       for it in client.read_flow_runs()]))
 """
     done = subprocess.run(
