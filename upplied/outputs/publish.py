@@ -21,7 +21,7 @@ from upplied.outputs.files import replace_file
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.pairs import Pair, fleet_data
 from upplied.outputs.reports import Reader, Source
-from upplied.outputs.structure_page import places
+from upplied.outputs.structure_page import fleet_findings, marks, places
 
 TITLE = "Inspection fleet"
 PICTURES = 200  # at most, unless asked for more: each takes a second
@@ -245,7 +245,8 @@ def _put_structures(
         words = [reader.flown(pair.main) for pair in plans]
         drawn = [pair.name for pair in plans if f"pictures/{pair.name}.png" in place.now]
         zones = _plain({row["zone"]: row for row in reader.zones(name)})
-        key = digest([code, reader.sha256("structures", name), rows, words, drawn, zones])
+        found = marks(reader.source, name)
+        key = digest([code, reader.sha256("structures", name), rows, words, drawn, zones, found])
         try:
             place.put(f"structures/{name}.html", key, partial(structure_html, reader, name, plans, place.now))
         except UppliedError as error:
@@ -261,7 +262,8 @@ def fleet_html(
     live: bool = False,
 ) -> str:
     """The page of the fleet."""
-    data = {"fleet": fleet_data(list(pairs), title, problems, known, places(reader.source))}
+    fleet = fleet_data(list(pairs), title, problems, known, places(reader.source))
+    data = {"fleet": fleet | {"findings": fleet_findings(reader.source)}}
     tables = "" if live else " The tables are in transfers.parquet."
     return pages.page(
         "fleet", title, data, f"{title}: {known} plans.{tables} This page needs scripts.", live=live
