@@ -27,7 +27,7 @@ from upplied.findings.place import Errors, located
 from upplied.findings.queries import by_reference, photographed
 from upplied.findings.rays import footprint_m, pixels_of, rays_of
 from upplied.findings.reshoot import plan_reshoot
-from upplied.outputs.structure_page import structure_facts
+from upplied.outputs.structure_page import fleet_findings, structure_facts
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import look_at, matrices
 from upplied.records import Camera, Demonstration
@@ -298,6 +298,7 @@ def test_questions_over_the_fleet(filled):
     assert by_reference(catalog, "cuboid-v1", class_name="rust").empty
     (shown,) = structure_facts(catalog, CUBE, [], [])["marks"]
     assert (shown["finding"], shown["class"], shown["photo"]) == (name, "crack", "P2.png")
+    assert fleet_findings(catalog) == [{"kind": CUBE.kind, "class": "crack", "open": 1}]
 
 
 def test_a_look_counts_on_the_side_that_it_saw_and_as_finely_as_asked(tmp_path):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -112,6 +112,20 @@ class Carrying:
                 return carried_spots(places, *self._pair(source_id, target_id, settings), settings)
 
         return self.remembered("counterparts", Counterparts, key, found)
+
+    def everywhere(self, spot: Spot, names: Sequence[str]) -> Counterparts:
+        """Where a spot is on each of some structures, a row for each."""
+        settings = {self._settings(_PRESET, self.kinds[name], name).sha256 for name in names}
+        about = [spot.structure_id, list(names), self.named(spot.structure_id), sorted(settings)]
+        place = [*spot.place.round(6).tolist(), *spot.normal.round(6).tolist()]
+
+        def found() -> Counterparts:
+            each = [self.to([spot], name) for name in names]
+            return Counterparts(
+                *(np.concatenate([getattr(one, f.name) for one in each]) for f in fields(each[0]))
+            )
+
+        return self.remembered("counterparts-of-all", Counterparts, [*about, place], found)
 
     def remembered(self, stage: str, record: type[R], key: Sequence[Any], compute: Callable[[], R]) -> R:
         """What follows from a key, kept in the cache of the catalog."""

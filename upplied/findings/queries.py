@@ -73,22 +73,22 @@ def photographed(
     focal = _focals(catalog)
     own = {name: rows.to_dict("records") for name, rows in flights.groupby("target_id")}
     found = []
-    for name in names:
-        for there in carrying.instances(spot, name) if every else [carrying.to([spot], name)]:
-            place = there.place[0]
-            row = {"structure_id": name, "part": int(there.part[0])}
-            row |= dict(zip(("x_m", "y_m", "z_m"), place, strict=True))
-            error = float(np.hypot(there.error_m[0], own_error))
-            row |= {"probability": there.probability[0], "error_m": error, "doubt": there.doubt(0)}
-            looks = (
-                []
-                if np.isnan(place[0])
-                else [_seen(catalog, each, place, there.normal[0], focal) for each in own.get(name, ())]
-            )
-            count = [look for look in looks if look is not None and look["mm_px"] <= mm_px]
-            last: dict[str, Any] = max(count, key=lambda one: one["looked_at"], default={})
-            none = {"looked_at": pd.NaT, "flight_id": "", "mm_px": np.nan, "incidence_deg": np.nan}
-            found.append(row | none | last | {"looks": len(count)})
+    if every:
+        places = [(name, there, 0) for name in names for there in carrying.instances(spot, name)]
+    else:
+        whole = carrying.everywhere(spot, names)
+        places = [(name, whole, at) for at, name in enumerate(names)]
+    for name, there, at in places:
+        place, error = there.place[at], float(np.hypot(there.error_m[at], own_error))
+        row = {"structure_id": name, "part": int(there.part[at])}
+        row |= dict(zip(("x_m", "y_m", "z_m"), place, strict=True))
+        row |= {"probability": there.probability[at], "error_m": error, "doubt": there.doubt(at)}
+        flown = own.get(name, ()) if np.isfinite(place[0]) else ()
+        looks = [_seen(catalog, each, place, there.normal[at], focal) for each in flown]
+        count = [look for look in looks if look is not None and look["mm_px"] <= mm_px]
+        last: dict[str, Any] = max(count, key=lambda one: one["looked_at"], default={})
+        none = {"looked_at": pd.NaT, "flight_id": "", "mm_px": np.nan, "incidence_deg": np.nan}
+        found.append(row | none | last | {"looks": len(count)})
     frame = pd.DataFrame(found)
     frame["looked_at"] = pd.to_datetime(frame["looked_at"], utc=True)
     return frame

@@ -8,7 +8,7 @@ from upplied.outputs import pages
 from upplied.outputs.fleet_page import fleet_data
 from upplied.outputs.pairs import Pair
 from upplied.outputs.reports import Reader
-from upplied.outputs.structure_page import places
+from upplied.outputs.structure_page import fleet_findings, places
 
 
 def fleet_html(
@@ -20,7 +20,8 @@ def fleet_html(
     live: bool = False,
 ) -> str:
     """The page of the fleet."""
-    data = {"fleet": fleet_data(list(pairs), title, problems, known, places(reader.source))}
+    fleet = fleet_data(list(pairs), title, problems, known, places(reader.source))
+    data = {"fleet": fleet | {"findings": fleet_findings(reader.source)}}
     tables = "" if live else " The tables are in transfers.parquet."
     return pages.page(
         "fleet", title, data, f"{title}: {known} plans.{tables} This page needs scripts.", live=live

@@ -31,7 +31,7 @@ from upplied.outputs.page_html import (
 from upplied.outputs.pairs import Pair
 from upplied.outputs.reports import Reader
 from upplied.outputs.source import Source
-from upplied.outputs.structure_page import places
+from upplied.outputs.structure_page import marks, places
 
 TITLE = "Inspection fleet"
 PICTURES = 200  # at most, unless asked for more: each takes a second
@@ -255,7 +255,8 @@ def _put_structures(
         words = [reader.flown(pair.main) for pair in plans]
         drawn = [pair.name for pair in plans if f"pictures/{pair.name}.png" in place.now]
         zones = _plain({row["zone"]: row for row in reader.zones(name)})
-        key = digest([code, reader.sha256("structures", name), rows, words, drawn, zones])
+        found = marks(reader.source, name)
+        key = digest([code, reader.sha256("structures", name), rows, words, drawn, zones, found])
         try:
             place.put(f"structures/{name}.html", key, partial(structure_html, reader, name, plans, place.now))
         except UppliedError as error:

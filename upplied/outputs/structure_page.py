@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -38,20 +39,7 @@ def structure_facts(
         ],
         "findings": [str(finding) for finding in from_json(structure.verdicts_json)],
         "zones": list(zones),
-        "marks": [
-            {
-                "finding": str(row["finding_id"]),
-                "class": str(row["class"] or ""),
-                "severity": str(row["severity"] or ""),
-                "state": str(row["state"]),
-                "place": ", ".join(f"{row[name]:.2f}" for name in ("x_m", "y_m", "z_m")),
-                "error": number(row, "place_error_m"),
-                "length": number(row, "length_mm"),
-                "photo": str(row["photo"] or ""),
-                "by": f"{row['by']}, {stamp(row['added_at'])}",
-            }
-            for row in _rows(source, "findings", name)
-        ],
+        "marks": marks(source, name),
         "plans": [_plan(pair, preset, row) for pair in pairs for preset, row in _plans(pair)],
         "flights": [
             {
@@ -67,6 +55,35 @@ def structure_facts(
         ],
         "history": _history(source, pairs),
     }
+
+
+def marks(source: Any, structure_id: str) -> list[dict[str, Any]]:
+    """The findings of a structure as they stand, the newest first."""
+    return [
+        {
+            "finding": str(row["finding_id"]),
+            "class": str(row["class"] or ""),
+            "severity": str(row["severity"] or ""),
+            "state": str(row["state"]),
+            "place": ", ".join(f"{row[axis]:.2f}" for axis in ("x_m", "y_m", "z_m")),
+            "error": number(row, "place_error_m"),
+            "length": number(row, "length_mm"),
+            "photo": str(row["photo"] or ""),
+            "by": f"{row['by']}, {stamp(row['added_at'])}",
+        }
+        for row in _rows(source, "findings", structure_id)
+    ]
+
+
+def fleet_findings(source: Any) -> list[dict[str, Any]]:
+    """How many findings of each kind of structure and class are in each state."""
+    if not hasattr(source, "findings") or (rows := source.findings()).empty:
+        return []
+    count = Counter(zip(rows["kind"], rows["class"], rows["state"], strict=True))
+    found: dict[tuple[str, str], dict[str, Any]] = {}
+    for (kind, name, state), number_of in sorted(count.items()):
+        found.setdefault((kind, name), {"kind": kind, "class": name})[state] = number_of
+    return list(found.values())
 
 
 def places(source: Any) -> dict[str, dict[str, Any]]:

@@ -82,7 +82,9 @@
         element("button", { type: "button", id: "worst-first", onclick: () => { state.sort = "order"; state.down = false; refresh(); } }, "Attention first"),
         element("label", { class: "check" }, element("input", { type: "checkbox", id: "research", onchange: (event) => { table.research(event.target.checked); heads(); refresh(); } }), "research columns"),
         count),
-      upplied.places(fleet.structures || {}, rows), table.root);
+      upplied.places(fleet.structures || {}, rows), table.root,
+      (fleet.findings || []).length ? element("section", {}, element("h2", {}, "Findings"), upplied.table("Findings", ["Kind", "Class", "Open", "Watched", "Repaired", "Dismissed"],
+        fleet.findings.map((row) => [row.kind, row.class, ...["open", "watched", "repaired", "dismissed"].map((state) => row[state] || 0)]))) : null);
     heads();
     refresh();
     return table.leave;
