@@ -71,7 +71,10 @@ def photographed(
     if since is not None:
         flights = flights[flights["flown_at"] >= moment(since)]
     focal = _focals(catalog)
-    own = {name: rows.to_dict("records") for name, rows in flights.groupby("target_id")}
+    own: dict[str, list[dict[Any, Any]]] = {}
+    columns = ["target_id", "flight_id", "demonstration_id", "flown_at", "looks_sha256"]
+    for each in flights[columns].to_dict("records"):
+        own.setdefault(each["target_id"], []).append(each)
     found = []
     if every:
         places = [(name, there, 0) for name in names for there in carrying.instances(spot, name)]
