@@ -331,28 +331,3 @@ def test_turns_on_the_spot_are_holds_or_actions_and_no_waypoints_of_their_own(tm
     assert text.count("<Placemark>") == len(mission.stops)
     assert text.count(">rotateYaw<") == 1 and ">counterClockwise<" in text
     assert text.count(">takePhoto<") == 0 and "<wpml:hoverTime>4.0<" in text
-
-
-def test_waypoints_say_whether_they_were_demonstrated_or_added(tmp_path):
-    path = made_plan().trajectory
-    added = {"is_added": np.arange(len(path)) >= len(path) // 2}
-    _, table = written(tmp_path, "csv", **added)
-    rows = list(csv.DictReader(table.read_text().splitlines()))
-    marked = [row["origin"] for row in rows]
-    told = [word for word in marked if word]
-    assert set(told) == {"demonstrated", "added"} and told == sorted(told, reverse=True)
-    assert all((row["origin"] == "") == (row["inspect"] == "0") for row in rows)
-    places = np.array([[float(row[axis]) for axis in ("x_m", "y_m", "z_m")] for row in rows])
-    first = places[marked.index("added")]
-    assert np.linalg.norm(path.positions[len(path) // 2 :] - first, axis=1).min() < 0.2
-    _, points = written(tmp_path, "geojson", **added)
-    features = json.loads(points.read_text())["features"][1:]
-    assert [one["properties"]["origin"] for one in features] == marked
-    numbers = [at for at, word in enumerate(marked, 1) if word == "added"]
-    note = f"added passes: waypoints {numbers[0]} to {numbers[-1]} of {len(marked)} were not demonstrated"
-    done, plan = written(tmp_path, "qgc-plan", **added)
-    assert note in done.notes and note in json.loads(plan.read_text())["groundStation"]
-    _, wayline = written(tmp_path, "dji-wpml", MissionOptions(drone="m3e"), **added)
-    with zipfile.ZipFile(wayline) as archive:
-        assert f"<!-- {note} -->" in archive.read("wpmz/template.kml").decode()
-    assert not any("added passes" in said for said in written(tmp_path, "qgc-plan")[0].notes)

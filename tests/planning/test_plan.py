@@ -197,26 +197,14 @@ def test_a_camera_that_looked_higher_than_the_gimbal_may_is_told(fleet, around_c
     assert not any("gimbal" in warning for warning in untold)
 
 
-def test_what_is_twice_as_large_is_shown_as_finely_with_more_passes(fleet):
+def test_a_stand_off_in_metres_is_kept_round_a_structure_twice_as_large(fleet):
+    settings = settings_for("recommended")
+    kept = replace(settings, transfer=replace(settings.transfer, standoff="kept"))
     flight = fly(fleet["a320-v1"], "fuselage", seed=1)
-    plan = plan_transfer(flight, fleet["a320-v1"], fleet["b747-v1"], settings_for("recommended"))
+    plan = plan_transfer(flight, fleet["a320-v1"], fleet["b747-v1"], kept)
     assert plan.status == "ok", plan.reason
-    found = plan.measures
-    assert found.standoff_kept_pct > 90
-    assert found.gsd_within_pct > 94  # 89 with the demonstrated passes alone
-    assert plan.is_added is not None and plan.origin.count("added") == plan.is_added.sum()
-    assert 0 < found.added_s < found.duration_s
-    assert found.frechet_z < found.frechet_whole_z  # the demonstrated part is like the demonstration
-    with_scale = settings_for("recommended", transfer={"standoff": "scaled"})
-    scaled = plan_transfer(flight, fleet["a320-v1"], fleet["b747-v1"], with_scale)
-    assert scaled.status == "ok" and scaled.is_added is None  # judged by what is asked for
-    assert scaled.measures.coverage_inspected_scaled_pct > 95 > scaled.measures.coverage_inspected_pct
-
-
-def test_no_pass_is_added_to_a_flight_on_its_own_structure(fleet, around_cube):
-    plan = plan_transfer(around_cube, fleet["cube-v1"], fleet["cube-v1"], settings_for("recommended"))
-    assert plan.status == "ok" and plan.is_added is None and set(plan.origin) == {"demonstrated"}
-    assert plan.measures.added_s == 0 and plan.measures.frechet_whole_z == plan.measures.frechet_z
+    assert plan.measures.standoff_kept_pct > 90  # 94 with this flight, 97 with another
+    assert plan.measures.frechet_floored < 0.75
 
 
 def test_what_comes_too_near_is_said_though_the_surfaces_do_not_correspond(fleet, around_cube):

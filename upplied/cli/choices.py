@@ -18,9 +18,9 @@ class Choices:
     Parameters
     ----------
     standoff : str
-        Stand-off: scaled with the structure, or kept as the demonstrated mm/px ask.
+        Stand-off: scaled with the structure, or kept in metres.
     gsd_mm : float
-        Ground sample distance to keep instead of the demonstrated one, mm.
+        Ground sample distance to keep instead of the stand-off, mm.
     plane : bool
         Keep a planar demonstration in its plane.
     counterpart : tuple of str

@@ -87,9 +87,7 @@ class TransferSettings:
 
     # zscore: mean and spread of the clouds, as published; box: the boxes' ratio; counterparts: of surfaces.
     method: Literal["zscore", "box", "counterparts"] = "zscore"
-    # From how far the target is shown: the demonstrated distance times the scale, as published, or as the
-    # demonstrated ground sample distance asks for: a crack is as long on a large structure as on a small one.
-    standoff: Literal["scaled", "kept"] = "scaled"
+    standoff: Literal["scaled", "kept"] = "scaled"  # demonstrated distance: times the scale, or in metres
     gsd_m: float | None = None  # ground sampling distance, m per pixel, instead of the demonstrated stand-off
     plane: bool = False  # a demonstration in a plane stays in its plane
 
@@ -106,9 +104,6 @@ class RefineSettings:
     deviation: float | None = None  # bound on the Frechet distance, z-scored; None: a warning alone
     # Of what the flight was about, the share that the target must have at all.
     least_counterpart: float = 0.5
-    # What an added pass must show in a second, of what the expert showed in one at this size: less is not
-    # worth its time.
-    least_rate: float = 0.125
 
 
 @dataclass(frozen=True)
@@ -144,8 +139,7 @@ class RetimeSettings:
 class InspectionSettings:
     """When a plan shows a patch at least as well as the expert did: the same for every preset."""
 
-    most_coarse: float = 1.1  # times the demonstrated ground sample distance: no coarser is as fine
-    least_resolution: float = 0.8  # of the demonstrated one relative to size, where stand-offs are scaled
+    least_resolution: float = 0.8  # of what the stand-off mode asks for that patch
     max_incidence_deg: float = 75.0  # from the normal, of the look that shows it
     max_motion_px: float = 1.0  # of the picture during one exposure, unless the expert's own was more
     exposure_s: float = 1 / 500  # of one picture, where the camera's own is not known

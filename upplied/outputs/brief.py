@@ -16,7 +16,7 @@ from upplied.outputs.missions.gate import DRAFT
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.ways import ground_z_m
 from upplied.outputs.pairs import number
-from upplied.outputs.verdicts import headline, scaled_coverage
+from upplied.outputs.verdicts import headline
 from upplied.polylines import leg_lengths
 from upplied.records import Floats, Structure
 
@@ -135,11 +135,9 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
 
 
 def _measures(row: Mapping[str, Any], by_photos_pct: float) -> str:
-    scaled = row.get("standoff_mode") == "scaled"
-    how = "as well, relative to size" if scaled else "as finely"
-    row = {**row, "coverage_inspected_pct": scaled_coverage(row)} if scaled else row
+    size = ", relative to size" if row.get("standoff_mode") == "scaled" else ""
     shown = (
-        ("coverage_inspected_pct", f"inspected surface shown {how}", "{:.1f} %"),
+        ("coverage_inspected_pct", f"inspected surface shown as well{size}", "{:.1f} %"),
         ("coverage_seen_pct", "demonstrated surface seen", "{:.1f} %"),
         ("min_clearance_m", "minimum clearance of the plan", "{:.2f} m"),
         ("path_length_m", "inspection path", "{:.0f} m"),

@@ -41,17 +41,8 @@ from upplied.outputs.picture_quality import quality_data
 from upplied.outputs.source import Source
 from upplied.outputs.structure_page import structure_facts
 from upplied.outputs.zones import zones
-from upplied.records import (
-    Bools,
-    Floats,
-    Ints,
-    Measures,
-    Plan,
-    Structure,
-    SurfaceStates,
-    Trajectory,
-)
-from upplied.records.plans import ORIGINS, SupposedSurface
+from upplied.records import Floats, Ints, Measures, Plan, Structure, SurfaceStates, Trajectory
+from upplied.records.plans import SupposedSurface
 from upplied.scene import scene_of
 from upplied.supposed_scene import scene_for
 
@@ -268,7 +259,6 @@ def plan_of(source: Source, row: Any) -> Plan:
         reason=str(row.get("reason") or ""),
         trajectory=trajectory_of(steps) if len(steps) else None,
         is_viewpoint=steps["is_viewpoint"].to_numpy(bool) if len(steps) else None,
-        is_added=_added(steps),
         flyable=bool(row.get("flyable")),
         not_flyable=str(row.get("not_flyable") or ""),
         parts_told_by=str(row.get("parts_told_by") or ""),
@@ -278,12 +268,6 @@ def plan_of(source: Source, row: Any) -> Plan:
         supposed=source.supposed(str(row["transfer_id"])),
         photos_sha256=str(row.get("photos_sha256") or ""),
     )
-
-
-def _added(steps: pd.DataFrame) -> Bools | None:
-    """Which waypoints are of passes that were added; None where none is, or nobody knew of such."""
-    added = (steps["origin"] == ORIGINS[1]).to_numpy(bool) if "origin" in steps else np.zeros(0, bool)
-    return added if added.any() else None
 
 
 def trajectory_of(steps: pd.DataFrame) -> Trajectory:

@@ -10,7 +10,7 @@ from upplied.outputs.pairs import attainable, meaning, number, reason_of, shown_
 _WORTH_A_LOOK_PCT = 1.0  # of the inspected surface: below it nobody finds the place in the picture
 # The most honest coverage that was computed, in words.
 _SHOWN = (
-    ("coverage_inspected_pct", "of the inspected surface as finely as the demonstration"),
+    ("coverage_inspected_pct", "of the inspected surface as well as the demonstration"),
     ("coverage_seen_pct", "of the demonstrated surface"),
     ("coverage_paper_pct", "of the surface in the camera's frustum, hidden or not"),
 )
@@ -28,11 +28,8 @@ def headline(values: Mapping[str, Any], safety_m: float | None) -> str:
     """
     known = [(number(values, name), words) for name, words in _SHOWN]
     parts = [f"shows {shown:.1f} % {words}" for shown, words in known if shown is not None][:1]
-    if known[0][0] is not None and values.get("standoff_mode") == "scaled":
-        shown = scaled_coverage(values)
-        parts = [
-            f"shows {shown:.1f} % of the inspected surface as well as the demonstration relative to its size"
-        ]
+    if parts and known[0][0] is not None and values.get("standoff_mode") == "scaled":
+        parts[0] += " relative to its size"
     fine = fineness(values)
     if parts and not fine and (pixel := number(values, "gsd_mm_p50")) is not None:
         parts[0] += f" at {pixel:.1f} mm/px"
@@ -43,7 +40,7 @@ def headline(values: Mapping[str, Any], safety_m: float | None) -> str:
         parts.append(f"takes {int(time + 0.5) // 60}:{int(time + 0.5) % 60:02d} min")
     if not parts:
         return "No measure was computed."
-    return " ".join(filter(None, [f"The plan {_listed(parts)}.", fine, _passes(values)]))
+    return " ".join(filter(None, [f"The plan {_listed(parts)}.", fine]))
 
 
 def _listed(parts: list[str]) -> str:
@@ -71,20 +68,6 @@ def verdict(row: Mapping[str, Any], safety_m: float | None) -> dict[str, Any]:
     if status != "ok":
         return {"flyable": False, "headline": meaning(status, reason), "look": [reason] if reason else []}
     return {"flyable": True, "headline": headline(row, safety_m), "look": [*_lost(row), *warnings_of(row)]}
-
-
-def scaled_coverage(row: Mapping[str, Any]) -> float | None:
-    """What is shown relative to size, %; older rows of stand-offs that scale were judged so anyway."""
-    known = number(row, "coverage_inspected_scaled_pct")
-    return number(row, "coverage_inspected_pct") if known is None else known
-
-
-def _passes(row: Mapping[str, Any]) -> str:
-    """How long the passes take that were not demonstrated, in a sentence; empty where there are none."""
-    added, whole = number(row, "added_s"), number(row, "duration_s")
-    if not added or whole is None:
-        return ""
-    return f"Added passes take {added:.0f} s of its {whole:.0f} s."
 
 
 def fineness(row: Mapping[str, Any]) -> str:

@@ -21,7 +21,7 @@ from upplied.planning.correspondence.memo import METHOD_VERSION, Memo, no_memo
 from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import Take, inspected_states, takes_of
-from upplied.planning.measures.evaluate import added_to, judge
+from upplied.planning.measures.evaluate import judge
 from upplied.planning.measures.photos import photos_of
 from upplied.planning.measures.verdict import in_the_way, odd_shape, shortfalls
 from upplied.planning.surface.frames import (
@@ -246,7 +246,6 @@ def _planned(
         not_flyable=short,
         trajectory=trajectory,
         is_viewpoint=is_viewpoint,
-        is_added=added_to(takes, demonstrated_s),
         measures=measures,
         surface=surface,
         supposed=pair.supposed,

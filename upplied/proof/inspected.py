@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from upplied.config import InspectionSettings, focal_px
+from upplied.planning.measures.resolution import AS_FINE
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.moments import Moments, moments
@@ -48,7 +49,7 @@ class PlannedLooks(Record):
             focal_px(one.width_px or other.width_px or self.rule.width_px, one.hfov_deg)
             for one, other in ((camera, self.camera), (self.camera, camera))
         )
-        coarsest_m = self.rule.most_coarse * self.sampled_m * mine / planned
+        coarsest_m = AS_FINE * self.sampled_m * mine / planned
         strict, any_look = (_finest(steps, shown, surface, camera, rule) for rule in (self.rule, None))
         finest_m = np.where(self.by_rule, strict.sampled_m, any_look.sampled_m)
         return np.asarray(np.isfinite(finest_m) & (finest_m <= coarsest_m), bool)

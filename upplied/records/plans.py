@@ -16,7 +16,6 @@ class Measures(Record):
     acceptance_probability: float = float("nan")
     counterpart_probability: float = float("nan")
     coverage_inspected_pct: float = float("nan")
-    coverage_inspected_scaled_pct: float = float("nan")
     inspected_without_counterpart_pct: float = float("nan")
     inspected_unattainable_pct: float = float("nan")
     coverage_of_target_pct: float = float("nan")
@@ -44,8 +43,6 @@ class Measures(Record):
     frechet_z: float = float("nan")
     frechet_floored: float = float("nan")
     frechet_m: float = float("nan")
-    frechet_whole_z: float = float("nan")
-    added_s: float = float("nan")
     min_clearance_m: float = float("nan")
     surface_error_m: float = float("nan")
     never_scanned_m2: float = float("nan")
@@ -58,8 +55,6 @@ class Measures(Record):
     peak_acceleration_mps2: float = float("nan")
 
 
-#: What a waypoint stems from.
-ORIGINS = ("demonstrated", "added")
 #: What became of a piece of a structure's surface; `SurfaceStates.state` indexes this.
 SURFACE_STATES = (
     "other",
@@ -146,7 +141,6 @@ class Plan(Record):
     reason: str = ""
     trajectory: Trajectory | None = None
     is_viewpoint: Bools | None = None  # (N,) of the trajectory
-    is_added: Bools | None = None  # (N,) of a pass that was not demonstrated; None: all were
     registration: Registration | None = None
     measures: Measures = field(default_factory=Measures)
     counterpart_summary: str = ""
@@ -169,10 +163,3 @@ class Plan(Record):
     def n_viewpoints(self) -> int:
         """How many waypoints are viewpoints."""
         return 0 if self.is_viewpoint is None else int(self.is_viewpoint.sum())
-
-    @property
-    def origin(self) -> list[str]:
-        """Of each waypoint: whether it is ``demonstrated``, or of a pass that was ``added``."""
-        count = 0 if self.trajectory is None else len(self.trajectory)
-        added = [False] * count if self.is_added is None else self.is_added.tolist()
-        return [ORIGINS[each] for each in added]

@@ -56,8 +56,10 @@ def four_patches() -> tuple[Patches, Dwell]:
 
 def test_four_patches_reckoned_by_hand() -> None:
     patches, looks = four_patches()
-    found = _compared(patches, looks)
+    found = _compared(patches, looks, surface([10, 30, 10]))
     wanted = {
+        "fidelity_resolution_p50": 1.0,  # 10/40, 1 (thrice as much) and 0
+        "fidelity_resolution_p05": 0.0,
         "fidelity_incidence_deg_p95": 60.0,  # 60 - 0, 0 - 60, 0 and 90 - 30
         "fidelity_looks_kept_pct": 100 * 1 / 5,
         "fidelity_dwell_kept_pct": 100 * (0.25 + 2 + 0) / 4,
@@ -78,7 +80,7 @@ def test_patches_of_several_takes_stand_in_a_row() -> None:
 def test_nothing_demonstrated_is_no_share_of_anything() -> None:
     patches, looks = four_patches()
     none = Dwell(*(0 * of if of.dtype != bool else of & False for of in vars(patches.shown).values()))
-    found = _compared(Patches(patches.weight, patches.target, none), looks)
+    found = _compared(Patches(patches.weight, patches.target, none), looks, surface([10, 30, 10]))
     assert np.isnan(
         [found[f"fidelity_{name}"] for name in ("looks_kept_pct", "dwell_kept_pct", "order")]
     ).all()

@@ -61,7 +61,7 @@ def test_limits_themselves_are_kept() -> None:
     [
         (
             {"coverage_inspected_pct": 59.99},
-            "shows 60.0 % of what was inspected as finely, 60 % are asked for",
+            "shows 60.0 % of what was inspected at least as well, 60 % are asked for",
         ),
         ({"min_clearance_m": 1.989}, "comes within 1.99 m of the structure, 2 m are asked for"),
         ({"path_length_m": 650.1}, "flies 650 m where the demonstration is 200 m long at this size, 3 times"),

@@ -21,8 +21,7 @@ from upplied.scene import Scene
 
 STATIONS = 14
 NAMES = (
-    "axis", "clearance", "coverage", "frontal", "leaving", "projected", "projected round", "round", "shape",
-    "standoff", "turning",
+    "axis", "clearance", "coverage", "frontal", "leaving", "round", "shape", "standoff", "turning",
 )  # fmt: skip
 
 
@@ -68,13 +67,7 @@ def term(name: str, view: View) -> Term:
     cosines = np.where(view.cloud.points[:, 0] > 0, np.cos(np.radians(40)), 0.0)
     frontal = replace(view, least_cosine=cosines)
     around = replace(view, camera=replace(view.camera, hfov_deg=220))
-    # A patch turned aside is shown more coarsely: of a wall whose patches face many ways.
-    tilted = np.random.default_rng(4).normal([0.0, -1, 0], 0.3, view.cloud.points.shape)
-    tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
-    fine = replace(view, cloud=replace(view.cloud, normals=tilted), projected=True)
     return {
-        "projected": lambda: coverage(fine, other, 0.3),
-        "projected round": lambda: coverage(replace(fine, camera=around.camera), other, 0.3),
         "axis": lambda: Axis(seen[0][:5], np.array([0.0, 0.1, np.nan, 0.3, 0.05]), 3),
         "clearance": lambda: Clearance.of(airspace, path),
         "coverage": lambda: coverage(view, path, 0.15),
@@ -109,12 +102,8 @@ def test_slopes_agree_with_finite_differences(name: str, seed: int, wall: View):
     np.testing.assert_allclose(found, expected, rtol=2e-4, atol=2e-6 * max(scale, 1))
 
 
-@pytest.mark.parametrize(("projected", "farthest_m"), [(False, 9.0), (True, 5.0)])
-def test_coverage_with_sharp_borders_counts_what_is_truly_seen(
-    wall: View, projected: bool, farthest_m: float
-):
+def test_coverage_with_sharp_borders_counts_what_is_truly_seen(wall: View):
     path = flown(3)
-    wall = replace(wall, projected=projected, farthest_m=np.full(len(wall.need), farthest_m))
     asked = np.flatnonzero(wall.need > 0)
     seen = wall.shown(path.positions, from_yaw_pitch(path.yaw, path.pitch), asked)
     assert 0.2 < seen.mean() < 0.95

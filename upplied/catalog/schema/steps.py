@@ -12,7 +12,6 @@ import pyarrow.compute as pc
 
 from upplied.catalog.schema.tables import TABLES, Table
 from upplied.records import Bools, Demonstration, Floats, Ints, Photos, Trajectory
-from upplied.records.plans import ORIGINS
 
 _POSITION = ("x_m", "y_m", "z_m")
 _QUATERNION = ("qx", "qy", "qz", "qw")
@@ -39,9 +38,7 @@ def step_table(table: Table, columns: dict[str, Any], path: Trajectory | Demonst
 def _column(values: Any, count: int) -> pa.Array:
     if values is None:
         return pa.nulls(count, pa.float64())
-    if isinstance(values, str):
-        return pa.repeat(values, count)
-    return pa.array(values if isinstance(values, list) else np.ascontiguousarray(values))
+    return pa.repeat(values, count) if isinstance(values, str) else pa.array(np.ascontiguousarray(values))
 
 
 def zoom_of(steps: pa.Table) -> Floats | None:
@@ -50,14 +47,6 @@ def zoom_of(steps: pa.Table) -> Floats | None:
         return None
     angles = np.column_stack([steps[name].to_numpy(zero_copy_only=False) for name in _ZOOM]).astype(float)
     return None if np.isnan(angles).all() else angles
-
-
-def added_of(steps: pa.Table) -> Bools | None:
-    """Which of the waypoints, in order, are of passes that were added; None where none is."""
-    if "origin" not in steps.column_names:  # rows of before there was such a column
-        return None
-    added = np.array(pc.fill_null(pc.equal(steps["origin"], ORIGINS[1]), False), bool)
-    return added if added.any() else None
 
 
 def stored_quats(quat_xyzw: Floats) -> Floats:
@@ -80,11 +69,9 @@ def poses_sha256(
     quat_xyzw: Floats,
     flags: Bools | None = None,
     fov_deg: Floats | None = None,
-    added: Bools | None = None,
 ) -> str:
-    """Hash of poses as they are stored, the same on every machine; `added` is part of it where any is."""
-    added = None if added is None or not added.any() else added
-    return _sha256_of([t, np.asarray(positions, float), stored_quats(quat_xyzw), flags, fov_deg, added])
+    """Hash of poses as they are stored, the same on every machine."""
+    return _sha256_of([t, np.asarray(positions, float), stored_quats(quat_xyzw), flags, fov_deg])
 
 
 def _sha256_of(parts: Sequence[Any]) -> str:
@@ -110,7 +97,6 @@ def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) ->
     key = TABLES[name].names[0]
     times = steps["t_s" if name == "waypoints" else "t_ns"].to_numpy()
     flags = np.asarray(steps["is_viewpoint"]) if name == "waypoints" else None
-    added = added_of(steps)
     numbers, (positions, quats), zooms = steps["seq"].to_numpy(), pose_arrays(steps), zoom_of(steps)
     starts = _starts(steps, (key, "commit_id"))
     if not len(starts):
@@ -133,8 +119,7 @@ def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) ->
         else:
             poses = [times[own], positions[own], quats[own], None if flags is None else flags[own]]
             zoom = zooms[own] if zooms is not None and zooming[at] else None
-            marked = added[own] if added is not None and added[own].any() else None
-            if _sha256_of([*poses, zoom, marked]) != sha256[owner]:
+            if _sha256_of([*poses, zoom]) != sha256[owner]:
                 yield owner[0], "the steps do not match the hash in their row"
 
 

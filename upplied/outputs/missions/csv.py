@@ -10,19 +10,16 @@ from upplied.outputs.missions.records import Mission
 COLUMNS = (
     "seq", "lat_deg", "lon_deg", "alt_m", "datum", "height_m", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw",
     "heading_deg", "gimbal_pitch_deg", "speed_mps", "photo", "inspect", "hfov_deg", "vfov_deg", "hold_s",
-    "origin",
 )  # fmt: skip
 
 
 def csv_text(mission: Mission) -> str:
     """The mission as CSV: `alt_m` in `datum`, `height_m` above take-off, `x_m y_m z_m` and quaternion in the
-    structure frame; the field of view where the camera zooms, else empty; whether a waypoint is of the
-    demonstrated flight, or of a pass that was added.
+    structure frame; the field of view where the camera zooms, else empty.
     """
     buffer = io.StringIO()
     rows = csv.writer(buffer, lineterminator="\n")
     rows.writerow(COLUMNS)
-    origin = mission.origin
     for at in range(len(mission)):
         lat, lon, alt = mission.geodetic[at]
         rows.writerow(
@@ -34,7 +31,7 @@ def csv_text(mission: Mission) -> str:
                 *(f"{each[at]:.4f}" for each in (mission.heading_deg, mission.pitch_deg, mission.speed_mps)),
                 int(mission.photo[at]), int(mission.inspect[at]),
                 *(["", ""] if mission.fov_deg is None else [f"{angle:.3f}" for angle in mission.fov_deg[at]]),
-                f"{mission.hold_s[at]:.3f}", origin[at],
+                f"{mission.hold_s[at]:.3f}",
             ]
         )  # fmt: skip
     return buffer.getvalue()

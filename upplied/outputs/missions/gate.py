@@ -25,7 +25,6 @@ from upplied.supposed_scene import scene_for
 
 DRAFT = "DRAFT, NOT RELEASED:"  # what a mission says of itself that nobody released
 CUSTODY = "custody"  # how a note begins that says what the mission can be traced by
-ADDED = "added passes"  # how a note begins that says which waypoints were not demonstrated
 ZONE = "zone"  # how a note begins that says what becomes of a zone that must be seen
 _EXACT_M = 0.02  # within which a clearance is known, and a file states a place
 _ROUNDING = 1.02  # of speeds: files round them
@@ -185,10 +184,9 @@ def told(overruled: Iterable[Breach]) -> list[str]:
 def written(notes: Iterable[str]) -> list[str]:
     """Of the notes of a mission, those that its file says where its format has little room for words.
 
-    That nobody released it, what it can be traced by, which waypoints were not demonstrated, and what becomes
-    of the zones that must be seen.
+    That nobody released it, what it can be traced by, and what becomes of the zones that must be seen.
     """
-    return [note for note in notes if note.startswith((DRAFT, CUSTODY, ADDED, ZONE))]
+    return [note for note in notes if note.startswith((DRAFT, CUSTODY, ZONE))]
 
 
 def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene) -> Iterator[Breach]:

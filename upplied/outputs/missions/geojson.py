@@ -26,7 +26,6 @@ def geojson_text(mission: Mission) -> str:
         "notes": list(mission.notes),
     }
     features = [_feature("LineString", places, path)]
-    origin = mission.origin
     for at, place in enumerate(places):
         features.append(
             _feature(
@@ -40,7 +39,6 @@ def geojson_text(mission: Mission) -> str:
                     "hold_s": round(float(mission.hold_s[at]), 3),
                     "photo": bool(mission.photo[at]),
                     "inspect": bool(mission.inspect[at]),
-                    "origin": origin[at],
                     **_zoom(mission, at),
                 },
             )

@@ -20,7 +20,7 @@ from upplied.outputs.missions.thinning import thinned
 from upplied.outputs.missions.ways import USUAL_CEILING_M, Transits, default_home, ground_z_m
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.rules import Airspace
-from upplied.polylines import arc_length, leg_lengths
+from upplied.polylines import leg_lengths
 from upplied.records import (
     Bools,
     Camera,
@@ -106,12 +106,10 @@ def missions_of(
     sorties = cutter.sorties()
     notes += _told(sorties, options, flying, transits, int((passing == 0).sum()))
     photo = shots.photo[kept]
-    added = _added(plan, path.positions)[kept]
     made = []
     for at, sortie in enumerate(sorties):
         body = _waypoints(cutter, photo, passing, sortie)
         heading, pitch = geodesy.heading_and_pitch(body.quat_xyzw, placement.heading_deg)
-        not_demonstrated = _marked(added[sortie.first : sortie.last + 1], body.inspect)
         made.append(
             Mission(
                 name=name,
@@ -136,9 +134,8 @@ def missions_of(
                 shown_pct=shown * inspected_pct,
                 films=options.photos == "video",
                 duration_s=sortie.duration_s,
-                notes=(*notes, *_which(not_demonstrated)),
+                notes=tuple(notes),
                 fov_deg=body.fov_deg,
-                added=not_demonstrated,
                 overruled=(*overruled, *unseen),
             )
         )
@@ -248,29 +245,6 @@ def _inspection(
             name, f"the structure given is {structure.structure_id}", f"the plan is for {plan.target_id}"
         )
     return plan.trajectory, plan.is_viewpoint, plan.surface, name
-
-
-def _added(plan: Plan | Trajectory, path: Floats) -> Bools:
-    """Which positions (N, 3) of the way of a plan, whatever is inserted on its legs, are of added passes."""
-    if isinstance(plan, Trajectory) or plan.trajectory is None or plan.is_added is None:
-        return np.zeros(len(path), bool)
-    first_m = arc_length(plan.trajectory.positions)[int(plan.is_added.argmax())]
-    return np.asarray(arc_length(path) >= first_m - _EXACT_M)
-
-
-def _which(added: Bools) -> tuple[str, ...]:
-    """Which of a sortie's waypoints (N,), counted from 1, are of added passes, in words."""
-    if not added.any():
-        return ()
-    number = np.flatnonzero(added) + 1
-    return (f"{gate.ADDED}: waypoints {number[0]} to {number[-1]} of {len(added)} were not demonstrated",)
-
-
-def _marked(flags: Bools, inspect: Bools) -> Bools:
-    """The flags of a sortie's inspection (K,) among all of its waypoints (N,), K of which inspect."""
-    marked = np.zeros(len(inspect), bool)
-    marked[inspect] = flags
-    return marked
 
 
 def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) -> _Body:

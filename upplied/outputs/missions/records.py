@@ -10,7 +10,6 @@ import numpy as np
 from upplied.outputs.missions import gate
 from upplied.polylines import cumulated, leg_lengths
 from upplied.records import Bools, Floats, Placement, Record
-from upplied.records.plans import ORIGINS
 
 _SAME_PLACE_M = 0.05
 SHORTEST_HOLD_S = 0.05  # no file says a hover that is not longer
@@ -54,7 +53,6 @@ class Mission(Record):
     duration_s: float
     notes: tuple[str, ...] = ()
     fov_deg: Floats | None = None  # (N, 2) horizontal and vertical, where the camera zooms
-    added: Bools | None = None  # (N,) of passes that were not demonstrated; None: all were
     overruled: tuple[gate.Breach, ...] = ()  # rules of the gate; the notes say them too
     fences: tuple[Fence, ...] = ()  # that the autopilot is to enforce
     #: (R, 3) where it may land instead of home: latitude and longitude, deg, height above home, m
@@ -64,13 +62,6 @@ class Mission(Record):
 
     def __len__(self) -> int:
         return len(self.local)
-
-    @property
-    def origin(self) -> list[str]:
-        """Of each waypoint: ``demonstrated`` or ``added``; empty on the ways there and back."""
-        added = np.zeros(len(self), bool) if self.added is None else self.added
-        both = zip(self.inspect.tolist(), added.tolist(), strict=True)
-        return [ORIGINS[of] if on else "" for on, of in both]
 
     @property
     def zooms_at(self) -> dict[int, float]:

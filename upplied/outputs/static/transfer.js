@@ -4,16 +4,15 @@
 (function () {
   const { element, badge, format, COLOURS, STATES } = upplied;
   const RESEARCH = [
-    ["coverage_inspected_pct", "Inspected surface shown as finely", 1, " %", "Share of the inspected surface that the plan shows sharply and at no more than 1.1 times the demonstrated mm/px"],
-    ["coverage_inspected_scaled_pct", "Inspected surface shown, relative to size", 1, " %", "Share that the plan shows from as near as the demonstrated stand-off times the scale of the structure"],
+    ["coverage_inspected_pct", "Inspected surface shown", 1, " %", "Share of the inspected surface that the plan shows at least as near, as frontally and as sharply; relative to the size of the target where stand-offs are scaled"],
     ["inspected_without_counterpart_pct", "Inspected surface without counterpart", 1, " %", "Share with no corresponding surface on the target; it counts as not shown"],
     ["inspected_unattainable_pct", "Inspected surface unattainable", 1, " %", "Share that no safe viewpoint can show as well"],
     ["coverage_of_target_pct", "Target surface covered", 1, " %", "Share of the target's corresponding surface that is shown as well"],
     ["coverage_context_pct", "Surroundings covered", 1, " %", "Share of the other surface in the demonstration's pictures that the plan sees"],
     ["acceptance_probability", "Probability of a good transfer", 2, "", "Forecast before planning"],
     ["counterpart_probability", "Probability of the right part", 2, "", "Of the least certain part"],
-    ["fidelity_resolution_p50", "Demonstrated resolution kept, median", 2, "", "Demonstrated mm/px over the plan's, of each patch"],
-    ["fidelity_resolution_p05", "Demonstrated resolution kept, 5th percentile", 2, "", "0 where a patch has no sharp view"],
+    ["fidelity_resolution_p50", "Resolution / required resolution, median", 2, "", "Best resolution of each patch"],
+    ["fidelity_resolution_p05", "Resolution / required resolution, 5th percentile", 2, "", "0 where a patch has no sharp view"],
     ["fidelity_looks_kept_pct", "Repeated views kept", 0, " %", "Share of the demonstrated viewing directions"],
     ["fidelity_dwell_kept_pct", "Time on each patch kept", 0, " %", "Share of the demonstrated viewing time"],
     ["fidelity_order", "Order of views kept", 2, "", "Kendall's tau of the times at which patches are seen"],

@@ -10,12 +10,7 @@ import numpy as np
 from upplied.config import Settings
 from upplied.errors import RefusedError, SettingsError
 from upplied.planning.carry.affine import AxisMap, published_map, registered_map
-from upplied.planning.carry.inspected_surface import (
-    InspectedSurface,
-    inspected_by,
-    inspected_surface,
-    target_attention,
-)
+from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by, inspected_surface
 from upplied.planning.carry.on_target import at_height, demonstrated_on_target, plane_height, standing
 from upplied.planning.carry.published import published
 from upplied.planning.carry.standoff import Standoff
@@ -47,15 +42,6 @@ class Carried(Record):
     path: Waypoints  # its M stations; of presets that optimise nothing its viewpoints
     goal: Goal | None  # None: the path is flown as it is
     others: Sequence[Waypoints] = ()  # other paths of as many stations, that an optimisation may start from
-
-    @property
-    def area_ratio(self) -> float:
-        """Area on the target of what was inspected, over its area on the source."""
-        fit = self.take.pair.surface
-        known = fit.correspondences.target_index >= 0
-        here = float((fit.source.areas * self.take.inspection.attention.weight)[known].sum())
-        there = float(fit.target.areas @ target_attention([self.take], fit.target)[0])
-        return there / max(here, 1e-9)
 
 
 def carry(takes: Sequence[Take], settings: Settings) -> list[Carried]:

@@ -6,18 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from upplied.config import InspectionSettings, Settings, focal_px
+from upplied.config import Settings, focal_px
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.demonstration.repetition import Take, look_limits
-from upplied.planning.geometry.clouds import spacing
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import Views, dwell
-from upplied.planning.visibility.pictures import pictures
-from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Ints, Record
-
-_CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
+from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Record
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -26,11 +21,8 @@ class InspectedSurface(Record):
 
     cloud: Cloud  # N points of the target
     need: Floats  # (N,) how much demonstrated surface corresponds to each: weighted m^2, or points; 0: none
-    # (N,) from how near it is to be shown, m: the distance of the best look, or where it is `projected` that
-    # from which a wall square to the camera is shown as finely (`visibility.pictures`); NaN where need is 0
-    standoff_m: Floats
+    standoff_m: Floats  # (N,) from how near it is to be shown, m: the best look; NaN where need is 0
     without: float  # how much of that surface has no counterpart, in the unit of `need`
-    projected: bool = False
 
     @property
     def whole(self) -> float:
@@ -42,11 +34,6 @@ class InspectedSurface(Record):
         """Share of what the demonstration was about that has no counterpart; NaN if it was about nothing."""
         return 100 * self.without / self.whole if self.whole > 0 else float("nan")
 
-    def farthest_m(self, rule: InspectionSettings) -> Floats:
-        """(N,) the largest such distance that counts as well shown."""
-        within = rule.most_coarse if self.projected else 1 / rule.least_resolution
-        return np.asarray(self.standoff_m * within)
-
     @classmethod
     def together(cls, parts: Sequence[InspectedSurface]) -> InspectedSurface:
         """What several flights over one target should show, each adding its need."""
@@ -57,8 +44,7 @@ class InspectedSurface(Record):
         distances = np.where(needs > 0, [part.standoff_m for part in parts], 0.0)
         with np.errstate(invalid="ignore"):
             standoff = (distances * needs).sum(axis=0) / need
-        without = sum(part.without for part in parts)
-        return cls(parts[0].cloud, need, standoff, without, parts[0].projected)
+        return cls(parts[0].cloud, need, standoff, sum(part.without for part in parts))
 
 
 def inspected_surface(
@@ -106,19 +92,19 @@ def inspected_surface(
 def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
     """What a take of a demonstration was about, on its target, to be shown as near as the settings ask.
 
-    `scaled` carries the demonstrated distances with the structure. `kept` asks for the demonstrated ground
-    sample distance of each patch in millimetres, and a ground sampling distance sets them all; the
-    vehicle's safety distance and the camera's range limit them.
+    `scaled` carries the demonstrated distances with the structure, `kept` leaves them, and a ground
+    sampling distance sets them all; the vehicle's safety distance and the camera's range limit them.
     """
     inspection, transfer, fit = take.inspection, settings.transfer, take.pair.surface
-    camera, limits = inspection.camera, look_limits([take], settings.inspection)
-    flown = moments(inspection.logged, inspection.logged_breaks)
-    scaled = transfer.standoff == "scaled" and transfer.gsd_m is None
-    carry = registered_map(fit.registration).matrix if scaled else np.eye(3)
-    if scaled:
-        near_m = dwell(flown, inspection.truly, fit.source, *limits, carry).carried_m
-    else:
-        near_m = pictures(flown, inspection.truly, fit.source, camera, *limits).sampled_m
+    camera = inspection.camera
+    carry = registered_map(fit.registration).matrix if transfer.standoff == "scaled" else np.eye(3)
+    looks = dwell(
+        moments(inspection.logged, inspection.logged_breaks),
+        inspection.truly,
+        fit.source,
+        *look_limits([take], settings.inspection),
+        carry,
+    )
     surface = inspected_surface(
         fit.source,
         fit.target,
@@ -126,7 +112,7 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
         inspection.truly,
         carry=carry,
         weight=inspection.attention.weight,
-        near_m=near_m,
+        near_m=looks.carried_m,
     )
     wanted = surface.standoff_m
     if transfer.gsd_m is not None and camera.width_px:
@@ -137,25 +123,7 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
     widest = float(
         inspection.truly.coarseness.max(initial=1.0)
     )  # where it zooms, distances are of one camera
-    most = highest * widest if scaled else np.inf  # what is seen obliquely covers more than its distance says
-    return replace(surface, standoff_m=np.clip(wanted, lowest, most), projected=not scaled)
-
-
-def target_attention(takes: Sequence[Take], cloud: Cloud) -> tuple[Floats, Ints]:
-    """Attention (N,) of what each target sample corresponds to, and the sample (N,) it is judged like."""
-    attention, like = np.zeros(len(cloud)), np.zeros(len(cloud), np.int64)
-    nearest = np.full(len(cloud), _CORRESPONDS * spacing(cloud))
-    for take in takes:
-        match, weight = take.pair.surface.correspondences, take.inspection.attention.weight
-        known = np.flatnonzero((match.target_index >= 0) & np.isfinite(match.target_points[:, 0]))
-        if not len(known):
-            continue
-        distance, place = cKDTree(match.target_points[known]).query(cloud.points)
-        mine = distance < nearest
-        nearest = np.where(mine, distance, nearest)
-        attention = np.where(mine, weight[known[place]], attention)
-        like = np.where(mine, match.target_index[known[place]], like)
-    return attention, like
+    return replace(surface, standoff_m=np.clip(wanted, lowest, highest * widest))
 
 
 def _limits(camera: Camera, settings: Settings) -> tuple[float, float]:

@@ -24,14 +24,7 @@ from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take, begins_of, joined
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.measures.fidelity import fidelity
-from upplied.planning.measures.measure import (
-    in_millimetres,
-    inspected_measures,
-    measure,
-    scaled_coverage,
-    shown_of,
-    surface_states,
-)
+from upplied.planning.measures.measure import inspected_measures, measure, shown_of, surface_states
 from upplied.planning.measures.resolution import resolution
 from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
@@ -51,7 +44,6 @@ from upplied.scene import Scene
 _KEPT = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LIKELY = 0.5  # probability from which correspondences count though the wholes were refused
 _ASKED = 200  # viewpoints, at most, whose stand-off is asked for
-_SAME_S = 1e-6
 _ALMOST_DEG = 2.0  # beyond a limit, that jitter of the hand explains
 
 
@@ -68,7 +60,6 @@ def judge(
     not asked how many viewpoints keep their stand-off.
     """
     pair, camera = takes[0].pair, takes[0].inspection.camera
-    added = None if demonstrated_s is None else added_to(takes, demonstrated_s)
     carried = np.concatenate([demonstrated_on_target(take) for take in takes])
     paper = (
         InspectedSurface.together(
@@ -77,9 +68,7 @@ def judge(
         views(trajectory, pair.voxels.target, camera, BY_FRUSTUM),
     )
     if not pair.surface.registration.accepted and forecast_of(takes).probability < _LIKELY:
-        measures = measure(
-            trajectory, carried, pair.target_scene, paper, standing=standing(pair), added=added
-        )
+        measures = measure(trajectory, carried, pair.target_scene, paper, standing=standing(pair))
         unmeasured = f"what is really seen was not measured: {pair.surface.registration.reason}"
         return (
             measures,
@@ -94,13 +83,12 @@ def judge(
     )
     airspace = airspace_of(pair, settings)
     possible = _attainable(true[0], true[1], airspace, camera)
-    measures = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair), added)
-    shown = shown_of(true[1], takes, in_millimetres(settings))
+    measures = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair))
+    shown = shown_of(true[1], takes, settings)
     begins = begins_of(takes, joined([take.inspection.logged for take in takes]))
     measures = replace(
         measures,
         **inspected_measures(shown, true[1], takes),
-        coverage_inspected_scaled_pct=scaled_coverage(true[1], takes, settings),
         **fidelity(trajectory, true[1], shown.inspected, takes, begins, settings),
         **resolution(trajectory, true[1], shown.inspected, takes, airspace, settings),
     )
@@ -116,15 +104,6 @@ def judge(
         + _blurred(measures, camera, settings)
     )
     return measures, surface_states(shown), warnings
-
-
-def added_to(takes: Sequence[Take], demonstrated_s: Floats) -> Bools | None:
-    """Which poses of a plan (N,) belong to passes that were added to its takes; None where none does.
-
-    They come after the joined flights: `demonstrated_s` are the times that the poses correspond to.
-    """
-    added = demonstrated_s > joined([take.inspection.flight for take in takes]).t_s[-1] + _SAME_S
-    return added if added.any() else None
 
 
 def _standoff_kept(

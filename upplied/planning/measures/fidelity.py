@@ -69,7 +69,7 @@ def fidelity(
     figures = _smoothness(steps, flown, inspected, steady_radps(takes, rule))
     if not len(patches.weight):
         return figures
-    return figures | _compared(patches, looks)
+    return figures | _compared(patches, looks, inspected)
 
 
 def _patches(take: Take, flown: Moments, begin_s: float, sharp: float, cosine: float) -> Patches:
@@ -83,9 +83,10 @@ def _patches(take: Take, flown: Moments, begin_s: float, sharp: float, cosine: f
     return Patches(weight[chosen], target[chosen], replace(shown, time_s=shown.time_s + begin_s))
 
 
-def _compared(patches: Patches, looks: Dwell) -> dict[str, float]:
+def _compared(patches: Patches, looks: Dwell, inspected: InspectedSurface) -> dict[str, float]:
     weight, at, shown = patches.weight, patches.target, patches.shown
-    frontal, held = looks.frontal[at], looks.held_s[at]
+    near, frontal, held = looks.near_m[at], looks.frontal[at], looks.held_s[at]
+    ratio = inspected.standoff_m[at] / near  # 0 where the plan has no look
     before = _incidence_deg(shown.frontal)
     lost = _incidence_deg(frontal) - before
     mine = shown.sides & widened(looks.sides)[at]
@@ -94,6 +95,8 @@ def _compared(patches: Patches, looks: Dwell) -> dict[str, float]:
     held_share = np.minimum(held[lasted] / shown.held_s[lasted], 1.0)
     both = lasted & (held > 0)
     return {
+        "fidelity_resolution_p50": weighted_percentile(ratio, weight, 50),
+        "fidelity_resolution_p05": weighted_percentile(ratio, weight, 5),
         "fidelity_incidence_deg_p95": weighted_percentile(lost, weight, 95),
         "fidelity_looks_kept_pct": _share(float(weight @ mine.sum(axis=1)), possible),
         "fidelity_dwell_kept_pct": _share(float(weight[lasted] @ held_share), float(weight[lasted].sum())),

@@ -9,9 +9,10 @@ demonstration saw, and for what it was about?
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from upplied.config import Settings
 from upplied.planning.airspace.clearance import path_clearance
@@ -21,19 +22,17 @@ from upplied.planning.carry.inspected_surface import (
     coverage,
     inspected_by,
     inspected_surface,
-    target_attention,
 )
 from upplied.planning.demonstration.repetition import Take, look_limits
-from upplied.planning.geometry.clouds import weighted_percentile
+from upplied.planning.geometry.clouds import spacing, weighted_percentile
 from upplied.planning.geometry.frechet import frechet, frechet_floored, frechet_z
 from upplied.planning.measures.attainable import attainable_beside
-from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import Views
-from upplied.planning.visibility.pictures import pictures
 from upplied.polylines import leg_lengths
 from upplied.records import (
     Bools,
     Floats,
+    Ints,
     Measures,
     Record,
     SurfaceStates,
@@ -52,7 +51,6 @@ def measure(
     true: tuple[InspectedSurface, Views] | None = None,
     attainable: Bools | None = None,
     standing: Floats | None = None,
-    added: Bools | None = None,
 ) -> Measures:
     """Every measure of one planned path.
 
@@ -73,8 +71,6 @@ def measure(
         Which of those samples some free pose could see.
     standing : array, shape (3, 3), optional
         Turn of the target that makes it stand as the source does: paths are z-scored along its axes.
-    added : array of bool, shape (M,), optional
-        Which poses belong to passes that were added: the rest is compared with the demonstrated path.
 
     Returns
     -------
@@ -85,7 +81,6 @@ def measure(
     speed, acceleration = peaks(planned)
     axes = np.eye(3) if standing is None else standing
     quality: dict[str, float] = {}
-    demonstrated = planned.positions if added is None else planned.positions[~added]
     if true is not None:
         ratio, incidence = _view_quality(*true)
         quality = {
@@ -95,16 +90,11 @@ def measure(
         }
         if attainable is not None:
             quality["coverage_attainable_pct"] = coverage(true[0], attainable)
-    by_shape = frechet_z(carried @ axes.T, demonstrated @ axes.T, _FRECHET)
     return Measures(
         coverage_paper_pct=coverage(paper[0], paper[1].total),
-        frechet_z=by_shape,
-        frechet_floored=frechet_floored(carried @ axes.T, demonstrated @ axes.T, _FRECHET),
-        frechet_m=frechet(carried, demonstrated, _FRECHET),
-        frechet_whole_z=(
-            by_shape if added is None else frechet_z(carried @ axes.T, planned.positions @ axes.T, _FRECHET)
-        ),
-        added_s=0.0 if added is None else float(np.diff(planned.t_s)[added[1:]].sum()),
+        frechet_z=frechet_z(carried @ axes.T, planned.positions @ axes.T, _FRECHET),
+        frechet_floored=frechet_floored(carried @ axes.T, planned.positions @ axes.T, _FRECHET),
+        frechet_m=frechet(carried, planned.positions, _FRECHET),
         min_clearance_m=path_clearance(scene, planned.positions).distance_m,
         surface_error_m=scene.error_m,
         path_length_m=path_length(planned.positions),
@@ -151,6 +141,9 @@ def _view_quality(inspected: InspectedSurface, views: Views) -> tuple[float, flo
     return ratio, weighted_percentile(angle, inspected.need[used], 95)
 
 
+_CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Shown(Record):
     """The inspected surface on the target, and what became of it."""
@@ -176,38 +169,34 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
     """
     pair, rule = takes[0].pair, settings.inspection
     inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
-    cloud, farthest = inspected.cloud, inspected.farthest_m(rule)
-    attention, like = target_attention(takes, cloud)
-    farthest = np.where(np.isfinite(farthest), farthest, farthest[like])
-    camera, limits = takes[0].inspection.camera, look_limits(takes, rule)
-    if inspected.projected:
-        as_well = pictures(moments(planned.stations), planned, cloud, camera, *limits, farthest).looks > 0
-    else:
-        as_well = planned.shown_well(cloud, farthest, *limits)
+    cloud = inspected.cloud
+    attention, like = _target_attention(takes, inspected)
+    asked_m = np.where(np.isfinite(inspected.standoff_m), inspected.standoff_m, inspected.standoff_m[like])
+    farthest = asked_m / rule.least_resolution
+    as_well = planned.shown_well(cloud, farthest, *look_limits(takes, rule))
     missed = np.flatnonzero((inspected.need > 0) & ~as_well)
     never = np.zeros(len(cloud), bool)
-    airspace = airspace_of(pair, settings)
+    camera, airspace = takes[0].inspection.camera, airspace_of(pair, settings)
     never[missed] = ~attainable_beside(missed, cloud, airspace, camera, farthest)
     return Shown(inspected, as_well, never, attention)
 
 
-def scaled_coverage(planned: Views, takes: Sequence[Take], settings: Settings) -> float:
-    """Coverage, in percent, of what was inspected, from as near as the scale of the structures asks."""
-    rule, scaled = settings.inspection, relative_to_size(settings)
-    inspected = InspectedSurface.together([inspected_by(take, scaled) for take in takes])
-    farthest = inspected.farthest_m(rule)
-    as_well = planned.shown_well(inspected.cloud, farthest, *look_limits(takes, rule))
-    return coverage(inspected, as_well, whole=True)
-
-
-def relative_to_size(settings: Settings) -> Settings:
-    """The same settings, with stand-offs that scale with the structure."""
-    return replace(settings, transfer=replace(settings.transfer, standoff="scaled", gsd_m=None))
-
-
-def in_millimetres(settings: Settings) -> Settings:
-    """The same settings, with the ground sample distance that is asked for, or else the demonstrated one."""
-    return replace(settings, transfer=replace(settings.transfer, standoff="kept"))
+def _target_attention(takes: Sequence[Take], inspected: InspectedSurface) -> tuple[Floats, Ints]:
+    """Attention (N,) of what each target sample corresponds to, and the sample (N,) it is judged like."""
+    cloud = inspected.cloud
+    attention, like = np.zeros(len(cloud)), np.zeros(len(cloud), np.int64)
+    nearest = np.full(len(cloud), _CORRESPONDS * spacing(cloud))
+    for take in takes:
+        match, weight = take.pair.surface.correspondences, take.inspection.attention.weight
+        known = np.flatnonzero((match.target_index >= 0) & np.isfinite(match.target_points[:, 0]))
+        if not len(known):
+            continue
+        distance, place = cKDTree(match.target_points[known]).query(cloud.points)
+        mine = distance < nearest
+        nearest = np.where(mine, distance, nearest)
+        attention = np.where(mine, weight[known[place]], attention)
+        like = np.where(mine, match.target_index[known[place]], like)
+    return attention, like
 
 
 def inspected_measures(found: Shown, planned: Views, takes: Sequence[Take]) -> dict[str, float]:

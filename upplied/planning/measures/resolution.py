@@ -20,6 +20,8 @@ from upplied.planning.visibility.observations import Views
 from upplied.planning.visibility.pictures import Pictures, pictures
 from upplied.records import Floats, Ints, Trajectory
 
+AS_FINE = 1.1  # times the demonstrated ground sample distance: no coarser is as fine
+
 
 def resolution(
     trajectory: Trajectory,
@@ -59,14 +61,10 @@ def resolution(
     focal = focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
     exposure = camera.exposure_s or rule.exposure_s
     pixel_mm = 1e3 / focal
-    finer = theirs / now.sampled_m  # 0 where the plan has no look
     return {
-        **{f"fidelity_resolution_p{p:02d}": weighted_percentile(finer, weight, p) for p in (50, 5)},
         **_percentiles("gsd_demonstrated_mm", theirs * pixel_mm, weight, (50, 95)),
         **_percentiles("gsd_mm", now.sampled_m * pixel_mm, weight, (50, 95)),
-        "gsd_within_pct": _within(
-            mine, rule.most_coarse * theirs, target, weight, inspected, airspace, takes
-        ),
+        "gsd_within_pct": _within(mine, AS_FINE * theirs, target, weight, inspected, airspace, takes),
         **_percentiles("blur_px", now.moved * focal * exposure, weight, (50, 99)),
         **(_percentiles("defocus_px", now.defocus * focal, weight, (95,)) if camera.f_number else {}),
     }

@@ -55,21 +55,13 @@ def shortfalls(
 
 
 def _shown(measures: Measures, settings: Settings) -> list[str]:
-    least, shown, asked = (
-        settings.verdict.least_inspected_pct,
-        measures.coverage_inspected_pct,
-        settings.transfer,
-    )
-    if asked.standoff == "scaled" and asked.gsd_m is None:
-        shown, how = measures.coverage_inspected_scaled_pct, "as well for its size"
-    else:
-        how = "as finely" if asked.gsd_m is None else f"at {1e3 * asked.gsd_m:g} mm a pixel"
+    least, shown = settings.verdict.least_inspected_pct, measures.coverage_inspected_pct
     if np.isnan(shown):
         return ["what of the inspected surface it shows was not measured"] if least > 0 else []
     if shown >= least:
         return []
     return [
-        f"shows {shown:.1f} % of what was inspected {how}, {least:g} % are asked for "
+        f"shows {shown:.1f} % of what was inspected at least as well, {least:g} % are asked for "
         "(verdict.least_inspected_pct)"
     ]
 

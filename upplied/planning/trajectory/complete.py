@@ -31,7 +31,7 @@ _LEAST_TURN_RAD = (
 _HALVINGS = 20  # of the way to the demonstrated shape
 
 
-def completed(carried: Carried, goal: Goal, settings: Settings, share: float = 1.0) -> Waypoints:
+def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     """A carried flight made safe, and optimised.
 
     Parameters
@@ -40,8 +40,6 @@ def completed(carried: Carried, goal: Goal, settings: Settings, share: float = 1
     goal : Goal
         Its own.
     settings : Settings
-    share : float
-        Of all that is to be shown, what the goal asks for: the weights are worth shares of all.
 
     Returns
     -------
@@ -66,7 +64,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings, share: float = 1
 
     axis = optical_axis(flight.quat_xyzw)
     turned = float(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)).sum())
-    starts, view = _starts(carried, safe), view_of(take, goal, settings)
+    starts, view = _starts(carried, safe), _view(take, goal, settings)
     if take.required is not None:
         times = settings.optimise.required
         view = required_first(
@@ -86,9 +84,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings, share: float = 1
         aside_rad=_aside(take),
         level=settings.transfer.plane,
     )
-    shape, weights = FIDELITIES[settings.refine.fidelity].shape / share, settings.optimise
-    weights = replace(weights, turning=weights.turning / share, leaving=weights.leaving / share)
-    state, variables = optimise(problem, shape, weights)
+    state, variables = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
     at, curve = state.curve(variables, _STEP_M)
     positions = safe(curve.positions)
     if settings.refine.deviation is not None:
@@ -168,28 +164,24 @@ def _within(
     return drawn
 
 
-def view_of(take: Take, goal: Goal, settings: Settings) -> View:
+def _view(take: Take, goal: Goal, settings: Settings) -> View:
     """What the target is to show: what was inspected, and with less weight what was seen beside it."""
     wanted, seen, camera = goal.inspected, goal.seen, take.inspection.camera
     context = settings.optimise.context if wanted.need.any() else 1.0
     own = wanted.need / max(wanted.need.sum(), 1e-12)
     need = context * seen / max(seen.sum(), 1e-12) + (1 - context) * own
     inspected = wanted.need > 0
-    resolved_m = np.where(inspected, wanted.farthest_m(settings.inspection), np.inf)
-    most = (
-        np.inf if wanted.projected else camera.max_range_m * take.inspection.truly.coarseness.max(initial=1)
-    )
+    resolved_m = np.where(inspected, wanted.standoff_m / settings.inspection.least_resolution, np.inf)
     return View(
         wanted.cloud,
         need / max(need.sum(), 1e-12),
-        np.minimum(resolved_m, most),
+        np.minimum(resolved_m, camera.max_range_m * take.inspection.truly.coarseness.max(initial=1.0)),
         inspected,
         camera,
         settings.visibility,
         settings.retime,
         take.pair.target_scene,
         take.inspection.flight.fov_deg,
-        projected=wanted.projected,
     )
 
 

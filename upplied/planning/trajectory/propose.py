@@ -9,12 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.config import Settings
-from upplied.errors import RefusedError
 from upplied.planning.airspace.detours import Ways, airspace_of, route
 from upplied.planning.carry.carried import Carried
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined, steady_radps
-from upplied.planning.trajectory.added_passes import with_added
 from upplied.planning.trajectory.complete import completed
 from upplied.planning.trajectory.retime import retime
 from upplied.planning.trajectory.sharpness import sharp_limits, steadied_swings
@@ -45,28 +43,13 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
     RefusedError
         If no path keeps what the settings demand.
     """
-    paths = [one.path if one.goal is None else completed(one, one.goal, settings) for one in carried]
-    passes = [added for pair in zip(carried, paths, strict=True) for added in with_added(*pair, settings)]
-    pair = carried[0].take.pair
-    ways = Ways(airspace_of(pair, settings), pair.obstacle)
-    while passes:
-        both = [*zip(carried, paths, strict=True), *passes]
-        try:
-            return _timed([one for one, _ in both], [path for _, path in both], ways, settings)
-        except RefusedError:  # no way leads to a pass
-            passes.pop()
-    return _timed(carried, paths, ways, settings)
-
-
-def _timed(
-    carried: Sequence[Carried], paths: Sequence[Waypoints], ways: Ways, settings: Settings
-) -> tuple[Trajectory, Bools, Floats]:
-    """The takes one after another, with safe ways between them, and times."""
     takes = [one.take for one in carried]
     flight = joined([take.inspection.flight for take in takes])
+    paths = [one.path if one.goal is None else completed(one, one.goal, settings) for one in carried]
     paths = _in_joined_times(paths, takes, flight)
     if len(takes) > 1:
-        paths = _with_transits(paths, ways)
+        pair = takes[0].pair
+        paths = _with_transits(paths, Ways(airspace_of(pair, settings), pair.obstacle))
     path = Waypoints.stacked(paths)
     goals = [one.goal for one in carried if one.goal is not None]
     if not goals or not settings.retime.limits:

@@ -86,7 +86,7 @@ def _sharp_speeds(
     part = inspected.cloud.at(few)
     poses, fov_deg = (path.positions, path.quat_xyzw), fov_at(flight, path.t_s)
     seen = visible(*poses, part, camera, settings.visibility, scene, fov_deg=fov_deg).seen
-    farthest_m = inspected.farthest_m(rule)[few]
+    farthest_m = inspected.standoff_m[few] / rule.least_resolution
     coarse = coarseness(camera, fov_deg)
     coarse = np.ones(len(path)) if coarse is None else coarse
     angle = moved_in_picture(

@@ -9,8 +9,6 @@ import numpy as np
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import seen_by_any, visible
-from upplied.planning.visibility.pictures import FLAT_DEG, is_flat, sampled_m
-from upplied.poses import optical_axis
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 from upplied.scene import Scene
 
@@ -21,9 +19,7 @@ class View(Record):
 
     cloud: Cloud  # N surface samples of the target with normals
     need: Floats  # (N,) share of all that is to be shown; sums to 1, 0 where nothing is
-    # (N,) from where each is still resolved well enough: a distance, or where `projected` that from which a
-    # wall square to the camera is shown as finely
-    farthest_m: Floats
+    farthest_m: Floats  # (N,) from where each is still resolved well enough
     inspected: Bools  # (N,) those that the demonstration was about; the others lay behind them
     camera: Camera
     settings: VisibilitySettings
@@ -31,14 +27,13 @@ class View(Record):
     scene: Scene
     fov_deg: Floats | None = None  # (M, 2) of each station of the path, where the camera zooms
     least_cosine: Floats | None = None  # (N,) of the incidence, where single samples ask for more
-    projected: bool = False
 
     def shown(self, positions: Floats, quat_xyzw: Floats, asked: Ints) -> Bools:
         """(m,) which of these samples some station's pose truly sees from near enough."""
-        coarse, axes = coarseness(self.camera, self.fov_deg), optical_axis(quat_xyzw)
+        coarse = coarseness(self.camera, self.fov_deg)
 
         def counts(pose: Ints, sample: Ints) -> Bools:
-            near = self._near(pose, sample, positions, asked, coarse, axes)
+            near = self._near(pose, sample, positions, asked, coarse)
             return near & self._frontal(pose, sample, positions, asked)
 
         part, camera = self.cloud.at(asked), self._as_far_as(asked, self.camera)
@@ -82,31 +77,14 @@ class View(Record):
     def _as_far_as(self, asked: Ints, camera: Camera) -> Camera:
         """The camera with no more range than any of these samples asks for: fewer rays."""
         farthest_m = float(self.farthest_m[asked].max(initial=0.0))
-        if self.projected:  # towards the picture's corners a wall that is square to the camera is farther off
-            half = np.radians([min(camera.hfov_deg, FLAT_DEG), min(camera.vfov_deg, FLAT_DEG)]) / 2
-            farthest_m *= float(np.sqrt(1 + (np.tan(half) ** 2).sum()))
         if self.fov_deg is not None or farthest_m <= camera.min_range_m:
             return camera
         return replace(camera, max_range_m=min(camera.max_range_m, farthest_m))
 
-    def _near(
-        self,
-        pose: Ints,
-        sample: Ints,
-        positions: Floats,
-        asked: Ints,
-        coarse: Floats | None,
-        axes: Floats | None = None,
-    ) -> Bools:
-        """Which pairs are near enough; of cameras that may turn, with each sample in the picture's middle."""
-        points, farthest_m = self.cloud.points[asked], self.farthest_m[asked][sample]
-        if self.projected and axes is not None:
-            pairs = points, self.cloud.outward[asked], pose, sample
-            away = sampled_m(positions, axes, *pairs, is_flat(self.camera))
-        else:
-            ray = positions[pose] - points[sample]
-            away = np.sqrt(np.einsum("ij,ij->i", ray, ray))
-        return np.asarray(away * (1.0 if coarse is None else coarse[pose]) <= farthest_m)
+    def _near(self, pose: Ints, sample: Ints, positions: Floats, asked: Ints, coarse: Floats | None) -> Bools:
+        ray = self.cloud.points[asked][sample] - positions[pose]
+        squared = np.einsum("ij,ij->i", ray, ray) * (1.0 if coarse is None else coarse[pose] ** 2)
+        return np.asarray(squared <= self.farthest_m[asked][sample] ** 2)
 
     def _frontal(self, pose: Ints, sample: Ints, positions: Floats, asked: Ints) -> Bools:
         """Those that are seen as frontally as single samples ask for."""

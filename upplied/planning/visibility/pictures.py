@@ -17,7 +17,7 @@ from upplied.planning.visibility.observations import Views, stations_at
 from upplied.poses import matrices
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Rows
 
-FLAT_DEG = 120.0  # of a field of view, beyond which a picture's angle grows evenly (`config.focal_px`)
+_FLAT_DEG = 120.0  # of a field of view, beyond which a picture's angle grows evenly (`config.focal_px`)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,7 +68,7 @@ def pictures(
     sampled, depth, cosine, moved, pose, looks = _pictured(
         *(positions, axes, np.ascontiguousarray(steps.velocity), np.ascontiguousarray(steps.turn)),
         *(seen, np.ascontiguousarray(shown.coarseness[station]), points, normals),
-        *(sharp_radps, least_cosine, is_flat(camera), asked),
+        *(sharp_radps, least_cosine, camera.hfov_deg <= _FLAT_DEG, asked),
     )
     defocus = _defocus(camera, positions, axes, seen, points, depth, pose)
     return Pictures(sampled, depth, cosine, moved, defocus, pose, looks)
@@ -110,41 +110,6 @@ def stretch(along: float, facing: float, cosine: float) -> float:  # pragma: no 
     square = 2 * facing * along / cosine + (1 - facing * facing) / (cosine * cosine)
     area = along / cosine
     return float(np.sqrt((square + np.sqrt(max(square * square - 4 * area * area, 0.0))) / 2))
-
-
-@njit(cache=True)
-def sampled_m(
-    positions: Floats, axes: Floats, points: Floats, normals: Floats, pose: Ints, sample: Ints, flat: bool
-) -> Floats:  # pragma: no cover - compiled
-    """`Pictures.sampled_m` (K,) of single pairs of a pose and a sample, of one camera where it zooms.
-
-    Parameters
-    ----------
-    positions, axes : array, shape (P, 3)
-        m; optical axes.
-    points, normals : array, shape (N, 3)
-    pose, sample : array of int, shape (K,)
-    flat : bool
-        Whether the picture is flat (`is_flat`).
-    """
-    found, ray = np.empty(len(pose)), np.empty(3)
-    for pair in range(len(pose)):
-        axis, normal = axes[pose[pair]], normals[sample[pair]]
-        distance, cosine = sight_to(positions[pose[pair]], points[sample[pair]], normal, ray)
-        along = (ray[0] * axis[0] + ray[1] * axis[1] + ray[2] * axis[2]) / distance
-        if cosine < 1e-6:
-            found[pair] = np.inf
-        elif flat and along > 1e-3:
-            facing = -(axis[0] * normal[0] + axis[1] * normal[1] + axis[2] * normal[2])
-            found[pair] = distance * along * stretch(along, facing, cosine)
-        else:
-            found[pair] = distance / cosine
-    return found
-
-
-def is_flat(camera: Camera) -> bool:
-    """Whether a camera's picture is a plane, not one whose angle grows evenly."""
-    return camera.hfov_deg <= FLAT_DEG
 
 
 @njit(cache=True)

@@ -15,11 +15,8 @@ from numba import njit
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
 from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.pictures import is_flat
 from upplied.records import Bools, Floats, Ints, Record
 
-DISTANCE, FLAT, ROUND = 0, 1, 2  # of a camera, or projected onto a flat picture, or onto a round one
-_LEAST = 1e-6  # of the square of a difference, that its root has a slope
 _MOST = 0.98  # that one station shows: a second look at the same sample is worth a little
 
 
@@ -37,7 +34,6 @@ class Coverage(Record):
     coarse: Floats  # (M,) what each station's distances are taken times
     least_cosine: Floats  # (N,) of the incidence
     width: float  # over which a share falls: of the cosine, of the border's angle in rad, of the distance
-    away: int = DISTANCE  # which distance `farthest_m` limits
 
     @classmethod
     def of(
@@ -64,7 +60,6 @@ class Coverage(Record):
             coarse=np.ones(len(halves)) if coarse is None else coarse,
             least_cosine=np.full(len(asked), usual) if own is None else np.maximum(own[asked], usual),
             width=width,
-            away=(FLAT if is_flat(view.camera) else ROUND) if view.projected else DISTANCE,
         )
 
     def value(self, flown: Flown) -> tuple[float, Flown]:
@@ -83,7 +78,6 @@ class Coverage(Record):
             self.coarse,
             self.least_cosine,
             self.width,
-            self.away,
         )
         return missed, Flown(slope[:, :3], slope[:, 3], slope[:, 4])
 
@@ -97,48 +91,6 @@ def _step(value: float, width: float) -> tuple[float, float]:
     if part >= 1:
         return 1.0, 0.0
     return part * part * (3 - 2 * part), 3 * part * (1 - part) / width
-
-
-@njit(cache=True, inline="always", error_model="numpy")
-def _away(
-    away: int,
-    d: float,
-    u: tuple[float, float, float],
-    axis: tuple[float, float, float],
-    normal: Floats,
-    along: float,
-    cosine: float,
-) -> tuple[float, tuple[float, float, float], tuple[float, float, float]]:
-    """Distance at which a sample counts, m, and its slopes along the ray's end and along the optical axis.
-
-    Projected it is that of `visibility.pictures`: depth times `stretch`. `u` is the ray's direction, `along`
-    its cosine with the axis, `cosine` that of the incidence.
-    """
-    zero = (0.0, 0.0, 0.0)
-    if away == DISTANCE:
-        return d, u, zero
-    e = max(cosine, 1e-3)
-    if away == ROUND or along < 1e-3:
-        return d / e, _sum(2 / e, u, 1 / (e * e), normal), zero
-    f = -(axis[0] * normal[0] + axis[1] * normal[1] + axis[2] * normal[2])
-    r, q = along / e, 1 / (e * e)
-    s = 2 * f * r + (1 - f * f) * q
-    w = np.sqrt(max(s * s - 4 * r * r, 0.0) + _LEAST * r * r)
-    root, deep = np.sqrt((s + w) / 2), d * along
-    r_u = _sum(1 / (d * e), axis, r / (d * e), normal)
-    q_u = _sum(2 * q / d, u, 2 * q / (d * e), normal)
-    s_u = _sum(2 * f, r_u, 1 - f * f, q_u)
-    s_a = _sum(2 * f / e, u, -2 * (r - f * q), normal)
-    by_s, by_r = (1 + s / w) * deep / (4 * root), -4 * r / w * deep / (4 * root)
-    by_u = _sum(1.0, _sum(root, axis, by_s, s_u), by_r, r_u)
-    return deep * root, by_u, _sum(1.0, _sum(root * d, u, by_s, s_a), by_r / e, u)
-
-
-@njit(cache=True, inline="always", error_model="numpy")
-def _sum(
-    one: float, a: tuple[float, float, float], two: float, b: Floats | tuple[float, float, float]
-) -> tuple[float, float, float]:
-    return one * a[0] + two * b[0], one * a[1] + two * b[1], one * a[2] + two * b[2]
 
 
 @njit(cache=True, error_model="numpy")
@@ -156,7 +108,6 @@ def _missed(
     coarse: Floats,
     least_cosine: Floats,
     width: float,
-    away: int,
 ) -> tuple[float, Floats]:
     """Missed share, and its slope (M, 5) with respect to x, y, z, yaw and pitch of each station."""
     # Of the pairs that are shown at all, one after another: what is not shown is not written either.
@@ -171,7 +122,6 @@ def _missed(
         sin_v, cos_v = np.sin(half_rad[m, 1]), np.cos(half_rad[m, 1])
         round_ = half_rad[m, 0] >= np.pi / 2  # so wide a field that there is no picture plane
         cy, sy, cp, sp = np.cos(yaw[m]), np.sin(yaw[m]), np.cos(pitch[m]), np.sin(pitch[m])
-        axis = (cp * cy, cp * sy, sp)
         for k in range(start[m], start[m + 1]):
             i = sample[k]
             ux, uy, uz = (
@@ -202,11 +152,9 @@ def _missed(
                 z / d,
                 ahead / d,
             )
-            u = (ux, uy, uz)
             facing = -(ux * normals[i, 0] + uy * normals[i, 1] + uz * normals[i, 2])
             a, da = _step(facing - least_cosine[i], width)
-            reach, by_u, by_axis = _away(away, d, u, axis, normals[i], x, facing)
-            b, db = _step(1.0 - reach * coarse[m] / farthest_m[i], width)
+            b, db = _step(1.0 - d * coarse[m] / farthest_m[i], width)
             c, dc = _step(h / d, width)  # sine of the angle to the border's plane
             e, de = _step(v / d, width)
             if a * b * c * e == 0.0:
@@ -229,19 +177,17 @@ def _missed(
             gz = wx * sp + wz * cp - ga * normals[i, 2]
             along = gx * ux + gy * uy + gz * uz
             out = gb * coarse[m] / farthest_m[i]
-            slopes[count, 0] = out * by_u[0] - (gx - along * ux) / d
-            slopes[count, 1] = out * by_u[1] - (gy - along * uy) / d
-            slopes[count, 2] = out * by_u[2] - (gz - along * uz) / d
-            slopes[count, 3] -= out * cp * (cy * by_axis[1] - sy * by_axis[0])
-            slopes[count, 4] -= out * (cp * by_axis[2] - sp * (cy * by_axis[0] + sy * by_axis[1]))
+            slopes[count, 0] = out * ux - (gx - along * ux) / d
+            slopes[count, 1] = out * uy - (gy - along * uy) / d
+            slopes[count, 2] = out * uz - (gz - along * uz) / d
             count += 1
         first[m + 1] = count
     total = np.zeros((len(positions), 5))
     for m in range(len(positions)):
         for k in range(first[m], first[m + 1]):
             factor = -_MOST * need[what[k]] * left[what[k]] / (1.0 - shown[k])
-            for column in range(5):
-                total[m, column] += factor * slopes[k, column]
+            for axis in range(5):
+                total[m, axis] += factor * slopes[k, axis]
     missed = 0.0
     for i in range(len(need)):
         missed += need[i] * left[i]
