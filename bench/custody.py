@@ -53,6 +53,13 @@ def write_catalog(place: Path) -> None:
         catalog.add_plans([(f"{at}" * 64, plan, {})])
         _decide(catalog, f"{at}" * 20, path, corners)
     catalog.set("kind", "box", {"route.clearance_m": 3.0}, "Ada")
+    photo = {"photo_id": "p" * 64, "flight_id": "flight", "target_id": "b", "name": "a.jpg", "path": "a.jpg",
+             "sha256": "d" * 64, "t_s": 1.0}  # fmt: skip
+    catalog.add_flight_photos([photo], "Ada")
+    found = {"finding_id": "f" * 64, "target_id": "b", "kind": "box", "state": "open", "class": "crack",
+             "x_m": 1.0, "y_m": 2.0, "z_m": 3.0, "gsd_mm": 7.0, "structure_sha256": "b" * 8}  # fmt: skip
+    catalog.add_findings([found], "Ada")
+    catalog.set_finding("f", "watched", "Grace", "no longer than before")
     catalog.require("structure", "b", "welds", [{"zone": "z", "where": "box 0 0 0 1 1 1"}], "Ada")
 
 

@@ -202,7 +202,7 @@ def test_a_released_plan_that_becomes_current_again_is_still_what_was_released(c
 
 def test_what_nobody_released_as_it_is_leaves_as_a_draft_alone():
     for rule in ("released", "foreign", "altered"):
-        with pytest.raises(SettingsError, match="Say --draft"):
+        with pytest.raises(SettingsError, match="Use --draft"):
             MissionOptions(force=(rule,))
         assert rule in MissionOptions(draft=True).overruled
 

@@ -29,7 +29,7 @@ REQUIRED = {
 }
 
 _UNITS = {"m": "m", "m2": "m2", "s": "s", "ns": "ns", "deg": "deg", "pct": "%", "px": "px", "mm": "mm"}
-_UNITS |= {"mps": "m/s", "mps2": "m/s2"}
+_UNITS |= {"mps": "m/s", "mps2": "m/s2", "mm2": "mm2"}
 
 
 @pytest.mark.parametrize("name", REQUIRED)

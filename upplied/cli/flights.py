@@ -31,7 +31,7 @@ SHOWN = {
     "transfer_id": "plan",
     "target_id": "target",
     "flown_pct": "share of the plan's length flown, %",
-    "inspected_pct": "share of the planned surface inspected as requested, %",
+    "inspected_pct": "share of the planned surface inspected as asked, %",
     "required_pct": "share of the planned surface certainly in view, %",
     "assumed_pct": "additional share in view if the alignment is right, %",
     "min_clearance_m": "minimum clearance, m",

@@ -159,7 +159,7 @@ class Placing:
             "camera_json": _json(np.concatenate(seen), 7),
             "distance_m": found.distance_m,
             "incidence_deg": found.incidence_deg,
-            "mm_px": found.mm_px,
+            "gsd_mm": found.mm_px,
         }
 
     def _about(

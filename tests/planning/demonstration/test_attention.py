@@ -36,7 +36,7 @@ MEANT = {
 def sampled(structure: Structure, seed: int = 0) -> tuple[Cloud, Ints]:
     scene = scene_of(structure)
     cloud = surface_samples(structure, scene, CloudSettings(seed=seed))
-    return cloud, skin_parts(structure, scene, cloud, seed).label
+    return cloud, skin_parts(structure, scene, cloud).label
 
 
 def attended(flight: Demonstration, structure: Structure) -> Attention:
