@@ -29,9 +29,8 @@ class Surroundings(Record):
     keep_out_m: Floats = field(default_factory=lambda: np.empty((0, 2, 3)))  # (K, 2, 3) boxes, min and max
     geofence_m: Floats = field(default_factory=lambda: np.empty((0, 2)))  # (G, 2) polygon in x y, empty: none
     ceiling_z_m: float | None = None  # highest allowed z
-    rally_m: Floats = field(
-        default_factory=lambda: np.empty((0, 3))
-    )  # (R, 3) where it may land instead of home
+    #: (R, 3) where it may land instead of home
+    rally_m: Floats = field(default_factory=lambda: np.empty((0, 3)), metadata={"later": True})
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -12,7 +12,7 @@ import json
 import math
 import types
 from collections.abc import Mapping
-from dataclasses import Field, fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import lru_cache
 from io import BytesIO
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -145,8 +145,14 @@ def _plain(value: Any, path: str, arrays: dict[str, Array]) -> Any:
 
 def _left_out(field: Field, record: Any) -> bool:
     """Whether a field that came later says nothing: so records of before keep their hash."""
-    value, default = getattr(record, field.name), field.default
-    return bool(field.metadata.get("later")) and (value is default or bool(np.all(value == default)))
+    if not field.metadata.get("later"):
+        return False
+    value: Any = getattr(record, field.name)
+    default: Any = field.default
+    factory: Any = field.default_factory
+    if default is MISSING and factory is not MISSING:
+        default = factory()
+    return value is default or np.array_equal(value, default)
 
 
 def _record(plain: Any, hint: Any, path: str, arrays: Mapping[str, Array]) -> Any:
