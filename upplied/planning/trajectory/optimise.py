@@ -33,7 +33,7 @@ _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and la
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _COMFORTABLE = 2.5  # safety distances, at which to come nearer costs nothing yet
 _CORRECTIONS = 12  # that L-BFGS keeps
-_LOST = 5e-4  # of the need: what shows less more or less shows as much
+_LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,15 +81,15 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     searches = [_Search.of(problem, start, samples, need, shape_weight, weights) for start in problem.starts]
     if len(samples) == 0:
         return searches[0].state, searches[0].first
-    ranked = np.argsort([-search.worth(search.first) for search in searches], kind="stable")
-    results = [(*searches[number].improved(), searches[number]) for number in ranked[: weights.starts]]
-    worth, variables, search = max(results, key=lambda result: result[0])
-    carried = searches[0]
-    gain = search.shown(variables) - carried.shown(carried.first)
-    # A safe flight is left for what that shows, not for what it saves, and never to show less.
-    as_it_is = gain < -_LOST or (gain <= _LOST and carried.worth(carried.first) >= worth)
-    if as_it_is and carried.near(carried.first) == 0:
-        return carried.state, carried.first
+    first = [search.worth(search.first) for search in searches]
+    ranked = np.argsort(-np.array(first), kind="stable")[: weights.starts].tolist()
+    results = [(first[0], searches[0], searches[0].first)]
+    least = searches[0].shown(searches[0].first) - _LOST if searches[0].near(searches[0].first) == 0 else 0.0
+    for number in ranked:
+        worth, variables = searches[number].improved()
+        if searches[number].shown(variables) >= least:
+            results.append((worth, searches[number], variables))
+    _, search, variables = max(results, key=lambda result: result[0])
     return search.state, variables
 
 
