@@ -10,7 +10,8 @@ where a folder of them is named. Marks are painted on a mesh: a ray follows a pi
   known as scans with noise. How often does the place lie within its stated 95 %?
 * flights: the same for flights in wind with the faults of bench/proof.py, aligned with their plan.
 * looks: photos that show a place, by the poses as they are told, against rays from the true poses.
-* carried: places carried to another member of the kind, against the generator's truth.
+* carried: places that a photo can show, carried to another member of the kind, against the generator's
+  truth; those hidden inside of other parts apart.
 * missions: the ground sample distance of each place by rays through the corners of a pixel, and the clearance
   by the nearest of many points on the surface.
 * queries: CPU of the questions over 10 000 findings on 200 structures.
@@ -35,7 +36,7 @@ from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.verbs.looks import put_looks
 from upplied.config import CloudSettings, digest
 from upplied.errors import RefusedError, UppliedError
-from upplied.findings.adding import add_marks, on_surface
+from upplied.findings.adding import add_marks, escaping, on_surface
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, looks_at_spot, spot_of
 from upplied.findings.marks import Mark
@@ -58,6 +59,7 @@ _KINDS = {"airliner": "fuselage", "wind_turbine": "tower", "ship": "hull", "box"
 _CAMERA = Camera(70.0, 55.0, 1.0, 60.0, 4000, 2973)
 _ERRORS = Errors(pose_m=0.3, attitude_deg=0.4, pixel_px=1.0)
 _NOISE_M = 0.02  # of scans, one sigma along the normal
+_FREE = 0.02  # share of the directions before a place that lead outside, from which on a photo can show it
 _STEP = 0.02  # of the structure's size: what counts as carried rightly
 
 
@@ -214,18 +216,23 @@ def carried(seed: int) -> None:
     for kind in _KINDS:
         for one, other in ((seed + 300, seed + 301), (seed + 302, seed + 303)):
             source, target = random_member(kind, one), random_member(kind, other)
-            spots = _spots(source.structure, 60, rng)
-            truth = true_counterparts(source, target, np.array([spot.place for spot in spots]))
             catalog = _catalog([source.structure, target.structure])
-            found = Carrying(catalog).to(spots, target.structure.structure_id)
-            off = np.linalg.norm(found.place - truth, axis=1)
-            lacks, none = np.isnan(truth[:, 0]), np.isnan(found.place[:, 0])
-            wrong = np.where(lacks, ~none, none | (off > _STEP * target.structure.diagonal_m))
-            there = ~lacks & ~none
-            within = off[there] <= found.error_m[there]
-            rows.append((kind, wrong, found.doubtful, within, off[there] / target.structure.diagonal_m))
-    for name in (*_KINDS, "all"):
-        own = [row for row in rows if name in (row[0], "all")]
+            for name, count in ((kind, 60), ("hidden", 20)):
+                spots = _spots(source.structure, count, rng, hidden=name == "hidden")
+                if not spots:
+                    continue
+                truth = true_counterparts(source, target, np.array([spot.place for spot in spots]))
+                there = Carrying(catalog).to(spots, target.structure.structure_id)
+                off = np.linalg.norm(there.place - truth, axis=1)
+                lacks, none = np.isnan(truth[:, 0]), np.isnan(there.place[:, 0])
+                wrong = np.where(lacks, ~none, none | (off > _STEP * target.structure.diagonal_m))
+                both = ~lacks & ~none
+                within = off[both] <= there.error_m[both]
+                rows.append((name, wrong, there.doubtful, within, off[both] / target.structure.diagonal_m))
+    for name in (*_KINDS, "all", "hidden"):
+        own = [row for row in rows if row[0] == name or (name == "all" and row[0] != "hidden")]
+        if not own:
+            continue
         wrong, doubtful, within, off = (np.concatenate([row[at] for row in own]) for at in range(1, 5))
         print(
             f"carried {name:28}within 2 % {100 * (1 - wrong.mean()):.1f} %, "
@@ -399,11 +406,13 @@ def _catalog(structures: list[Structure], flown: list[Demonstration] | None = No
     return catalog
 
 
-def _spots(structure: Structure, count: int, rng: np.random.Generator) -> list[Spot]:
-    """Places spread over a structure, each on the side that can be seen."""
-    points = points_on_triangles(structure, count, rng)[0]
-    found, normals = on_surface(scene_of(structure), points)
-    return [Spot(structure.structure_id, at, way, at[None]) for at, way in zip(found, normals, strict=True)]
+def _spots(structure: Structure, count: int, rng: np.random.Generator, hidden: bool = False) -> list[Spot]:
+    """Places spread over what a photo can show of a structure; or over what lies inside of other parts."""
+    points = points_on_triangles(structure, 4 * count, rng)[0]
+    places, normals = on_surface(scene_of(structure), points)
+    free = escaping(scene_of(structure), places, normals, structure.diagonal_m) > _FREE
+    chosen = np.flatnonzero(free != hidden)[:count]
+    return [Spot(structure.structure_id, places[at], normals[at], places[at][None]) for at in chosen]
 
 
 def _said(found: list[tuple[float, float, float]]) -> str:

@@ -17,7 +17,7 @@ from upplied.catalog.verbs.published import export_tables
 from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
-from upplied.findings.adding import add_marks, on_surface
+from upplied.findings.adding import add_marks, escaping, on_surface
 from upplied.findings.campaign import asked_findings, plan_campaign
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, looks_at_spot, looks_frame, spot_at, spot_of
@@ -32,8 +32,9 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.poses import look_at, matrices
 from upplied.records import Camera, Demonstration
 from upplied.samples.correspondence import true_counterparts
-from upplied.samples.fleet import member
+from upplied.samples.fleet import member, random_member
 from upplied.scene import scene_of
+from upplied.vectors import points_on_triangles
 
 CUBE, CUBOID = member("cube-v1").structure, member("cuboid-v1").structure
 LOW, HIGH = CUBE.vertices.min(axis=0), CUBE.vertices.max(axis=0)
@@ -285,6 +286,35 @@ def test_the_same_place_elsewhere_is_where_the_samples_say(catalog):
     assert np.einsum("nij,nj->ni", there.turn, normals) == pytest.approx(there.normal, abs=1e-6)
     with pytest.raises(RefusedError, match="structures of one kind"):
         Carrying(catalog).targets("cube-v1", "a320-v1")
+
+
+def test_what_was_found_out_about_a_pair_serves_every_place(catalog, monkeypatch):
+    spots = [spot_at(catalog, "cube-v1", place) for place in ((HIGH[0], 2.0, 5.0), (HIGH[0], -3.0, 2.0))]
+    first = Carrying(catalog).to(spots[:1], "cuboid-v1")
+    monkeypatch.setattr("upplied.findings.carried.study", lambda *_: pytest.fail("the pair is studied anew"))
+    again = Carrying(catalog).to(spots, "cuboid-v1")
+    assert again.place[0] == pytest.approx(first.place[0], abs=1e-9) and not again.doubtful.any()
+
+
+def test_a_place_that_could_as_well_be_elsewhere_is_doubtful(tmp_path):
+    # Below the overhang of their bows both hulls are shorter, each by its own share of its length.
+    source, target = random_member("ship", 10016), random_member("ship", 10017)
+    catalog = open_catalog(tmp_path / "catalog")
+    catalog.add_structures([source.structure, target.structure])
+    rng = np.random.default_rng(0)
+    places, normals = on_surface(
+        scene_of(source.structure), points_on_triangles(source.structure, 400, rng)[0]
+    )
+    name, size = source.structure.structure_id, target.structure.diagonal_m
+    spots = [Spot(name, place, way, place[None]) for place, way in zip(places, normals, strict=True)]
+    there = Carrying(catalog).to(spots, target.structure.structure_id)
+    off = np.linalg.norm(there.place - true_counterparts(source, target, places), axis=1)
+    free = escaping(scene_of(source.structure), places, normals, source.structure.diagonal_m) > 0.02
+    wrong = ~(off <= 0.02 * size)
+    assert (wrong & free & (normals[:, 2] < -0.5)).sum() >= 3 and (~free).sum() > 100
+    assert there.doubtful[free].mean() < 0.5 and (there.error_m[free] >= off[free]).mean() > 0.9
+    # what lies inside of other parts is shown by no photo, and no sample is near it
+    assert there.doubtful[~free].mean() > 0.8 and not (wrong & ~there.doubtful).any()
 
 
 def test_questions_over_the_fleet(filled):

@@ -234,14 +234,14 @@ def on_surface(scene: Scene, places: Floats) -> tuple[Floats, Floats]:
     # What is met where the place is, as frontally as can be.
     facing = np.abs(np.einsum("nwi,wi->nw", normals, ways))
     normal = normals[rows, np.where(np.abs(reach - step) < 0.2 * step, facing, -1.0).argmax(axis=1)]
-    free = np.stack([_escaping(scene, found, side * normal, size) for side in (1, -1)])
+    free = np.stack([escaping(scene, found, side * normal, size) for side in (1, -1)])
     beside = np.einsum("ni,ni->n", places - found, normal)
     side = np.where(np.abs(beside) > 1e-6 * size, np.sign(beside), 1.0)
     side = np.where(np.abs(free[0] - free[1]) > _CLEARLY, np.sign(free[0] - free[1]), side)
     return found, normal * side[:, None]
 
 
-def _escaping(scene: Scene, points: Floats, normals: Floats, size: float) -> Floats:
+def escaping(scene: Scene, points: Floats, normals: Floats, size: float) -> Floats:
     """Share (N,) of the rays from before a surface that meet nothing."""
     ahead = normals @ _WAYS.T > 0.1
     owner, which = np.nonzero(ahead)

@@ -120,16 +120,14 @@ def by_reference(
     rows = catalog.findings(kind=carrying.kinds[reference_id], class_name=class_name, state=state)
     key = [reference_id, class_name, state, carrying.named(reference_id), rows["entry_id"].tolist()]
 
-    def found() -> Mapped:
+    def placed() -> Mapped:
         parts = [_mapped(group, carrying, reference_id) for _, group in rows.groupby("target_id", sort=True)]
-        return Mapped(
-            **{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Mapped)}
-        )
+        return Mapped.stacked(parts)
 
     if rows.empty:
         mapped = Mapped(np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0, bool), np.empty(0, np.int64))
     else:
-        mapped = carrying.remembered("findings-by-reference", Mapped, key, found)
+        mapped = carrying.remembered("findings-on-reference", Mapped, key, placed)
     rows = rows.iloc[mapped.row].copy()
     rows[["reference_x_m", "reference_y_m", "reference_z_m"]] = mapped.place
     rows["reference_probability"], rows["reference_error_m"] = mapped.probability, mapped.error_m

@@ -1,0 +1,118 @@
+"""How else a place could be carried: where the ways disagree, its counterpart is less certain.
+
+A place in the middle of a featureless skin could be carried a little further along it and look as right. So
+each is carried by other maps as well: by the registration alone, by the box of its part, and by the boxes of
+what of its part faces as it does, or does so at its length, breadth or height.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from upplied.planning.correspondence.coherent_point_drift import Patch
+from upplied.planning.correspondence.correspondences import facing_nearest
+from upplied.planning.correspondence.pair import Pair
+from upplied.planning.correspondence.part_alignment import aligned, patches
+from upplied.planning.correspondence.part_assignment import Matching
+from upplied.planning.geometry.clouds import diagonal_of
+from upplied.records import Floats, Ints
+
+_CONES = np.array([0.7, 0.85, 0.95])  # least cosine between normals of what faces alike
+_SLAB_CONE, _SLAB = 0.6, 0.2  # the same within a slab of the part, and half its width of the part's extent
+_FEWEST = 8  # samples that have a box
+_EVERY = 4  # of a part's samples, of which boxes are asked: they differ little between neighbours
+_STRETCH = 1.4  # most by which such boxes differ
+WAYS = 2 + len(_CONES) + 3
+
+
+def ways_of_carrying(pair: Pair) -> Floats:
+    """Where other maps carry the source's samples (N, WAYS, 3), m, frame of the registered target.
+
+    They are the registration, the box of each part, what faces alike in three cones, and in slabs
+    across each axis.
+    """
+    fit, match = pair.surface, pair.surface.correspondences
+    points = fit.source.points
+    if match.displacement is None or match.source_class is None or match.target_class is None:
+        return np.repeat(points[:, None], WAYS, axis=1)
+    matching = Matching(match.source_class, match.target_class)
+    moving, fixed = patches(fit.source, fit.registered, matching)
+    boxed = aligned(moving, match.displacement.matrix, match.displacement.offset_m)
+    order, first = np.argsort(boxed.label, kind="stable"), np.unique(boxed.label, return_index=True)[1]
+    some = boxed.rows(np.union1d(order[::_EVERY], first))
+    alike = facing_boxes(some, boxed, fixed) - some.points[:, None]
+    alike = alike[facing_nearest(boxed, some, diagonal_of(points))]
+    return np.concatenate([points[:, None], boxed.points[:, None], boxed.points[:, None] + alike], axis=1)
+
+
+def facing_boxes(some: Patch, boxed: Patch, fixed: Patch) -> Floats:
+    """Where the boxes of what faces alike carry some of the samples of aligned parts (N, 6, 3), m."""
+    number = 1 + int(max(boxed.label.max(initial=-1), fixed.label.max(initial=-1)))
+    extent = np.zeros((max(number, 1), 3))
+    for label in range(number):
+        theirs = fixed.points[fixed.label == label]
+        extent[label] = np.ptp(theirs, axis=0) if len(theirs) else 0.0
+    arrays = [np.ascontiguousarray(each) for one in (some, boxed, fixed)
+              for each in (one.points, one.normals, one.label)]  # fmt: skip
+    return np.asarray(_facing_boxes(*arrays, _SLAB * extent))
+
+
+@njit(cache=True)
+def _facing_boxes(
+    points: Floats,
+    normals: Floats,
+    label: Ints,
+    own: Floats,
+    own_normals: Floats,
+    own_label: Ints,
+    others: Floats,
+    others_normals: Floats,
+    others_label: Ints,
+    slab: Floats,
+) -> Floats:
+    number = len(_CONES) + 3
+    places = np.empty((len(points), number, 3))
+    for at in range(len(points)):
+        mine = points[at], normals[at], label[at]
+        here = _boxes(*mine, own, own_normals, own_label, slab)
+        there = _boxes(*mine, others, others_normals, others_label, slab)
+        for way in range(number):
+            known = min(here[way, 6], there[way, 6]) >= _FEWEST
+            for axis in range(3):
+                places[at, way, axis] = points[at, axis]
+                if known:
+                    low, high = here[way, axis], here[way, 3 + axis]
+                    other_low, other_high = there[way, axis], there[way, 3 + axis]
+                    scale = (other_high - other_low) / max(high - low, 1e-9)
+                    scale = min(max(scale, 1 / _STRETCH), _STRETCH)
+                    offset = points[at, axis] - (low + high) / 2
+                    places[at, way, axis] = (other_low + other_high) / 2 + scale * offset
+    return places
+
+
+@njit(cache=True)
+def _boxes(
+    point: Floats, normal: Floats, label: int, points: Floats, normals: Floats, labels: Ints, slab: Floats
+) -> Floats:
+    """Boxes (6, 7) of the samples of a class that face alike: low, high, and how many they are."""
+    cones = len(_CONES)
+    boxes = np.zeros((cones + 3, 7))
+    boxes[:, :3], boxes[:, 3:6] = np.inf, -np.inf
+    for row in range(len(points)):
+        if labels[row] != label or label < 0:
+            continue
+        cosine = normal[0] * normals[row, 0] + normal[1] * normals[row, 1] + normal[2] * normals[row, 2]
+        if cosine <= _SLAB_CONE:
+            continue
+        for way in range(cones + 3):
+            if way < cones:
+                if cosine <= _CONES[way]:
+                    continue
+            elif abs(points[row, way - cones] - point[way - cones]) >= slab[label, way - cones]:
+                continue
+            boxes[way, 6] += 1
+            for axis in range(3):
+                boxes[way, axis] = min(boxes[way, axis], points[row, axis])
+                boxes[way, 3 + axis] = max(boxes[way, 3 + axis], points[row, axis])
+    return boxes
