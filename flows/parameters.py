@@ -17,6 +17,7 @@ from upplied.inputs.structure_rules import StructureSettings
 
 Id = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
 Location = Annotated[str, Field(min_length=1, description="A folder, or the URI of an object store.")]
+Millimetres = Annotated[float, Field(gt=0, lt=1e4)]
 Presets = Annotated[list[Preset], Field(min_length=1)]
 Engine = Literal["local", "pool", "dask", "ray"]
 

@@ -179,6 +179,14 @@ def fly_drafts(catalog: str, keys: list[str]) -> list[str]:
     return flights.fly_drafts(open_catalog(catalog), keys)
 
 
+@task(name="plan-campaigns", task_run_name="plan campaigns", **STORED)
+def plan_campaigns(catalog: str, findings: list[str], mm_px: float) -> list[str]:
+    """Plan a draft for each structure where no flight showed a finding's place; what failed, in words."""
+    from upplied.findings.campaign import plan_campaigns
+
+    return plan_campaigns(open_catalog(catalog), findings, mm_px)
+
+
 @task(name="compact", task_run_name="compact {catalog}", **STORED)
 def compact(catalog: str) -> dict[str, int]:
     """Merge small files; how many, by table."""

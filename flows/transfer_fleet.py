@@ -17,7 +17,7 @@ from .engines import Planned, plan
 from .ingest_demonstrations import ingest_demonstrations
 from .ingest_structures import ingest_structures
 from .lineage import asset, making
-from .parameters import Changes, Id, Location, Presets, Resources, plan_request_of
+from .parameters import Changes, Id, Location, Millimetres, Presets, Resources, plan_request_of
 from .roots import check_roots
 from .states import ended, errors_in_words, planned
 
@@ -48,6 +48,8 @@ def transfer_fleet(
     retry_failed: bool = False,
     experiment: Id | None = None,
     fly: bool = False,
+    campaigns: list[Id] | None = None,
+    campaign_mm_px: Millimetres = 2.0,
     resources: Resources = ALL_CORES,
 ) -> State:
     """Plan every pair whose inputs changed since it was planned, and publish.
@@ -65,6 +67,9 @@ def transfer_fleet(
         retry_failed: Also plan again what failed before.
         experiment: A name; these plans are for comparison, and never become current.
         fly: Fly each new plan of `recommended` in simulated wind, and tell where it comes too near.
+        campaigns: Findings whose places are to be looked at on every structure of their kind: a draft for
+            each where no flight showed the place.
+        campaign_mm_px: Millimetres a pixel, at most, of such looks.
         resources: Engine, processes, time and memory, and how much an engine may lose.
     """
     check_roots(catalog=catalog, reports=reports, manifest=manifest)
@@ -95,6 +100,8 @@ def transfer_fleet(
         problems += tasks.carry_edits(catalog)
         if fly:
             problems += tasks.fly_drafts(catalog, [job.key for job in night.jobs])
+        if campaigns:
+            problems += tasks.plan_campaigns(catalog, campaigns, campaign_mm_px)
         if reports:
             problems += publish(catalog, reports)
     summary = transfer_artifacts(kept, night.decision, night.planned.result, reports)

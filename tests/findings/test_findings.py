@@ -18,7 +18,7 @@ from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
 from upplied.findings.adding import add_marks, escaping, on_surface
-from upplied.findings.campaign import asked_findings, plan_campaign
+from upplied.findings.campaign import asked_findings, plan_campaign, plan_campaigns
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, looks_at_spot, looks_frame, spot_at, spot_of
 from upplied.findings.marks import Mark, box_corners, read_marks
@@ -317,6 +317,22 @@ def test_a_place_that_could_as_well_be_elsewhere_is_doubtful(tmp_path):
     assert there.doubtful[~free].mean() > 0.8 and not (wrong & ~there.doubtful).any()
 
 
+def test_every_blade_is_asked_for(tmp_path):
+    source, target = member("turbine-1-v1"), member("turbine-2-v1")
+    catalog = open_catalog(tmp_path / "catalog")
+    catalog.add_structures([source.structure, target.structure])
+    name = source.part_names[next(at for at, each in enumerate(source.part_names) if "blade" in each)]
+    triangles = source.structure.triangles[source.triangles_of(name)]
+    middle = source.structure.vertices[triangles].mean(axis=(0, 1))
+    spot = spot_at(catalog, "turbine-1-v1", middle)
+    rows = photographed(catalog, spot, "turbine-2-v1", every=True)
+    owner = scene_of(target.structure).closest(rows[["x_m", "y_m", "z_m"]].to_numpy())[1]
+    parts = [target.part_names[target.part_of_triangle[at]] for at in owner]
+    assert sorted(parts) == sorted(each for each in target.part_names if "blade" in each) and len(parts) == 3
+    assert rows["part"].nunique() == 3 and rows["looked_at"].isna().all()
+    assert len(photographed(catalog, spot, "turbine-2-v1")) == 1
+
+
 def test_questions_over_the_fleet(filled):
     catalog, _, name = filled
     found = photographed(catalog, row_of(catalog, name)).set_index("structure_id")
@@ -387,7 +403,7 @@ def test_a_mission_shows_a_place_as_its_photo_did_and_as_finely_as_asked(filled)
         plan_reshoot(catalog, rows, "cuboid-v1", 5.0)
 
 
-def test_a_campaign_has_a_draft_for_each_structure_without_a_look(filled):
+def test_a_campaign_has_a_draft_for_each_structure_without_a_look(filled, monkeypatch):
     catalog, _, name = filled
     other = open_catalog(f"{catalog.location}-campaign")
     other.add_structures([CUBE, CUBOID])
@@ -403,6 +419,12 @@ def test_a_campaign_has_a_draft_for_each_structure_without_a_look(filled):
         place - plan.trajectory.positions[0]
     )
     assert plan_campaign(other, row, 0.1)[0]["status"] == "refused"
+    # The next night plans nothing again, and says what it cannot plan.
+    other.add_findings([{key: row[key] for key in row if key not in ("by", "entry_id")}], "Ada")
+    planned = len(other.transfers(every=True))
+    monkeypatch.setattr("upplied.findings.campaign.plan_reshoot", lambda *_: pytest.fail("planned again"))
+    (problem,) = plan_campaigns(other, [name, "none"], 8.0)
+    assert "campaign none" in problem and len(other.transfers(every=True)) == planned
 
 
 def test_a_place_that_is_hidden_where_its_photo_was_taken_from_is_seen_from_aside(filled):

@@ -29,15 +29,16 @@ from upplied.flows.transfer_fleet import transfer_fleet
 print(ingest_demonstrations(["flight.mcap"], return_state=True).message)
 print(transfer_fleet(presets=["paper"], targets=["box-random-1"], return_state=True).message)
 print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
-print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
+print(transfer_fleet(presets=["paper"], reports="", campaigns=["gone"], return_state=True).message)
 """,
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == [
+    *lines, last = done.stdout.splitlines()
+    assert last.startswith("0 ok, 0 refused, 0 failed, 2 unchanged") and "campaign gone: finding gone" in last
+    assert lines == [
         "1 added",
         "1 ok, 0 refused, 0 failed, 0 unchanged",
         "1 ok, 0 refused, 0 failed, 1 unchanged",
-        "0 ok, 0 refused, 0 failed, 2 unchanged",
     ]
     assert (place / "reports" / "transfers.parquet").is_dir()
     assert (place / "reports" / "index.html").is_file()
@@ -182,6 +183,7 @@ WRONG = (
     "changes={'route': {'clearance': 3}}",
     "targets=['../../etc']",
     "resources={'workers': -1}",
+    "campaign_mm_px=0",
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import pandas as pd
@@ -12,7 +13,8 @@ from upplied.catalog.verbs.queries import When
 from upplied.errors import RefusedError, UppliedError
 from upplied.findings.carried import Carrying
 from upplied.findings.queries import photographed
-from upplied.findings.reshoot import plan_reshoot
+from upplied.findings.reshoot import plan_reshoot, purpose_of
+from upplied.planning.plan import METHOD_VERSION
 
 
 def asked_findings(catalog: Catalog, asked: str, structure_id: str) -> list[dict[str, Any]]:
@@ -61,9 +63,13 @@ def plan_campaign(
         raise RefusedError(f"finding {row['finding_id']}", "is on the only structure of its kind", "others")
     for there in photographed(catalog, row, names, mm_px, since, carrying=carrying).to_dict("records"):
         name = str(there["structure_id"])
+        planned = _planned(catalog, name, purpose_of([str(row["finding_id"])], mm_px))
         if not pd.isna(there["looked_at"]):
             words = f"{there['looked_at']:%Y-%m-%d} at {there['mm_px']:.2f} mm/px"
             done.append({"structure_id": name, "status": "seen", "words": words})
+            continue
+        if planned:
+            done.append({"structure_id": name, "status": "draft", "words": f"{planned}; planned before"})
             continue
         try:
             made = plan_reshoot(catalog, [row], name, mm_px, carrying)
@@ -73,3 +79,22 @@ def plan_campaign(
         except UppliedError as error:
             done.append({"structure_id": name, "status": "refused", "words": str(error)})
     return done
+
+
+def plan_campaigns(catalog: Catalog, findings: Sequence[str], mm_px: float) -> list[str]:
+    """Plan the campaigns of several findings; what kept a whole one from being planned, in words."""
+    problems = []
+    for start in findings:
+        try:
+            plan_campaign(catalog, catalog.finding(start), mm_px)
+        except UppliedError as error:
+            problems.append(f"campaign {start}: {error}")
+    return problems
+
+
+def _planned(catalog: Catalog, structure_id: str, purpose: str) -> str:
+    """The newest draft for that purpose round a structure as it is now, by the method as it is; "": none."""
+    rows = catalog.transfers(structure=structure_id, preset="recommended", status="ok", every=True)
+    rows = rows[(rows["purpose"] == purpose) & (rows["method_version"] == METHOD_VERSION)]
+    rows = rows[rows["target_sha256"] == catalog.newest("structures", structure_id)["sha256"]]
+    return "" if rows.empty else str(rows.iloc[-1]["transfer_id"])

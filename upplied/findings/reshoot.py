@@ -160,13 +160,17 @@ def plan_reshoot(
     )
     named = [[one.finding_id, one.spot.place.round(4).tolist()] for one in kept]
     key = digest(["reshoot", named, structure_id, mm_px, method(), base.target.sha256, base.settings.sha256])
-    purpose = f"reshoot {digest([ids, mm_px])[:20]}"
     provenance = {
         **base.provenance, **recorded(), "target_sha256": base.target.sha256,
-        "method_version": METHOD_VERSION, "settings": base.settings, "purpose": purpose,
+        "method_version": METHOD_VERSION, "settings": base.settings, "purpose": purpose_of(ids, mm_px),
     }  # fmt: skip
     catalog.add_plans([(key, plan, provenance)])
     return Reshot(id_of(key), tuple(ids), tuple(refused), words)
+
+
+def purpose_of(finding_ids: Sequence[str], mm_px: float) -> str:
+    """What a mission to findings (ids in order) is for, as `transfers` says it."""
+    return f"reshoot {digest([list(finding_ids), mm_px])[:20]}"
 
 
 def base_of(catalog: Catalog, structure_id: str) -> Base:
