@@ -49,5 +49,6 @@ def test_every_block_of_the_page_runs(tmp_path, monkeypatch):
             assert main(shlex.split(told)[1:]) == 0, line
             ran += 1
     drafts = catalog.transfers(every=True)
-    assert ran == 10 and sorted(drafts["target_id"]) == ["tank-1", "tank-2"] and verify(catalog) == []
+    assert ran == 11 and sorted(drafts["target_id"]) == ["tank-1", "tank-2"] and verify(catalog) == []
+    assert "tank-1" in Path("map/index.html").read_text() and Path("map/data/tank-2.js").is_file()
     assert len(list(Path("looks").glob("look-*.png"))) >= 1

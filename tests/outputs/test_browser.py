@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from fake_catalog import FakeCatalog
 from PIL import Image
 
 from upplied.outputs import pages
+from upplied.outputs.findings_page import write_findings_page
 from upplied.outputs.publish import publish_file, publish_pages
 
 sync_api = pytest.importorskip(
@@ -363,3 +365,29 @@ def test_the_path_can_be_taken_along(visit, reports, tmp_path):
     expected = FakeCatalog(targets=2).waypoints("t0003")[["x_m", "y_m", "z_m"]].to_numpy()
     assert np.allclose(rows[:, 1:4], expected, atol=1e-3)
     assert "upplied export t0003" in page.locator(".downloads").text_content()
+
+
+def test_findings_are_bright_where_they_are_on_the_structure(visit, tmp_path):
+    catalog = FakeCatalog(targets=1)
+    low, high = (getattr(catalog.structure("cuboid-0").vertices, end)(axis=0) for end in ("min", "max"))
+    places = np.array([[high[0], 0.3 * high[1], 3.0], [high[0], 0.3 * high[1], 3.2], [low[0], low[1], 1.0]])
+    rows = pd.DataFrame(places, columns=[f"reference_{axis}_m" for axis in "xyz"]).assign(
+        finding_id=["a1", "b2", "c3"], target_id="cuboid-9", state="open", severity="", photo="", by="Ada",
+        added_at=pd.Timestamp("2026-03-01", tz="UTC"), place_error_m=0.1, length_mm=12.0,
+        reference_error_m=0.2, reference_doubtful=[False, True, False], **{"class": ["crack", "crack", "</script>"]},
+    )  # fmt: skip
+    page = visit(write_findings_page(catalog, "cuboid-0", rows, tmp_path).as_uri())
+    page.wait_for_selector("#app[data-drawn=true]", timeout=60_000)
+    text = page.inner_text("#app")
+    assert "Findings of the kind on cuboid-0" in text and "doubtful, from cuboid-9" in text
+    assert "Required zones" not in text
+    traces = "document.querySelector('.canvas').data"
+    colours = f"({traces}[0].intensity || {traces}[0].marker.color)"
+    heat = f"[Math.max(...{colours}), {traces}.at(-1).x.length]"
+    most, shown = page.evaluate(heat)
+    assert 1.5 < most <= 2.0 and shown == 3
+    page.select_option("#finding-class", "</script>")
+    until(page, f"{heat}[1] === 1")
+    assert page.evaluate(heat)[0] <= 1.0
+    pixels = np.asarray(Image.open(io.BytesIO(page.locator(".canvas").screenshot())).convert("RGB"))
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 50

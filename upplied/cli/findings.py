@@ -154,11 +154,16 @@ def list_findings(
     reference: Annotated[
         str, Parameter(help="Structure on which all places are shown: one map for a kind.")
     ] = "",
+    out: Annotated[Path | None, Parameter(help="Folder for a page with that map in 3-D.")] = None,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
     """List the findings as they stand."""
     store = opened(catalog)
+    if out is not None and not reference:
+        from upplied.errors import SettingsError
+
+        raise SettingsError("--out", "has no structure to show findings on", "say --reference STRUCTURE")
     if reference:
         from upplied.findings.queries import by_reference
 
@@ -166,6 +171,12 @@ def list_findings(
         mapped = {f"reference_{name}": name for name in ("x_m", "y_m", "z_m", "probability", "doubtful")}
         keys = ("finding_id", "target_id", "class", "state")
         _listed(f"findings on {reference}", found, {key: LISTED[key] for key in keys} | mapped, json)
+        if out is not None:
+            from upplied.outputs.findings_page import write_findings_page
+
+            page = write_findings_page(store, reference, found, out)
+            if not json:
+                say(page)
         return 0
     _listed(
         "findings",

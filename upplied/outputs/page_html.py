@@ -60,10 +60,10 @@ def structure_html(
     """The page of a structure; `published` names the files that a report folder holds."""
     pictures = [f"pictures/{pair.name}.png" for pair in pairs if pair.target_id == structure_id]
     shown = next((name for name in pictures if published is None or name in published), "")
-    data = {"structure": reader.structure_page(structure_id, pairs, f"../{shown}" if shown else "")}
-    return pages.page(
-        "structure", structure_id, data, f"{structure_id}: this page needs scripts.", "../", live=live
-    )
+    facts = reader.structure_page(structure_id, pairs, f"../{shown}" if shown else "")
+    fallback = f"{structure_id}: this page needs scripts."
+    drawn = [f"data/{structure_id}.js"] if facts["marks"] else []  # the surface that findings are drawn on
+    return pages.page("structure", structure_id, {"structure": facts}, fallback, "../", drawn, live)
 
 
 def passport_html(reader: Reader, demonstration_id: str, pairs: Sequence[Pair], live: bool = False) -> str:

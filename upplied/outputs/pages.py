@@ -23,7 +23,7 @@ PLOTLY = "plotly.min.js"
 KINDS = {
     "fleet": ("places.js", "fleet.js"),
     "transfer": ("scene.js", "verdict.js", "fly.js", "transfer.js"),
-    "structure": ("structure.js",),
+    "structure": ("scene.js", "structure.js"),
     "about": ("about.js",),
 }
 STYLES = ("report.css",)

@@ -59,20 +59,24 @@ def structure_facts(
 
 def marks(source: Any, structure_id: str) -> list[dict[str, Any]]:
     """The findings of a structure as they stand, the newest first."""
-    return [
-        {
-            "finding": str(row["finding_id"]),
-            "class": str(row["class"] or ""),
-            "severity": str(row["severity"] or ""),
-            "state": str(row["state"]),
-            "place": ", ".join(f"{row[axis]:.2f}" for axis in ("x_m", "y_m", "z_m")),
-            "error": number(row, "place_error_m"),
-            "length": number(row, "length_mm"),
-            "photo": str(row["photo"] or ""),
-            "by": f"{row['by']}, {stamp(row['added_at'])}",
-        }
-        for row in _rows(source, "findings", structure_id)
-    ]
+    return [mark(row) for row in _rows(source, "findings", structure_id)]
+
+
+def mark(row: dict[str, Any]) -> dict[str, Any]:
+    """A finding as pages show it."""
+    place = [float(row[axis]) for axis in ("x_m", "y_m", "z_m")]
+    return {
+        "finding": str(row["finding_id"]),
+        "class": str(row["class"] or ""),
+        "severity": str(row["severity"] or ""),
+        "state": str(row["state"]),
+        "place": ", ".join(f"{value:.2f}" for value in place),
+        "xyz": place,
+        "error": number(row, "place_error_m"),
+        "length": number(row, "length_mm"),
+        "photo": str(row["photo"] or ""),
+        "by": f"{row['by']}, {stamp(row['added_at'])}",
+    }
 
 
 def fleet_findings(source: Any) -> list[dict[str, Any]]:
