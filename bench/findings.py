@@ -411,7 +411,7 @@ def _spots(structure: Structure, count: int, rng: np.random.Generator, hidden: b
     points = points_on_triangles(structure, 4 * count, rng)[0]
     places, normals = on_surface(scene_of(structure), points)
     free = escaping(scene_of(structure), places, normals, structure.diagonal_m) > _FREE
-    chosen = np.flatnonzero(free != hidden)[:count]
+    chosen = rng.permutation(np.flatnonzero(free != hidden))[:count]  # points come by triangles, in order
     return [Spot(structure.structure_id, places[at], normals[at], places[at][None]) for at in chosen]
 
 

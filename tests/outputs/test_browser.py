@@ -374,7 +374,8 @@ def test_findings_are_bright_where_they_are_on_the_structure(visit, tmp_path):
     rows = pd.DataFrame(places, columns=[f"reference_{axis}_m" for axis in "xyz"]).assign(
         finding_id=["a1", "b2", "c3"], target_id="cuboid-9", state="open", severity="", photo="", by="Ada",
         added_at=pd.Timestamp("2026-03-01", tz="UTC"), place_error_m=0.1, length_mm=12.0,
-        reference_error_m=0.2, reference_doubtful=[False, True, False], **{"class": ["crack", "crack", "</script>"]},
+        reference_error_m=0.2, reference_doubtful=[False, True, False],
+        **{"class": ["crack", "crack", "</script>"]},
     )  # fmt: skip
     page = visit(write_findings_page(catalog, "cuboid-0", rows, tmp_path).as_uri())
     page.wait_for_selector("#app[data-drawn=true]", timeout=60_000)
