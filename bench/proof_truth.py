@@ -21,10 +21,7 @@ def truly_seen(structure: Structure, poses: Trajectory, surface: Cloud, camera: 
     assert surface.normals is not None
     corners = structure.vertices[structure.triangles]
     seen = np.zeros(len(surface), bool)
-    yaw, pitch = yaw_pitch(poses.quat_xyzw)
-    ahead = np.column_stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
-    left = np.column_stack([-np.sin(yaw), np.cos(yaw), np.zeros(len(yaw))])
-    up = np.cross(ahead, left)
+    ahead, left, up = _frames(poses)
     for at in range(len(poses)):
         ray = surface.points - poses.positions[at]
         reach = np.linalg.norm(ray, axis=1)
@@ -39,13 +36,106 @@ def truly_seen(structure: Structure, poses: Trajectory, surface: Cloud, camera: 
     return seen
 
 
+def finest_looks(
+    structure: Structure,
+    looks: Trajectory,
+    around: tuple[Trajectory, Trajectory],
+    surface: Cloud,
+    camera: Camera,
+    rule: tuple[float, float] = (np.inf, 90.0),
+    enough_m: Floats | None = None,
+) -> Floats:
+    """What a pixel covers at best (N,), over its angle in the middle of the picture, m; inf: no look.
+
+    The two corners of a pixel are cast onto the plane of each patch, look by look.
+
+    Parameters
+    ----------
+    structure : Structure
+    looks : Trajectory
+        K poses.
+    around : tuple of Trajectory
+        The poses shortly before and after each look, by which the picture moves.
+    surface : Cloud
+    camera : Camera
+    rule : tuple of float
+        The fastest motion in the picture, rad/s, and the largest incidence, deg.
+    enough_m : array, shape (N,), optional
+        Finer than this need not be told.
+    """
+    assert surface.normals is not None
+    corners = structure.vertices[structure.triangles]
+    finest = np.full(len(surface), np.inf)
+    enough = np.zeros(len(surface)) if enough_m is None else enough_m
+    fastest, incidence = rule
+    least = np.cos(np.radians(min(_INCIDENCE_DEG, incidence)))
+    before, after = around
+    span = np.maximum(after.t_s - before.t_s, 1e-9)
+    frames = [_frames(each) for each in (looks, before, after)]
+    pixel = 1e-4
+    for at in range(len(looks)):
+        ray = surface.points - looks.positions[at]
+        reach = np.linalg.norm(ray, axis=1)
+        ahead, left, up = (ray @ axis[at] for axis in frames[0])
+        facing = -(ray * surface.normals).sum(axis=1)
+        inside = (ahead > 0) & (reach >= camera.min_range_m) & (reach <= camera.max_range_m)
+        inside &= np.abs(np.arctan2(left, ahead)) <= np.radians(camera.hfov_deg / 2)
+        inside &= np.abs(np.arctan2(up, ahead)) <= np.radians(camera.vfov_deg / 2)
+        inside &= (facing >= least * reach) & (finest > enough)
+        some = np.flatnonzero(inside)
+        if not len(some):
+            continue
+        sights = [_sight(surface.points[some], each, frame, at)
+                  for each, frame in ((before, frames[1]), (after, frames[2]))]  # fmt: skip
+        turned = 2 * np.arcsin(np.clip(np.linalg.norm(sights[1] - sights[0], axis=1) / 2, 0, 1))
+        some = some[turned <= fastest * span[at]]
+        normal = surface.normals[some]
+        height = (ray[some] * normal).sum(axis=1)
+        sides = []
+        for across, above in ((pixel, 0.0), (0.0, pixel)):
+            tilt = np.column_stack([left[some] / ahead[some] + across, up[some] / ahead[some] + above])
+            to = frames[0][0][at] + tilt[:, :1] * frames[0][1][at] + tilt[:, 1:] * frames[0][2][at]
+            sides.append(to * (height / (to * normal).sum(axis=1))[:, None] - ray[some])
+        aa, ab, bb = ((p * q).sum(axis=1) for p, q in
+                      ((sides[0], sides[0]), (sides[0], sides[1]), (sides[1], sides[1])))  # fmt: skip
+        longest = np.sqrt((aa + bb) / 2 + np.sqrt(((aa - bb) / 2) ** 2 + ab**2)) / pixel
+        finer = longest < finest[some]
+        some, longest = some[finer], longest[finer]
+        if len(some):
+            free = ~_hidden(looks.positions[at], ray[some], corners, _SLACK)
+            finest[some[free]] = longest[free]
+    return finest
+
+
+def _frames(poses: Trajectory) -> tuple[Floats, Floats, Floats]:
+    """Ahead, left and up (K, 3) of cameras without roll."""
+    yaw, pitch = yaw_pitch(poses.quat_xyzw)
+    ahead = np.column_stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
+    left = np.column_stack([-np.sin(yaw), np.cos(yaw), np.zeros(len(yaw))])
+    return ahead, left, np.cross(ahead, left)
+
+
+def _sight(points: Floats, poses: Trajectory, frame: tuple[Floats, Floats, Floats], at: int) -> Floats:
+    """Directions (N, 3) of points in the frame of one camera."""
+    ray = points - poses.positions[at]
+    own = np.column_stack([ray @ axis[at] for axis in frame])
+    return np.asarray(own / np.linalg.norm(own, axis=1, keepdims=True))
+
+
 @njit(cache=True)
 def _hidden(origin: Floats, rays: Floats, corners: Floats, slack: float) -> Bools:
     """Which rays (K, 3) from one origin meet a triangle (T, 3, 3) before their end."""
     hidden = np.zeros(len(rays), np.bool_)
+    centres, radii = _balls(corners)
     for k in range(len(rays)):
         d0, d1, d2 = rays[k]
+        square = d0 * d0 + d1 * d1 + d2 * d2
         for t in range(len(corners)):
+            c0, c1, c2 = centres[t, 0] - origin[0], centres[t, 1] - origin[1], centres[t, 2] - origin[2]
+            near = min(max((c0 * d0 + c1 * d1 + c2 * d2) / square, 0.0), 1.0)
+            c0, c1, c2 = c0 - near * d0, c1 - near * d1, c2 - near * d2
+            if c0 * c0 + c1 * c1 + c2 * c2 > radii[t] * radii[t]:
+                continue
             a0, a1, a2 = corners[t, 0]
             e0, e1, e2 = corners[t, 1, 0] - a0, corners[t, 1, 1] - a1, corners[t, 1, 2] - a2
             f0, f1, f2 = corners[t, 2, 0] - a0, corners[t, 2, 1] - a1, corners[t, 2, 2] - a2
@@ -68,6 +158,21 @@ def _hidden(origin: Floats, rays: Floats, corners: Floats, slack: float) -> Bool
     return hidden
 
 
+@njit(cache=True)
+def _balls(corners: Floats) -> tuple[Floats, Floats]:
+    """Centres (T, 3) and radii (T,) of balls that hold the triangles (T, 3, 3), a little larger."""
+    centres, radii = np.empty((len(corners), 3)), np.zeros(len(corners))
+    for t in range(len(corners)):
+        for axis in range(3):
+            centres[t, axis] = (corners[t, 0, axis] + corners[t, 1, axis] + corners[t, 2, axis]) / 3
+        for corner in range(3):
+            square = 0.0
+            for axis in range(3):
+                square += (corners[t, corner, axis] - centres[t, axis]) ** 2
+            radii[t] = max(radii[t], np.sqrt(square) * (1 + 1e-9) + 1e-9)
+    return centres, radii
+
+
 def least_distance(structure: Structure, positions: Floats) -> float:
     """The least distance of positions (N, 3) from the mesh, m: to every triangle (Ericson 2005, 5.1.5)."""
     return float(_least(np.ascontiguousarray(positions), structure.vertices[structure.triangles]))
@@ -76,8 +181,13 @@ def least_distance(structure: Structure, positions: Floats) -> float:
 @njit(cache=True)
 def _least(points: Floats, corners: Floats) -> float:
     best = np.inf
+    centres, radii = _balls(corners)
     for p in points:
         for t in range(len(corners)):
+            far = radii[t] + np.sqrt(best)
+            x, y, z = p[0] - centres[t, 0], p[1] - centres[t, 1], p[2] - centres[t, 2]
+            if x * x + y * y + z * z > far * far:
+                continue
             a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
             ab, ac, ap = b - a, c - a, p - a
             d1, d2 = np.dot(ab, ap), np.dot(ac, ap)

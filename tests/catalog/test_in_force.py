@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.schema.rows import table_of
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.verbs import ordering, queries
+from upplied.catalog.verbs import importing, ordering, queries
 from upplied.catalog.verbs.standing import standing_of
 from upplied.cli import main
 
@@ -118,6 +118,20 @@ def test_the_newest_plan_is_that_of_the_last_commit_whatever_clocks_say():
     columns |= {"planned_at": pa.array([START, START + timedelta(days=9)], pa.timestamp("us", "UTC"))}
     columns |= {name: ["x", "x"] for name in ordering.SLOT}
     assert ordering.in_order(pa.table(columns), newest=True)["transfer_id"].to_pylist() == ["a"]
+
+
+def test_the_newest_version_of_a_structure_is_that_of_the_last_commit_whatever_clocks_say():
+    class Table:
+        declared = TABLES["structures"]
+
+        @staticmethod
+        def read(*_: object) -> pa.Table:
+            columns = {"structure_id": ["s", "s"], "retired": [False, True], "commit_version": [2, 1]}
+            when = pa.array([START, START + timedelta(days=9)], pa.timestamp("us", "UTC"))
+            return pa.table(columns | {"added_at": when, "commit_id": ["last", "first"]})
+
+    assert ordering.newest_rows(Table())["s"]["commit_id"] == "last" and ordering.retired(Table()) == []
+    assert importing._newest(Table.read())[-1]["commit_id"] == "last"  # as a dataset is read
 
 
 # --- the command -----------------------------------------------------------------------------------

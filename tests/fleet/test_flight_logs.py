@@ -18,6 +18,7 @@ from upplied.catalog.database import Catalog
 from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import InputError, RefusedError, SettingsError
+from upplied.fleet import promoting
 from upplied.fleet.flight_logs import Judged, judge_log, keep
 from upplied.fleet.flights import _row
 from upplied.fleet.gaps import flight_row, plan_gap
@@ -179,7 +180,8 @@ def test_a_good_flight_becomes_a_demonstration_and_one_that_is_not_does_not(
     where = ["--catalog", catalog.location]
     broken_off = keep(catalog, judged(catalog, log))["flight_id"]
     assert main(["flights", "promote", broken_off[:12], "--by", "Grace", *where]) == 1
-    assert "% of its plan was flown" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "% of its plan was flown" in told and "was inspected as asked" in told
     flown = fly_trajectory(made.trajectory, wind=Wind(1.0), seed=4)
     record = replace(
         FLOWN, demonstration_id="flight-8", t_ns=START_NS + np.round(flown.t_s * 1e9).astype(np.int64),
@@ -187,6 +189,13 @@ def test_a_good_flight_becomes_a_demonstration_and_one_that_is_not_does_not(
     )  # fmt: skip
     path = write_log(tmp_path / "flight-8.mcap", record, CUBE, heavy_topic=False)
     row = keep(catalog, judged(catalog, path))
+    assert row["inspected_pct"] > 95 and row["required_pct"] > 98
+    for inspected, words in (
+        (94.0, "94.0 % of what it shows was inspected as asked"),  # though all of it was in view
+        (None, "how much of it was inspected as asked is not known"),
+    ):
+        asked = {**row, "inspected_pct": inspected}
+        assert promoting._broken(asked, 9.0, catalog.transfer(ID)) == [("whole", words)]
     assert main(["flights", "promote", row["flight_id"][:12], "--by", "Grace", "--name", "good", *where]) == 0
     found = catalog.demonstration("good")
     assert (found.structure_id, found.operator, int(found.t_ns[0])) == ("cube-v1", "Ada", START_NS)
@@ -315,6 +324,8 @@ def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, mad
     log = written(tmp_path, beside)
     row = keep(catalog, judged(catalog, log))
     assert row["shift_m"] == pytest.approx(2.5, abs=0.3) and row["place_error_m"] >= row["shift_m"]
+    (text,) = [each for each in row["findings"].split("; ") if "rightly corrected" in each]
+    assert row["inspected_pct"] + 5 < float(text.split(", ")[1].split(" %")[0]) <= 100
     looks = catalog.looks.get(row["looks_sha256"])
     surface = catalog.surface(ID)
     truth, scene = [], scene_of(CUBE)

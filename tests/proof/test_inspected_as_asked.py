@@ -15,6 +15,7 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.proof.align import align
 from upplied.proof.as_flown import AsFlown, as_flown
+from upplied.proof.inspected import looks_at
 from upplied.records import Bools, Camera, Floats, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -161,6 +162,20 @@ def test_of_a_corrected_log_only_what_both_paths_match_is_certain(plan, flown):
         for path in (found.flown, beside)
     ]
     assert np.array_equal(said.looks.inspected, alone[0] & alone[1]) and (alone[0] != alone[1]).any()
+
+
+def test_the_motion_of_a_photo_is_that_around_it_and_not_across_a_silence():
+    """2 m/s for 5 s, a silence of 20 s and 40 m, and 5 s of standing."""
+    t_s = np.concatenate([np.arange(0, 5.05, 0.1), np.arange(25, 30.05, 0.1)])
+    place = np.zeros((len(t_s), 3))
+    place[:, 0] = np.where(t_s < 10, 2 * t_s, 50.0)
+    yaw = np.where(t_s < 10, 0.3 * t_s, 0.0)
+    path = Trajectory(t_s, place, from_yaw_pitch(yaw, np.zeros(len(t_s))))
+    looks = looks_at(path, np.array([0.1, 2.0, 4.9, 25.1, 29.0]), np.array([51]))
+    assert np.allclose(looks.velocity, [[2, 0, 0]] * 3 + [[0, 0, 0]] * 2, atol=1e-6)
+    assert np.allclose(looks.turn, [[0, 0, 0.3]] * 3 + [[0, 0, 0]] * 2, atol=1e-6)
+    stops = Trajectory(t_s[:101], np.minimum(place, 6.0)[:101], path.quat_xyzw[:101])
+    assert looks_at(stops, np.array([2.45])).velocity[0, 0] == pytest.approx(2.0, abs=0.01)
 
 
 def at_log_rate(path: Trajectory) -> Trajectory:

@@ -119,7 +119,12 @@ def align(plan: Trajectory, log: Trajectory, accuracy_m: float | None = None) ->
     corrected = used or any(bias)
     turned_to = from_yaw_pitch(yaw + bias[0], np.clip(pitch + bias[1], -np.pi / 2, np.pi / 2))
     clock, clock_error = _clock(log, place.moment, near, on)
-    off = float(np.linalg.norm(positions - log.positions, axis=1).max())
+    jumped, off = (
+        float(np.linalg.norm(path - log.positions, axis=1).max()) for path in (whole.positions, positions)
+    )
+    may_be_off = jumped + error.error_m
+    if accuracy_m is not None:  # two sigma of what the log states
+        may_be_off = min(may_be_off, 2 * accuracy_m + off)
     return Alignment(
         flown=replace(log, positions=positions, quat_xyzw=turned_to if corrected else log.quat_xyzw),
         planned_s=np.where(near, place.moment, np.nan),
@@ -128,7 +133,7 @@ def align(plan: Trajectory, log: Trajectory, accuracy_m: float | None = None) ->
         clock_error_s=clock_error,
         shift_m=error.shift_m if used else np.zeros(3),
         heading_deg=float(np.degrees(error.turn_rad)) if used else 0.0,
-        place_error_m=off + 2 * error.place_error_m,
+        place_error_m=may_be_off,
         camera_yaw_deg=float(np.degrees(bias[0])),
         camera_pitch_deg=float(np.degrees(bias[1])),
         jumps=jumps,

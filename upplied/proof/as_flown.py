@@ -45,6 +45,7 @@ class Looks(Record):
     frontal: tuple[tuple[Floats, Floats], ...] = ()
     assumed: Bools | None = None  # (N,) seen if the correction of the log is right, and only then
     inspected: Bools | None = None  # (N,) for certain as the plan asks; None: nothing was asked
+    inspected_if_corrected: Bools | None = None  # (N,) the same, if the correction of the log is right
 
     def __len__(self) -> int:
         return len(self.seen)
@@ -211,6 +212,7 @@ def _certain(corrected: Looks, logged: Looks) -> Looks:
         corrected,
         seen=both,
         assumed=corrected.seen & ~logged.seen,
+        inspected_if_corrected=corrected.inspected,
         inspected=None
         if corrected.inspected is None or logged.inspected is None
         else corrected.inspected & logged.inspected,

@@ -3,27 +3,35 @@
 Only what lies across the plan's path is asked: along it, pace and frame cannot be told apart. An error of the
 frame is the same over the whole flight: it is believed where it takes away most of what lies across, in
 nearly every stretch. How a vehicle strays, or a stand-off that is larger all round, has no such shape.
+
+How far off the positions may be is stated for the worst of them, whether they are moved or not: what the
+fit would move them by, and two sigma of the fit in its weakest direction. A ring round a tower tells no turn
+about its axis, a straight leg no shift along it: there the fit knows no more than what frames are usually
+off by.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from upplied.polylines import interpolated
 from upplied.proof.matching import projected
-from upplied.records import Bools, Floats, Record, Trajectory
+from upplied.records import Bools, Floats, Ints, Record, Trajectory
 
-_BLOCK_S = 20.0  # stretches that are left out in turn: longer than errors of position hang together
+_BLOCK_S = (8.0, 20.0)  # stretches that are left out in turn: longer than errors of position hang together
+_BLOCKS = 6  # of a short flight
 _FEWEST = 4  # stretches that an error of the frame is told from
 _SIGMAS = 3.0
 _LEAST_M, _LEAST_DEG = 0.1, 0.3  # less than vehicles drift: nothing is corrected
 _LEFT = 0.6  # of what lay across the path, that may be left after a correction, in the median
-_BETTER = 0.85  # of the stretches lie nearer then
+_BETTER, _LITTLE_M = 0.85, 0.05  # of the stretches lie nearer then, or hardly farther
 _ROUNDS = 15
 _HUBER_M = 0.3  # residuals beyond count less: gusts, and the ways there and back
-_PRIOR_M = 3.0  # one sigma of a shift of what the path does not tell
+_PRIOR_M, _PRIOR_DEG = 3.0, 3.0  # one sigma of a shift and of a turn that the path does not tell
+_PRIOR = np.diag([_PRIOR_M**-2] * 3 + [np.radians(_PRIOR_DEG) ** -2])
+_STRAY_M = 0.1  # one sigma of how vehicles stray from their path over a stretch, at least
 _TANGENT_S = 0.4
 
 
@@ -34,7 +42,7 @@ class FrameError(Record):
     middle: Floats  # (3,) m
     shift_m: Floats  # (3,)
     turn_rad: float
-    place_error_m: float  # one sigma of the shift
+    error_m: float  # how far off the positions may be, whether they are moved or not
     believed: bool  # it has the shape of an error of the frame
 
     def moved(self, positions: Floats) -> Floats:
@@ -58,7 +66,6 @@ def frame_error(plan: Trajectory, log: Trajectory, moment: Floats, near_m: float
     middle = log.positions.mean(axis=0)
     values, still = np.zeros(4), np.zeros(len(log), bool)
     normal, right = np.empty((0, 4, 4)), np.empty((0, 4))
-    prior = np.diag([_PRIOR_M**-2.0] * 3 + [1.0])
     for _ in range(_ROUNDS):
         found = FrameError(middle, values[:3], float(values[3]), 0.0, False)
         across, jacobian, still = _across(plan, log, found, moment, near_m)
@@ -66,25 +73,62 @@ def frame_error(plan: Trajectory, log: Trajectory, moment: Floats, near_m: float
         weight = still * np.minimum(1.0, _HUBER_M / np.maximum(size, 1e-9))
         normal = np.einsum("nki,nkj,n->nij", jacobian, jacobian, weight)
         right = np.einsum("nki,nk,n->ni", jacobian, across, weight)
-        change = np.linalg.solve(normal.sum(axis=0) + prior, right.sum(axis=0) - prior @ values)
+        change = np.linalg.solve(normal.sum(axis=0) + _PRIOR, right.sum(axis=0) - _PRIOR @ values)
         values = values + change
         if np.abs(change).max() < 1e-4:
             break
-    block = (log.t_s // _BLOCK_S).astype(int)
+    block = _blocks(log)
     names = np.unique(block[still])
-    if len(names) < _FEWEST:
-        return FrameError(middle, values[:3], float(values[3]), float("inf"), False)
-    whole, told = normal.sum(axis=0) + prior, right.sum(axis=0) - prior @ values
-    left = [np.linalg.solve(whole - normal[out].sum(axis=0), told - right[out].sum(axis=0))
-            for out in (block == name for name in names)]  # fmt: skip
-    spread = np.asarray(left) - np.mean(left, axis=0)
-    error = np.sqrt((len(left) - 1) / len(left) * (spread**2).sum(axis=0))
+    scatter = np.zeros((4, 4))
+    error = np.full(4, np.inf)
+    if len(names) >= _FEWEST:
+        whole, told = normal.sum(axis=0) + _PRIOR, right.sum(axis=0) - _PRIOR @ values
+        left = [np.linalg.solve(whole - normal[out].sum(axis=0), told - right[out].sum(axis=0))
+                for out in (block == name for name in names)]  # fmt: skip
+        spread = np.asarray(left) - np.mean(left, axis=0)
+        scatter = (len(left) - 1) / len(left) * spread.T @ spread
+        error = np.sqrt(np.diag(scatter))
+    error_m = _may_be_off_m(FrameError(middle, values[:3], float(values[3]), 0.0, False),
+                            scatter, plan, log, moment, near_m)  # fmt: skip
+    values = values.copy()
     for part, least in ((slice(3), _LEAST_M), (slice(3, 4), np.radians(_LEAST_DEG))):
         if not np.linalg.norm(values[part]) > max(_SIGMAS * np.linalg.norm(error[part]), least):
             values[part] = 0.0
-    found = FrameError(middle, values[:3], float(values[3]), float(np.linalg.norm(error[:3])), False)
-    shaped = bool(values.any()) and _shaped(plan, log, found, moment, near_m)
-    return FrameError(middle, values[:3], float(values[3]), found.place_error_m, shaped)
+    found = FrameError(middle, values[:3], float(values[3]), error_m, False)
+    return replace(found, believed=bool(values.any()) and _shaped(plan, log, found, moment, near_m))
+
+
+def _may_be_off_m(
+    fit: FrameError, scatter: Floats, plan: Trajectory, log: Trajectory, moment: Floats, near_m: float
+) -> float:
+    """What a fit would move the worst of the positions by, and two sigma of it in its weakest direction, m.
+
+    Each stretch counts once; `scatter` (4, 4) is that of fits without one of them.
+    """
+    across, jacobian, near = _across(plan, log, fit, moment, near_m)
+    _, of = np.unique(_blocks(log), return_inverse=True)
+    share = near / np.maximum(np.bincount(of, near), 1)[of]
+    told = np.einsum("nki,nkj,n->ij", jacobian, jacobian, share)
+    stray_m = max(np.sqrt(np.mean(across[near] ** 2)) if near.any() else 0.0, _STRAY_M)
+    covariance = np.linalg.inv(told / stray_m**2 + _PRIOR) + scatter
+    moved = fit.moved(log.positions)
+    motion = _motion(moved - fit.middle)
+    sigma_m = np.sqrt(np.linalg.eigvalsh(motion @ covariance @ motion.transpose(0, 2, 1))[:, -1])
+    return float((np.linalg.norm(moved - log.positions, axis=1) + 2 * sigma_m).max())
+
+
+def _blocks(log: Trajectory) -> Ints:
+    """The stretch (N,) that each pose belongs to."""
+    since = log.t_s - log.t_s[0]
+    return np.asarray(since // np.clip(since[-1] / _BLOCKS, *_BLOCK_S), np.int64)
+
+
+def _motion(arm: Floats) -> Floats:
+    """How places (N, 3) at some arm from the middle move with shift and turn, (N, 3, 4)."""
+    motion = np.zeros((len(arm), 3, 4))
+    motion[:, :, :3] = np.eye(3)
+    motion[:, 0, 3], motion[:, 1, 3] = -arm[:, 1], arm[:, 0]
+    return motion
 
 
 def _shaped(plan: Trajectory, log: Trajectory, found: FrameError, moment: Floats, near_m: float) -> bool:
@@ -92,13 +136,13 @@ def _shaped(plan: Trajectory, log: Trajectory, found: FrameError, moment: Floats
     none = FrameError(found.middle, np.zeros(3), 0.0, 0.0, False)
     before, _, near = _across(plan, log, none, moment, near_m)
     after, _, _ = _across(plan, log, found, moment, near_m)
-    block = (log.t_s // _BLOCK_S).astype(int)
+    block = _blocks(log)
     sizes = [np.linalg.norm(each, axis=1) for each in (before, after)]
     middles = np.array(
         [[np.median(size[near & (block == name)]) for size in sizes] for name in np.unique(block[near])]
     )
     was, now = np.sqrt(np.mean(middles**2, axis=0))
-    return bool(now <= _LEFT * was and np.mean(middles[:, 1] < middles[:, 0]) >= _BETTER)
+    return bool(now <= _LEFT * was and np.mean(middles[:, 1] < middles[:, 0] + _LITTLE_M) >= _BETTER)
 
 
 def _across(
@@ -114,9 +158,5 @@ def _across(
     length = np.linalg.norm(step, axis=1, keepdims=True)
     along = np.where(length > 1e-3, step / np.maximum(length, 1e-12), 0.0)
     flat = np.eye(3) - along[:, :, None] * along[:, None, :]
-    arm = moved - error.middle
-    jacobian = np.zeros((len(log), 3, 4))
-    jacobian[:, :, :3] = np.eye(3)
-    jacobian[:, 0, 3], jacobian[:, 1, 3] = -arm[:, 1], arm[:, 0]
     near = inside & (np.linalg.norm(gap, axis=1) < near_m)
-    return np.einsum("nij,nj->ni", flat, gap), flat @ jacobian, near
+    return np.einsum("nij,nj->ni", flat, gap), flat @ _motion(moved - error.middle), near

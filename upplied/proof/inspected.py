@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from upplied.config import InspectionSettings, focal_px
 from upplied.planning.measures.resolution import AS_FINE
@@ -21,6 +22,8 @@ from upplied.planning.visibility.pictures import Pictures, pictures
 from upplied.poses import interpolate
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 from upplied.scene import Scene
+
+_HALF_S, _INNER = 0.5, 5  # over which poses are averaged on both sides of a photo, and how many of them
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -92,11 +95,26 @@ def planned_looks(
 
 
 def looks_at(path: Trajectory, moments_s: Floats, breaks: Ints | None = None) -> Moments:
-    """A path at moments (K,), s, each with its mean motion over half a second; `breaks` begin after gaps."""
-    steps = moments(path, breaks)
-    poses = interpolate(path, moments_s)
-    at = np.abs(steps.poses.t_s[None] - moments_s[:, None]).argmin(axis=1)
-    return Moments(poses, np.zeros(len(moments_s)), steps.velocity[at], steps.turn[at])
+    """A path at moments (K,), s, each with its motion from the half second before it to that after it.
+
+    `breaks` begin after gaps, across which nothing is known.
+    """
+    cuts = np.zeros(1, np.int64) if breaks is None else np.unique(np.append(0, breaks))
+    piece = np.clip(np.searchsorted(path.t_s[cuts], moments_s, side="right") - 1, 0, None)
+    first, last = path.t_s[cuts][piece], path.t_s[np.append(cuts[1:], len(path)) - 1][piece]
+    inner = (np.arange(_INNER) + 0.5) / _INNER * _HALF_S
+    ends = []
+    for offsets in (-inner, inner):
+        times = np.clip(moments_s[:, None] + offsets, first[:, None], last[:, None])
+        fine = interpolate(path, times.ravel())
+        turns = fine.quat_xyzw.reshape(*times.shape, 4)
+        turns = np.where((turns * turns[:, :1]).sum(axis=2, keepdims=True) < 0, -turns, turns).mean(axis=1)
+        mean = fine.positions.reshape(*times.shape, 3).mean(axis=1)
+        ends.append((times.mean(axis=1), mean, Rotation.from_quat(turns)))
+    (before_s, before, was), (after_s, after, then) = ends
+    span = np.maximum(after_s - before_s, 1e-9)[:, None]
+    turn = (then * was.inv()).as_rotvec() / span
+    return Moments(interpolate(path, moments_s), np.zeros(len(moments_s)), (after - before) / span, turn)
 
 
 def views_from(poses: Trajectory, surface: Cloud, camera: Camera, scene: Scene) -> Views:

@@ -22,6 +22,7 @@ from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import CONTENTS, NAMED_CONTENTS, States, file_name
 from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, checked_bytes, name_of
+from upplied.catalog.verbs.ordering import by_commit
 from upplied.catalog.verbs.recipes import Recipe, settings_of, siblings_of
 from upplied.catalog.verbs.verification import Values
 from upplied.checks import check_id
@@ -167,7 +168,7 @@ def _read(place: Path, name: str) -> pa.Table:
 
 
 def _newest(table: pa.Table) -> list[Row]:
-    return sorted(rows.rows_of(table), key=lambda row: (row["commit_version"], row["added_at"]))
+    return sorted(rows.rows_of(table), key=by_commit)
 
 
 def _by_owner(steps: pa.Table) -> dict[tuple[str, str], pa.Table]:

@@ -55,16 +55,17 @@ class Current:
         _, table, places = self._at_hand
         if name not in places:
             return None
-        return sorted(rows.rows_of(table.take(places[name])), key=_order)[-1]
+        return sorted(rows.rows_of(table.take(places[name])), key=by_commit)[-1]
 
 
 def newest_rows(table: StoredTable, where: ds.Expression | None = None) -> dict[str, Row]:
     """The current version of each id, retired ones too; of those that came at once, the last."""
     name = table.declared.names[0]
-    return {row[name]: row for row in sorted(rows.rows_of(table.read(where)), key=_order)}
+    return {row[name]: row for row in sorted(rows.rows_of(table.read(where)), key=by_commit)}
 
 
-def _order(row: Row) -> tuple[Any, ...]:
+def by_commit(row: Row) -> tuple[Any, ...]:
+    """What orders rows of an id: their commits, whatever clocks say."""
     return row["commit_version"], row["added_at"], row["commit_id"]
 
 

@@ -1,0 +1,66 @@
+"""The error stated of a flight covers how far its positions are off, whatever its path can tell."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from upplied.poses import interpolate
+from upplied.proof.align import align
+from upplied.records import Trajectory
+from upplied.samples.fleet import sample_demonstrations
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
+from proof_flights import Flight, Manner, flown
+
+PLANS = {
+    each.demonstration_id: interpolate(each.trajectory, np.arange(0.0, each.trajectory.t_s[-1], 0.5))
+    for each in sample_demonstrations()
+}
+
+
+def off_m(positions: np.ndarray, flight: Flight) -> float:
+    truth = interpolate(flight.truth, flight.log.t_s).positions
+    return float(np.percentile(np.linalg.norm(positions - truth, axis=1), 90))
+
+
+@pytest.fixture(params=PLANS, scope="module")
+def plan(request) -> Trajectory:
+    return PLANS[request.param]
+
+
+@pytest.mark.parametrize(
+    "manner",
+    [Manner(off_deg=3.0), Manner(off_m=(-1.3, 1.6, 0.5), ends=0.4, pace=1.1)],
+    ids=["turned", "moved, broken off"],
+)
+def test_a_log_whose_frame_is_off_is_within_the_stated_error(plan, manner):
+    flight = flown(plan, manner, 1)
+    found = align(plan, flight.log)
+    assert off_m(found.flown.positions, flight) <= found.place_error_m
+    moved = np.linalg.norm(found.flown.positions - flight.log.positions, axis=1).max()
+    assert moved <= found.place_error_m
+
+
+def test_a_frame_that_is_off_is_told_by_half_a_minute_of_flight():
+    plan = PLANS["a320-engine-left-v1"]
+    flight = flown(plan, Manner(off_m=(-1.3, 1.6, 0.5), ends=0.4, pace=1.1), 1)
+    assert flight.log.t_s[-1] < 40 and off_m(flight.log.positions, flight) > 2.0
+    assert off_m(align(plan, flight.log).flown.positions, flight) < 0.5
+
+
+def test_a_turn_about_a_tower_is_not_told_by_its_path_and_so_stated():
+    tower = PLANS["turbine-1-tower-v1"]
+    flight = flown(tower, Manner(off_deg=3.0), 1)
+    found = align(tower, flight.log)
+    assert found.heading_deg == 0 and 0.4 < off_m(flight.log.positions, flight) < found.place_error_m
+
+
+def test_what_a_log_states_of_its_accuracy_bounds_the_error():
+    tower = PLANS["turbine-1-tower-v1"]
+    log = flown(tower, Manner(), 1).log
+    assert align(tower, log, accuracy_m=0.05).place_error_m == pytest.approx(0.1)
+    assert 0.2 < align(tower, log).place_error_m < 1.0
