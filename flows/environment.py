@@ -139,5 +139,5 @@ def _profiles(path: Path) -> dict[str, dict[str, str]]:
     try:
         return dict(tomllib.loads(path.read_text(encoding="utf-8")).get("profiles", {}))
     except ValueError as error:
-        remedy = "delete it: `upplied serve` makes a new password then"
+        remedy = "delete the file; `upplied serve` then generates a new password"
         raise InputError(str(path), f"cannot be read: {error}", "TOML", remedy) from None

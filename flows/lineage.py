@@ -17,7 +17,7 @@ SOMEWHERE = "file:///catalog"  # of a task that has not been told yet what it ma
 MEANING = {
     "structures": "The structures of a fleet, with their meshes.",
     "demonstrations": "The flights of experts.",
-    "flights": "What was flown of the plans, and what it saw.",
+    "flights": "Flights of the plans, and what they showed.",
     "transfers": "The plans: every demonstration to every structure of its kind.",
     "reports": "Plain Parquet, pages and pictures for people.",
 }

@@ -91,7 +91,7 @@ def _block(url: str) -> NotificationBlock:
     if not len(block._apprise_client):
         raise SettingsError(
             f"address {parts.scheme}:...",
-            "nothing can be sent there",
+            "no message can be sent to it",
             "http://..., https://..., or an address of Apprise's, as mailto://user:password@smtp.example.org",
         )
     return block

@@ -87,7 +87,7 @@ class Resources(BaseModel):
 
     workers: int = Field(0, ge=0, le=1024, description="Processes; 0 takes one per core.")
     timeout_s: float = Field(600, gt=0, description="After this a target is stopped and marked failed.")
-    memory_gib: float | None = Field(None, gt=0, description="Of a worker; empty: its share of it.")
+    memory_gib: float | None = Field(None, gt=0, description="Memory of a worker; by default its share.")
     engine: Engine = Field(
         "local",
         description="Where targets are planned: local processes, a work pool's machines, Dask or Ray.",
@@ -97,14 +97,14 @@ class Resources(BaseModel):
         0,
         ge=0,
         le=10_000,
-        description="Targets that a machine of the pool takes at a time; 0 shares them out.",
+        description="Targets in each job of the work pool; 0 distributes them evenly.",
     )
 
     most_lost: float = Field(
         0.5,
         ge=0,
         le=1,
-        description="Share of shards that an engine may lose, and the run plan itself, before the run fails.",
+        description="Share of shards that the engine may lose before the run fails; the run plans them.",
     )
 
     def of_fleet(self) -> fleet.Resources:

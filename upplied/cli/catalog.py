@@ -189,7 +189,7 @@ def verify(
         for finding in found:
             say(finding)
         console.print(
-            f"{len(found)} finding(s): take the damaged files from a backup" if found else "all is well"
+            f"{len(found)} finding(s): take the damaged files from a backup" if found else "no fault found"
         )
     return int(bool(found))
 

@@ -32,7 +32,7 @@ def edit(
     store, plan = opened_at(catalog, transfer)
     if out is not None:
         say(write_edit(store, plan, beside(out)))
-        next_step(f"edit {plan} --from {out} --by NAME", "after editing it", catalog)
+        next_step(f"edit {plan} --from {out} --by NAME", "import the edited file", catalog)
         return 0
     assert read is not None
     with errors.status("checking the edited plan"):

@@ -19,7 +19,7 @@ reshooting = App(name="reshoot", help="Plan a mission that shows findings from w
 
 LISTED = {
     "finding_id": "finding", "target_id": "structure", "class": "class", "severity": "severity",
-    "state": "state", "by": "by", "x_m": "x m", "y_m": "y m", "z_m": "z m", "place_error_m": "may be off m",
+    "state": "state", "by": "by", "x_m": "x m", "y_m": "y m", "z_m": "z m", "place_error_m": "error m",
     "length_mm": "length mm", "area_mm2": "area mm2", "photo": "photo", "note": "note",
 }  # fmt: skip
 LOOKS = {
@@ -51,18 +51,18 @@ def add(
     pixel: Annotated[tuple[float, float] | None, Parameter(help="X and Y, px from the upper left.")] = None,
     box: Annotated[tuple[float, float, float, float] | None, Parameter(help="X Y WIDTH HEIGHT, px.")] = None,
     outline: Annotated[str, Parameter(help='Corners in order, px: "X Y X Y X Y".')] = "",
-    structure: Annotated[str, Parameter(help="Structure of a place that is stated by --at.")] = "",
+    structure: Annotated[str, Parameter(help="Structure of the point in --at.")] = "",
     at: Annotated[
         tuple[float, float, float] | None, Parameter(help="X Y Z, m, frame of the structure.")
     ] = None,
-    class_name: Annotated[str, Parameter(name="--class", help="What it is, such as corrosion.")] = "",
-    severity: Annotated[str, Parameter(help="How grave it is.")] = "",
+    class_name: Annotated[str, Parameter(name="--class", help="Class, such as corrosion.")] = "",
+    severity: Annotated[str, Parameter(help="Severity, such as minor or critical.")] = "",
     note: NoteOption = "",
     pose_error: Annotated[
-        float | None, Parameter(help="Of positions, m, whatever the flight states.")
+        float | None, Parameter(help="Position error, one sigma, m, instead of the flight's.")
     ] = None,
-    attitude_error: Annotated[float, Parameter(help="Of the camera, one sigma, degrees.")] = 0.4,
-    pixel_error: Annotated[float, Parameter(help="Of the mark, one sigma, px.")] = 1.0,
+    attitude_error: Annotated[float, Parameter(help="Attitude error, one sigma, degrees.")] = 0.4,
+    pixel_error: Annotated[float, Parameter(help="Mark error, one sigma, px.")] = 1.0,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
@@ -81,7 +81,7 @@ def add(
     stated = [value is not None and value != "" for value in (pixel, box, outline, at)]
     if (file is None) != (sum(stated) == 1):
         raise SettingsError(
-            "a finding", "is stated in no way, or in several", "FILE, --pixel, --box, --outline or --at"
+            "a finding", "has no source, or several", "FILE, --pixel, --box, --outline or --at"
         )
     if file is not None:
         marks = read_marks(file)
@@ -107,7 +107,7 @@ def add(
     rows = opened(catalog).findings()
     _listed("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, json)
     if not json:
-        say(f"{done.new} added, {len(done.ids) - done.new} known already, {len(done.refused)} refused")
+        say(f"{done.new} added, {len(done.ids) - done.new} already known, {len(done.refused)} refused")
     if done.ids and not json:
         next_step(f"findings looks {done.ids[-1]}", "every photo that shows it", catalog)
     return int(bool(done.refused))
@@ -249,7 +249,7 @@ def looks_at(
     z: float,
     /,
     *,
-    size: Annotated[float, Parameter(help="Width of what is to be seen, m.")] = 0.5,
+    size: Annotated[float, Parameter(help="Width of the area to show, m.")] = 0.5,
     out: OutOption = None,
     photos: PhotosOption = None,
     simulated: Annotated[bool, Parameter(negative="", help="Simulated flights as well.")] = False,
@@ -278,14 +278,14 @@ def carry(
     *,
     to: ToOption = "kind",
     every: Annotated[
-        bool, Parameter(negative="", help="Every part that is like its own: each blade.")
+        bool, Parameter(negative="", help="Repeat on each similar part, such as each blade.")
     ] = False,
     mm_px: FinenessOption = float("inf"),
-    since: Annotated[str | None, Parameter(help="Earlier looks do not count, such as 2026-03-01.")] = None,
+    since: Annotated[str | None, Parameter(help="Ignore looks before this date, such as 2026-03-01.")] = None,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """Show the same place on other structures, and when it was last looked at there.
+    """Show the same place on other structures, and when it was last seen there.
 
     Parameters
     ----------
@@ -300,7 +300,7 @@ def carry(
         found = photographed(store, row, to, mm_px, since, every=every)
     columns = {
         "structure_id": "structure", "part": "part", "x_m": "x m", "y_m": "y m", "z_m": "z m",
-        "probability": "probability", "error_m": "may be off m", "looked_at": "last seen", "mm_px": "mm/px",
+        "probability": "probability", "error_m": "error m", "looked_at": "last seen", "mm_px": "mm/px",
         "looks": "flights", "doubt": "doubt",
     }  # fmt: skip
     _listed(f"finding {row['finding_id']} elsewhere", found, columns, json)
@@ -311,7 +311,7 @@ def carry(
 def reshoot(
     *,
     findings: Annotated[str, Parameter(help="A state such as open, or IDs with commas.")],
-    on: Annotated[str, Parameter(help="Structure that is flown to.")],
+    on: Annotated[str, Parameter(help="Structure to plan the mission for.")],
     mm_px: FinenessOption,
     catalog: CatalogOption = "catalog",
 ) -> int:
@@ -336,7 +336,7 @@ def campaign(
     *,
     mm_px: FinenessOption,
     to: ToOption = "kind",
-    since: Annotated[str | None, Parameter(help="Earlier looks do not count, such as 2026-03-01.")] = None,
+    since: Annotated[str | None, Parameter(help="Ignore looks before this date, such as 2026-03-01.")] = None,
     catalog: CatalogOption = "catalog",
 ) -> int:
     """Plan a draft for each structure on which the place of a finding was not looked at.

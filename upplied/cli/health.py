@@ -48,7 +48,7 @@ def _told(
     from upplied.outputs.figures import save, structure_png
 
     if not file.is_file():
-        raise InputError(str(file), "is no file", remedy="check the path")
+        raise InputError(str(file), "is not a file", remedy="check the path")
     try:
         with Workers(1) as pool:  # whatever a file does to a reader, within its time and memory
             report = pool.run(health_report, what)
@@ -67,7 +67,7 @@ def _told(
 
 
 def _cleaned(structure: Structure, png: Path) -> None:
-    """Write the structure apart from ground, clutter and neighbours, and a picture of before and after."""
+    """Write the structure without ground, clutter and neighbours, and a picture before and after."""
     from dataclasses import replace
 
     from upplied.inputs.separation import CLASSES, kept, separated
@@ -77,7 +77,7 @@ def _cleaned(structure: Structure, png: Path) -> None:
 
     found = separated(structure)
     if not found.texts:
-        console.print("  clean       nothing to separate: all of it is the structure", soft_wrap=True)
+        console.print("  clean       nothing to separate: the whole mesh is the structure", soft_wrap=True)
         return
     stem = png.stem.removesuffix("-check") + "-clean"
     mesh, picture = png.with_name(f"{stem}.ply"), png.with_name(f"{stem}.png")

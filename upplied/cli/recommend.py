@@ -65,7 +65,7 @@ def best(location: str, structure: str) -> str:
             f"is declared a {kind}, but {fitting.demonstration_id}, which fits best, was flown on a "
             f"{fitting.kind}",
             "demonstrations are transferred within a kind",
-            "correct the kind in the manifest if they are of one",
+            "if both are of one kind, correct the manifest",
         )
     complain(f"{fitting.demonstration_id}: {fitting.why}")
     return fitting.demonstration_id

@@ -45,7 +45,7 @@ def reproduce(catalog: str, transfer_id: str) -> int:
     told += (
         f" Cause: {'; '.join(why)}."
         if why
-        else (" Method, sources, libraries and machine are the same as then: please report this as a fault.")
+        else (" Method, sources, libraries and machine are unchanged: please report this as a fault.")
     )
     say(told)
     return 1

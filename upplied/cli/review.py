@@ -34,7 +34,7 @@ LISTED = {
     "coverage_inspected_pct": "inspected %",
     "min_clearance_m": "clear m",
     "newer_draft": "newer draft",
-    "altered": "not as released",
+    "altered": "differs from the release",
 }
 
 
@@ -96,7 +96,7 @@ def release(
     store, plan = opened_at(catalog, transfer)
     store.release(plan, by, note, force)
     say(f"{plan} is in force, released by {by}")
-    next_step(f"export {plan} --to qgc-plan --output mission.plan", "a file to fly", catalog)
+    next_step(f"export {plan} --to qgc-plan --output mission.plan", "write the mission file", catalog)
     return 0
 
 
@@ -132,5 +132,5 @@ def list_in_force(
         complain(f"{what}: {row['state_note']}")
     altered = found[found["altered"] != ""]
     for row in altered.to_dict("records"):
-        complain(f"not what was released: {row['transfer_id']} on {row['target_id']}: {row['altered']}")
+        complain(f"differs from the release: {row['transfer_id']} on {row['target_id']}: {row['altered']}")
     return int(bool(len(recalled) or len(altered)))

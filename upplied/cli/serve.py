@@ -85,7 +85,7 @@ def watch(
         Folder to watch with its subfolders; existing logs are reported too.
     """
     if not folder.is_dir():
-        complain(f"error: {folder} is no folder")
+        complain(f"error: {folder} is not a folder")
         return 2
     flows_wanted()
     from upplied.flows import environment

@@ -18,7 +18,7 @@ def say(
     owner: str,
     /,
     *values: Annotated[str, Parameter(allow_leading_hyphen=False)],
-    kind: Annotated[bool, Parameter(negative="", help="The name is a kind.")] = False,
+    kind: Annotated[bool, Parameter(negative="", help="OWNER is a kind, not a structure.")] = False,
     by: ByOption,
     note: NoteOption = "",
     catalog: CatalogOption = "catalog",

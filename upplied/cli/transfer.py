@@ -66,13 +66,13 @@ def transfer(
     choices: Choices | None = None,
     experiment: ExperimentOption = "",
     best: BestOption = "",
-    reproduce: Annotated[str | None, Parameter(help="ID of a plan to make again and compare.")] = None,
+    reproduce: Annotated[str | None, Parameter(help="ID of a plan to compute again and compare.")] = None,
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
     timeout: TimeoutOption = 600.0,
     json: JsonOption = False,
 ) -> int:
-    """Transfer one demonstration to target structures; existing plans are not made again.
+    """Transfer one demonstration to target structures; existing plans are not computed again.
 
     Parameters
     ----------

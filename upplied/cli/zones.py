@@ -25,7 +25,7 @@ def require(
     file: Path,
     /,
     *,
-    kind: Annotated[bool, Parameter(negative="", help="The name is a kind.")] = False,
+    kind: Annotated[bool, Parameter(negative="", help="OWNER is a kind, not a structure.")] = False,
     by: ByOption,
     note: NoteOption = "",
     catalog: CatalogOption = "catalog",
@@ -83,14 +83,12 @@ def _with_labels(
         on = str(zone.get("on") or owner)
         if not isinstance(labels, str) or "where" in zone:
             found = (
-                "has a label and a place"
-                if "where" in zone
-                else "has a label, and no file of labels is named"
+                "has a label and a place" if "where" in zone else "has a label, but names no file of labels"
             )
             raise InputError(what, found, 'labels = "FILE" next to the name, and label instead of where')
         if not on:
             raise InputError(
-                what, "has a label, and no structure", 'on = "ID": the structure that is labelled'
+                what, "has a label, but no structure", 'on = "ID": the structure that is labelled'
             )
         if on not in kept:
             faces = len(store.structure(on).triangles)

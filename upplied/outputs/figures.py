@@ -9,9 +9,10 @@ import numpy as np
 
 from upplied.errors import SettingsError
 from upplied.outputs.colours import CLASSES, DEMONSTRATED, PRESETS, STATES, rgb
+from upplied.outputs.display import DisplayMesh
 from upplied.outputs.draw import tubes
 from upplied.outputs.draw.canvas import Classed, Solid, picture, solid
-from upplied.outputs.draw.sheet import Panel, padded, sheet_png
+from upplied.outputs.draw.sheet import Panel, padded, png, sheet_png
 from upplied.outputs.draw.views import View, facing, fitted, named_view, proportion
 from upplied.outputs.files import replace_file
 from upplied.polylines import leg_lengths
@@ -163,6 +164,13 @@ def demonstrated_panel(
         (0, 0, half, _height(chosen, _content(source, [demonstration.trajectory]), half)),
         f"demonstrated on {source.structure_id}",
     )
+
+
+def thumbnail_png(mesh: DisplayMesh, size: tuple[int, int] = (128, 88)) -> bytes:
+    """A small PNG of a structure as pages show it, from the three-quarter view."""
+    structure = Structure("thumbnail", "thumbnail", mesh.vertices, mesh.triangles)
+    frame = fitted(named_view("three-quarter"), mesh.vertices, *size, margin=0.03)
+    return png(picture(solid(structure), tubes.joined([]), frame))
 
 
 def demonstration_png(

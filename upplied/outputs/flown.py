@@ -135,7 +135,7 @@ def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
         unknown = f", unknown for {flown.silent_s:.0f} s without log" if flown.silent_s else ""
         parts.append(f"minimum clearance {clearance:.2f} m{_of(row, 'min_clearance_m', 2, ' m')}{unknown}")
     if np.isfinite(flown.inspected_pct):
-        parts.append(f"{flown.inspected_pct:.1f} % of the planned surface was inspected as asked")
+        parts.append(f"{flown.inspected_pct:.1f} % of the planned surface was inspected as planned")
     if np.isfinite(flown.required_pct):
         parts.append(f"{flown.required_pct:.1f} % of it was certainly in view")
     if flown.assumed_pct > 0:

@@ -21,7 +21,7 @@ def fleet_html(
 ) -> str:
     """The page of the fleet."""
     fleet = fleet_data(list(pairs), title, problems, known, places(reader.source))
-    data = {"fleet": fleet | {"findings": fleet_findings(reader.source)}}
+    data = {"fleet": fleet | {"findings": fleet_findings(reader.source), "thumbnails": True}}
     tables = "" if live else " The tables are in transfers.parquet."
     return pages.page(
         "fleet", title, data, f"{title}: {known} plans.{tables} This page needs scripts.", live=live

@@ -184,6 +184,16 @@ def attainable(row: Mapping[str, Any]) -> float | None:
     return 100 - lost[0] - lost[1]
 
 
+def battery_pct(row: Mapping[str, Any]) -> float | None:
+    """The inspection time of a plan as a share of the endurance in its settings, percent; None if unset."""
+    try:
+        endurance_s = json.loads(row["settings_json"])["vehicle"]["endurance_s"]
+        share = 100 * float(row["duration_s"]) / float(endurance_s)
+        return share if math.isfinite(share) else None
+    except (TypeError, ValueError, KeyError, ZeroDivisionError):
+        return None
+
+
 def number(row: Mapping[str, Any], name: str) -> float | None:
     """A finite number of a row, or None; a share, whose name ends in ``_pct``, is 0 to 100.
 

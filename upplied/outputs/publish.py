@@ -37,6 +37,7 @@ TITLE = "Inspection fleet"
 PICTURES = 200  # at most, unless asked for more: each takes a second
 PAGES = 10_000  # likewise; a list that a browser still shows at once, and about a gigabyte
 _RECORD = ".published.json"
+_ROOMS = ["transfers", "pictures", "thumbnails", "data", "assets", "demonstrations", "structures", "missions"]
 _MAILED = 60  # pairs that one file may hold
 
 
@@ -121,7 +122,7 @@ def publish(
                 catalog, place, title=title, pictures=pictures, most=pages, progress=progress
             )
         except OSError as error:
-            remedy = "free space or rights, and publish again: what is there is whole"
+            remedy = "free space or correct the permissions, then publish again; existing files are intact"
             raise CatalogError(str(place), f"cannot be written: {error}", "", remedy) from None
 
 
@@ -205,6 +206,8 @@ def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bo
     key = digest([code, _plain(pair.plans), _plain(pair.earlier), draft, pair.decided, hashes, flown])
     words = [[reader.flown(row), reader.overruled(row)] for row in pair.plans.values()]
     zones = _plain({row["zone"]: row for row in reader.zones(pair.target_id)})
+    target = pair.target_id
+    place.put(f"thumbnails/{target}.png", digest([code, hashes[-1]]), lambda: reader.thumbnail(target))
     missions = _put_missions(place, reader, pair, key)
     page = digest([digest([key, words, picture, zones]), missions])
     place.put(f"transfers/{pair.name}.html", page, lambda: pair_html(reader, pair, missions, picture))
@@ -279,5 +282,4 @@ def _recorded(root: Path) -> dict[str, str]:
 def _inside(root: Path, name: str) -> bool:
     """Whether a noted name is one of the kinds of file we write, below the folder."""
     path = root / name
-    known = ("transfers", "pictures", "data", "assets", "demonstrations", "structures", "missions")
-    return path.parent in [root / each for each in known] and not path.is_symlink()
+    return path.parent in [root / each for each in _ROOMS] and not path.is_symlink()

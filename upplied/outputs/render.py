@@ -139,10 +139,10 @@ def undecided(source: Source, row: Any) -> list[Breach]:
     if state == "released":
         if isinstance(source, Catalog):
             wrong = alterations(source, [row["transfer_id"]], source.standing())
-            found += [Breach("altered", f"it is not what was released: {one}") for one in wrong.values()]
+            found += [Breach("altered", f"differs from the released plan: {one}") for one in wrong.values()]
         return found
     if state in ("rejected", "recalled"):
-        return [*found, Breach(state, f"{who} did so: {row.get('state_note') or 'no reason was given'}")]
+        return [*found, Breach(state, f"{state} by {who}: {row.get('state_note') or 'no reason was given'}")]
     if state == "superseded":
         return [*found, Breach("superseded", f"{who} released another plan of {row['target_id']}")]
     return [Breach("released", f"it is a {state} plan"), *found, *_newer(source, row)]

@@ -182,6 +182,10 @@ class Reader:
         demonstration = self.demonstration(pair.demonstration_id)
         return figures.transfer_png(source, target, demonstration, plan, width=width)
 
+    def thumbnail(self, structure_id: str) -> bytes:
+        """A small PNG of a structure, for the page of the fleet."""
+        return figures.thumbnail_png(self._mesh(structure_id))
+
     def passport(self, demonstration_id: str, planned: str = "") -> dict[str, Any]:
         """What the page of a demonstration shows: its passport, and a picture inside.
 

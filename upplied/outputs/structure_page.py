@@ -27,7 +27,7 @@ def structure_facts(
     return {
         "id": name,
         "facts": [
-            ["Kind", structure.kind],
+            ["Kind", structure.kind.replace("_", " ")],
             ["Size", f"{size} m"],
             [
                 "Model",
@@ -142,7 +142,7 @@ def _history(source: Any, pairs: Sequence[Pair]) -> list[dict[str, str]]:
     return [
         {
             "when": stamp(row.get("added_at")),
-            "what": f"{row['transfer_id']} {row['state']} by {row['by']}",
+            "what": f"Plan {row['transfer_id']} {row['state']} by {row['by']}",
             "note": str(row.get("note") or ""),
         }
         for row in _rows(source, "decisions", pairs[0].target_id)

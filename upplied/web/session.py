@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from upplied.catalog import Catalog
+from upplied.checks import pair_name
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.editing import Base, Editing, JudgedEdit, flown_path
 from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row
@@ -114,7 +115,7 @@ class Session:
             "zones": lambda _: {"zones": self.zones.judged(self.editing.kept.plan)},
         }  # fmt: skip
         if what not in answers:
-            return {"refused": f"{what[:40]}: there is no such request"}
+            return {"refused": f"{what[:40]}: this request does not exist"}
         with self._lock:
             try:
                 return answers[what](request)
@@ -139,6 +140,7 @@ class Session:
             "id": self.editing.transfer_id,
             "demonstration": row["demonstration_id"],
             "target": row["target_id"],
+            "pair": pair_name(row["demonstration_id"], row["target_id"]),
             "kind": self.editing.recipe.target.kind,
             "state": decision_words({str(name): value for name, value in now.items()}),
             "structure": self._structure,
@@ -172,7 +174,7 @@ class Session:
         replanned, again = self.editing.replanned(asked, kept)
         if len(self._bases) >= _MOST_BASES:
             rule = f"{_MOST_BASES} times at most"
-            raise InputError("the plan", "was planned again too often", rule, "open it again")
+            raise InputError("the plan", "was planned again too many times", rule, "open the plan again")
         self._bases.append(replanned)
         rows = self._rows(replanned)
         for at, viewpoint in again.changed.items():
@@ -215,7 +217,7 @@ class Session:
     def _read(self, request: Mapping[str, Any]) -> tuple[Base, Edit, Asked]:
         at = request.get("base", 0)
         if not isinstance(at, int) or not 0 <= at < len(self._bases):
-            raise InputError("the change", f"is of plan number {at}", f"0 to {len(self._bases) - 1}")
+            raise InputError("the change", f"refers to plan number {at}", f"0 to {len(self._bases) - 1}")
         return self._bases[at], *read_edit("the change", request, self.editing, self._bases[at])
 
     def _judged(self, base: Base, edit: Edit, asked: Asked) -> dict[str, Any]:
