@@ -82,12 +82,12 @@ def _refusal(error: PrefectHTTPStatusError) -> str:
 
 
 def _followed(client: SyncPrefectClient, run: FlowRun, say: Callable[[str], None]) -> FlowRun:
-    told = ""
+    message = ""
     while True:
         run = client.read_flow_run(run.id)
-        if run.state is not None and run.state.name != told:
-            told = run.state.name or ""
-            say(f"{told}: {run.state.message}" if run.state.message else told)
+        if run.state is not None and run.state.name != message:
+            message = run.state.name or ""
+            say(f"{message}: {run.state.message}" if run.state.message else message)
         if run.state is not None and run.state.is_final():
             return run
         time.sleep(EVERY_S)

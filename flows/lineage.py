@@ -43,6 +43,6 @@ def source(location: str) -> str:
     return location if "://" in location else f"file://{quote(str(Path(location).absolute()))}"
 
 
-def making(task: MaterializingTask[P, R], made: Asset, of: Sequence[Asset | str]) -> MaterializingTask[P, R]:
+def making(task: MaterializingTask[P, R], asset: Asset, of: Sequence[Asset | str]) -> MaterializingTask[P, R]:
     """A task that says what it makes, and of what."""
-    return task.with_options(assets=[made], asset_deps=list(of))
+    return task.with_options(assets=[asset], asset_deps=list(of))

@@ -85,8 +85,8 @@ def _block(url: str) -> NotificationBlock:
     if parts.hostname == "hooks.slack.com":
         return SlackWebhook(url=url)
     if parts.scheme in ("http", "https") and parts.hostname:
-        said = {"text": "{{subject}}\n{{body}}", "subject": "{{subject}}", "body": "{{body}}"}
-        return CustomWebhookNotificationBlock(name="upplied", url=url, json_data=said)
+        template = {"text": "{{subject}}\n{{body}}", "subject": "{{subject}}", "body": "{{body}}"}
+        return CustomWebhookNotificationBlock(name="upplied", url=url, json_data=template)
     block = AppriseNotice(url=SecretStr(url))
     if not len(block._apprise_client):
         raise SettingsError(

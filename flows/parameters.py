@@ -31,9 +31,9 @@ def _changes() -> type[BaseModel]:
             values = {item.name: (hints[item.name] | None, None) for item in fields(stage)}
             model = create_model(stage.__name__, __config__=strict, __doc__=stage.__doc__, **values)  # type: ignore[call-overload]
             stages[name] = (model | None, None)
-    made = create_model("Changes", __config__=strict, **stages)
-    made.__doc__ = "Settings that differ from the preset's, by stage."
-    return made
+    changes_model = create_model("Changes", __config__=strict, **stages)
+    changes_model.__doc__ = "Settings that differ from the preset's, by stage."
+    return changes_model
 
 
 Changes = _changes()
@@ -44,9 +44,9 @@ def _bounds(settings: type, least: float) -> type[BaseModel]:
     hints = get_type_hints(settings)
     limits = Field(None, ge=0, gt=least, lt=1e9)
     values: dict[str, Any] = {item.name: (hints[item.name] | None, limits) for item in fields(settings)}
-    made = create_model(f"Bounds{settings.__name__}", __config__=ConfigDict(extra="forbid"), **values)
-    made.__doc__ = "Bounds of rules that differ from their defaults (docs/checks.md)."
-    return made
+    model = create_model(f"Bounds{settings.__name__}", __config__=ConfigDict(extra="forbid"), **values)
+    model.__doc__ = "Bounds of rules that differ from their defaults (docs/checks.md)."
+    return model
 
 
 FlightRule = Literal[tuple(sorted(FLIGHT_RULES))]  # type: ignore[valid-type]

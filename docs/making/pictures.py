@@ -22,6 +22,7 @@ from upplied.fleet.ingest import find_logs, ingest_demonstrations, ingest_struct
 from upplied.outputs import figures
 from upplied.outputs.colours import DEMONSTRATED, PRESETS
 from upplied.outputs.draw.views import facing
+from upplied.outputs.files import replace_file
 from upplied.outputs.sample_fleet import write_sample_fleet
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import inspected_states, takes_of
@@ -169,7 +170,7 @@ def _save(name: str, png: bytes) -> None:
     image = Image.open(io.BytesIO(png)).quantize(_COLOURS, dither=Image.Dither.NONE)
     out = io.BytesIO()
     image.save(out, "PNG", optimize=True)
-    figures.save(HERE / f"{name}.png", out.getvalue())
+    replace_file(HERE / f"{name}.png", out.getvalue())
 
 
 if __name__ == "__main__":

@@ -125,7 +125,7 @@ def test_a_log_is_judged_kept_told_and_its_gap_is_planned(catalog, log, tmp_path
     where = ["--catalog", catalog.location]
     assert main(["flights", "show", row["flight_id"][:8], *where]) == 0
     shown_row = capsys.readouterr().out
-    assert "broken off" in shown_row and "inspected as asked, %" in shown_row
+    assert "broken off" in shown_row and "inspected as planned, %" in shown_row
     assert main(["flights", "list", "--json", *where]) == 0
     assert json.loads(capsys.readouterr().out)[0]["kind"] == "flown"
     assert main(["flights", "history", "cube-v1", *map(str, points[looks.patch[0]]), *where]) == 0

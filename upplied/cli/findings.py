@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import CatalogOption, JsonOption
+from upplied.cli.options import CatalogOption, FindingArgument, JsonOption
 from upplied.cli.review import ByOption, NoteOption
 from upplied.cli.terminal import complain, errors, next_step, opened, say, show
 
@@ -162,10 +162,10 @@ def list_findings(
     if reference:
         from upplied.findings.queries import by_reference
 
-        found = by_reference(store, reference, class_name=class_name, state=state)
+        rows = by_reference(store, reference, class_name=class_name, state=state)
         mapped = {f"reference_{name}": name for name in ("x_m", "y_m", "z_m", "probability", "doubtful")}
         keys = ("finding_id", "target_id", "class", "state")
-        _listed(f"findings on {reference}", found, {key: LISTED[key] for key in keys} | mapped, json)
+        _listed(f"findings on {reference}", rows, {key: LISTED[key] for key in keys} | mapped, json)
         return 0
     _listed(
         "findings",
@@ -178,7 +178,7 @@ def list_findings(
 
 @app.command(name="set")
 def set_state(
-    finding: str,
+    finding: FindingArgument,
     state: str,
     /,
     *,
@@ -190,8 +190,6 @@ def set_state(
 
     Parameters
     ----------
-    finding : str
-        ID of the finding, or its beginning.
     state : str
     """
     row = opened(catalog).set_finding(finding, state, by, note)
@@ -201,13 +199,7 @@ def set_state(
 
 @app.command
 def history(finding: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """Show the states of a finding, who changed them and why.
-
-    Parameters
-    ----------
-    finding : str
-        ID of the finding, or its beginning.
-    """
+    """Show the states of a finding, who changed them and why."""
     store = opened(catalog)
     name = store.finding(finding)["finding_id"]
     rows = store.findings(history=True)
@@ -218,7 +210,7 @@ def history(finding: str, /, *, catalog: CatalogOption = "catalog", json: JsonOp
 
 @app.command
 def looks(
-    finding: str,
+    finding: FindingArgument,
     /,
     *,
     out: OutOption = None,
@@ -227,13 +219,7 @@ def looks(
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """List every photo of every flight that shows a finding.
-
-    Parameters
-    ----------
-    finding : str
-        ID of the finding, or its beginning.
-    """
+    """List every photo of every flight that shows a finding."""
     from upplied.findings.looks import spot_of
 
     store = opened(catalog)
@@ -273,7 +259,7 @@ def looks_at(
 
 @app.command
 def carry(
-    finding: str,
+    finding: FindingArgument,
     /,
     *,
     to: ToOption = "kind",
@@ -285,25 +271,19 @@ def carry(
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """Show the same place on other structures, and when it was last seen there.
-
-    Parameters
-    ----------
-    finding : str
-        ID of the finding, or its beginning.
-    """
+    """Show the same place on other structures, and when it was last seen there."""
     from upplied.findings.queries import photographed
 
     store = opened(catalog)
     row = store.finding(finding)
     with errors.status("carrying"):
-        found = photographed(store, row, to, mm_px, since, every=every)
+        spots = photographed(store, row, to, mm_px, since, every=every)
     columns = {
         "structure_id": "structure", "part": "part", "x_m": "x m", "y_m": "y m", "z_m": "z m",
         "probability": "probability", "error_m": "error m", "looked_at": "last seen", "mm_px": "mm/px",
         "looks": "flights", "doubt": "doubt",
     }  # fmt: skip
-    _listed(f"finding {row['finding_id']} elsewhere", found, columns, json)
+    _listed(f"finding {row['finding_id']} elsewhere", spots, columns, json)
     return 0
 
 
@@ -321,17 +301,17 @@ def reshoot(
 
     store = opened(catalog)
     with errors.status("planning"):
-        made = plan_reshoot(store, asked_findings(store, findings, on), on, mm_px)
-    for words in made.words:
+        plan = plan_reshoot(store, asked_findings(store, findings, on), on, mm_px)
+    for words in plan.words:
         say(words)
-    say(f"{made.transfer_id}: a draft for {on}")
-    next_step(f"release {made.transfer_id} --by NAME", "put it in force", catalog)
-    return int(bool(made.refused))
+    say(f"{plan.transfer_id}: a draft for {on}")
+    next_step(f"release {plan.transfer_id} --by NAME", "put it in force", catalog)
+    return int(bool(plan.refused))
 
 
 @app.command
 def campaign(
-    finding: str,
+    finding: FindingArgument,
     /,
     *,
     mm_px: FinenessOption,
@@ -339,29 +319,23 @@ def campaign(
     since: Annotated[str | None, Parameter(help="Ignore looks before this date, such as 2026-03-01.")] = None,
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Plan a draft for each structure on which the place of a finding was not looked at.
-
-    Parameters
-    ----------
-    finding : str
-        ID of the finding, or its beginning.
-    """
+    """Plan a draft for each structure on which the place of a finding was not looked at."""
     from upplied.findings.campaign import plan_campaign
 
     store = opened(catalog)
     with errors.status("planning"):
-        made = plan_campaign(store, store.finding(finding), mm_px, to, since)
-    for one in made:
+        plans = plan_campaign(store, store.finding(finding), mm_px, to, since)
+    for one in plans:
         say(f"{one['structure_id']}: {one['status']}{': ' if one['words'] else ''}{one['words']}")
-    return int(any(one["status"] == "refused" for one in made))
+    return int(any(one["status"] == "refused" for one in plans))
 
 
 def _looks(store: Any, title: str, spot: Any, out: Any, photos: Any, simulated: bool, json: bool) -> int:
     from upplied.findings.looks import looks_at_spot, looks_frame
 
     with errors.status("casting rays"):
-        found = looks_at_spot(store, spot, simulated)
-    frame = looks_frame(found)
+        looks = looks_at_spot(store, spot, simulated)
+    frame = looks_frame(looks)
     sides = frame[["left_px", "top_px", "right_px", "bottom_px"]].round(0)
     frame["box"] = [" ".join(f"{side:.0f}" for side in row) for row in sides.to_numpy()]
     _listed(f"looks at {title}", frame, LOOKS, json)
@@ -369,7 +343,7 @@ def _looks(store: Any, title: str, spot: Any, out: Any, photos: Any, simulated: 
         return 0
     from upplied.findings.crops import write_crops
 
-    page, missing = write_crops(out, title, found, spot, store.structure(spot.structure_id), photos)
+    page, missing = write_crops(out, title, looks, spot, store.structure(spot.structure_id), photos)
     for reason in missing:
         complain(f"missing: {reason}")
     if not json:

@@ -96,8 +96,8 @@ def list_flights(
     json: JsonOption = False,
 ) -> int:
     """List the flights in the order of their import."""
-    found = opened(catalog).flights(structure=structure, kind=kind)
-    rows = rows_of(found, None if json else LISTED)
+    flights = opened(catalog).flights(structure=structure, kind=kind)
+    rows = rows_of(flights, None if json else LISTED)
     if not json:
         rows = [{**row, "flight": row["flight"][:_DIGITS]} for row in rows]
     show("flights", rows, json, ("findings", "plan", "clear m"))
@@ -152,9 +152,9 @@ def history(
     x, y, z : float
         Point in the frame of the structure, m.
     """
-    found = opened(catalog).looks_at(structure, (x, y, z), kind)
-    show(f"looks at ({x:g}, {y:g}, {z:g}) m of {structure}", rows_of(found), json, ("patch", "patch_off_m"))
-    seen = found[found["seen"]]
+    looks = opened(catalog).looks_at(structure, (x, y, z), kind)
+    show(f"looks at ({x:g}, {y:g}, {z:g}) m of {structure}", rows_of(looks), json, ("patch", "patch_off_m"))
+    seen = looks[looks["seen"]]
     if not json:
         last = None if seen.empty else seen.iloc[-1]
         where = "" if last is None else f"{last['distance_m']:.1f} m at {last['incidence_deg']:.0f} degrees"
@@ -178,8 +178,8 @@ def promote(
     """Store a flight as a demonstration, to be transferred to other structures."""
     from upplied.fleet.promoting import promote_flight
 
-    made = promote_flight(opened(catalog), flight, by, name, force)
-    console.print(f"{made.demonstration_id}: a demonstration of {made.structure_id}", markup=False)
+    outcome = promote_flight(opened(catalog), flight, by, name, force)
+    console.print(f"{outcome.demonstration_id}: a demonstration of {outcome.structure_id}", markup=False)
     next_step("plan --dry-run", "show the resulting plans", catalog)
     return 0
 

@@ -79,8 +79,8 @@ def export(
 
     store = opened(catalog)
     folder = folder or next(each for at in count(1) if not (each := Path(f"fleet-v{at}")).exists())
-    asked = preset if preset not in ("", "all") else None
-    chosen = store.transfers(status="ok", kind=kind, demonstration=demonstration, preset=asked)
+    chosen_preset = preset if preset not in ("", "all") else None
+    chosen = store.transfers(status="ok", kind=kind, demonstration=demonstration, preset=chosen_preset)
     if not preset:
         used = [name for name in ("recommended", "paper", "baseline") if name in set(chosen["preset"])]
         chosen = chosen[chosen["preset"].isin(used[:1])]

@@ -62,21 +62,21 @@ def promote_flight(
     structure = catalog.structure(str(row["target_id"]))
     scene = scene_for(structure, catalog.supposed(str(plan["transfer_id"])))
     broken = _broken(row, path_clearance(scene, flown.positions).distance_m, plan)
-    left = [(rule, found) for rule, found in broken if rule not in force]
+    left = [(rule, fault) for rule, fault in broken if rule not in force]
     if left:
-        said = "; ".join(found for _, found in left)
-        raise RefusedError(what, said, RULES[left[0][0]], f"or overrule it: --force {left[0][0]}")
+        reasons = "; ".join(fault for _, fault in left)
+        raise RefusedError(what, reasons, RULES[left[0][0]], f"or overrule it: --force {left[0][0]}")
     made_up = f"{plan['demonstration_id']}-{structure.structure_id}-{row['flown_at']:%Y%m%d}"[:64]
     name = check_id(name or made_up, "demonstration id")
     known = set(catalog.demonstrations(every=True)["demonstration_id"])
     if name in known:
-        found = "is in the catalog"
-        raise RefusedError(f"demonstration {name}", found, "a name of its own", "say --name NAME")
+        fault = "is in the catalog"
+        raise RefusedError(f"demonstration {name}", fault, "a name of its own", "say --name NAME")
     before = catalog.demonstration(str(plan["demonstration_id"]))
     start_ns = int(row["flown_at"].value)
-    overruled = "".join(f"; overruled, {rule}: {found}" for rule, found in broken)
+    overruled = "".join(f"; overruled, {rule}: {fault}" for rule, fault in broken)
     note = f"promoted by {by.strip()} from {what}, which flew plan {plan['transfer_id']}{overruled}"
-    made = Demonstration(
+    demonstration = Demonstration(
         demonstration_id=name,
         structure_id=structure.structure_id,
         t_ns=start_ns + np.round(flown.t_s * 1e9).astype(np.int64),
@@ -92,8 +92,8 @@ def promote_flight(
         topic=f"flight {row['flight_id']}",
         notes=note,
     )
-    catalog.add_demonstrations([made])
-    return made
+    catalog.add_demonstrations([demonstration])
+    return demonstration
 
 
 def _camera(planned: Camera, flown: Trajectory) -> Camera:
@@ -105,18 +105,18 @@ def _camera(planned: Camera, flown: Trajectory) -> Camera:
 
 def _broken(row: Row, clearance_m: float, plan: Row) -> list[tuple[str, str]]:
     """The rules that a flight breaks, and what was found."""
-    found = []
+    broken = []
     if row["kind"] != "flown":
-        found.append(("flown", f"is {row['kind'] or 'simulated'}"))
+        broken.append(("flown", f"is {row['kind'] or 'simulated'}"))
     shares = (("flown_pct", "of its plan was flown"), ("required_pct", "of what it shows was seen"))
     for column, words in shares:
         if not (row[column] or 0.0) >= _WHOLE_PCT:
-            found.append(("whole", f"{row[column] or 0.0:.1f} % {words}"))
+            broken.append(("whole", f"{row[column] or 0.0:.1f} % {words}"))
     for part in str(row["findings"] or "").split("; "):
         if part.startswith((SILENT, STOOD, LOOKED)):
-            found.append(("recorded", part))
+            broken.append(("recorded", part))
     route = settings_of(plan["settings_json"]).route
     if route.enforce and clearance_m < route.clearance_m:
         near = f"comes within {clearance_m:.2f} m, {route.clearance_m:g} m are asked for"
-        found.append(("clearance", near))
-    return found
+        broken.append(("clearance", near))
+    return broken

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from upplied.outputs.draw import tubes
 from upplied.outputs.draw.canvas import Classed, Solid, picture, solid
 from upplied.outputs.draw.sheet import Panel, padded, png, sheet_png
 from upplied.outputs.draw.views import View, facing, fitted, named_view, proportion
-from upplied.outputs.files import replace_file
 from upplied.polylines import leg_lengths
 from upplied.records import (
     SURFACE_STATES,
@@ -95,8 +93,8 @@ def separation_png(structure: Structure, label: Ints, names: Sequence[str], clea
     before, after = Classed(structure, label), solid(cleaned)
     boxes = [(0, at * (_WIDTH * 2 // 5), _WIDTH, _WIDTH * 2 // 5) for at in (0, 1)]
     panels = [
-        _panel(body, (), (), named_view("three-quarter"), box, said)
-        for body, box, said in zip((before, after), boxes, ("before", "after"), strict=True)
+        _panel(body, (), (), named_view("three-quarter"), box, caption)
+        for body, box, caption in zip((before, after), boxes, ("before", "after"), strict=True)
     ]
     legend = [(name, CLASSES[at], "patch") for at, name in enumerate(names) if (label == at).any()]
     return sheet_png(panels, legend, structure.structure_id)
@@ -218,11 +216,6 @@ def comparison_png(
     legend = [(plan.preset, PRESETS.get(plan.preset, DEMONSTRATED), "line") for plan in plans]
     legend += _state_legend([plan.surface for plan in plans])
     return sheet_png(panels, legend, title or f"{plans[0].demonstration_id} → {target.structure_id}")
-
-
-def save(path: str | Path, png: bytes) -> Path:
-    """Write a picture so that a reader never meets half of it; folders are made."""
-    return replace_file(path, png)
 
 
 def figures(plan: Plan) -> str:

@@ -67,8 +67,8 @@ class _Folder:
             return
         path = self.root / name
         if self.before.get(name) != key or not path.is_file():
-            made = make()
-            content = made.encode() if isinstance(made, str) else made
+            text = make()
+            content = text.encode() if isinstance(text, str) else text
             if not path.is_file() or path.read_bytes() != content:
                 replace_file(path, content)
                 self.written.append(name)
@@ -156,9 +156,9 @@ def publish_pages(
     place.put("index.html", digest(html), lambda: html)
     removed = place.remove_others()
     replace_file(place.root / _RECORD, json.dumps(place.now, indent=0, sort_keys=True) + "\n")
-    kept = len(place.now) - len(place.written)
+    unchanged = len(place.now) - len(place.written)
     every = [*problems.values(), *(f"{name}: {'; '.join(why)}" for name, why in reader.refused.items())]
-    return Published(place.root / "index.html", tuple(place.written), kept, tuple(removed), tuple(every))
+    return Published(place.root / "index.html", tuple(place.written), unchanged, tuple(removed), tuple(every))
 
 
 def publish_file(
@@ -258,8 +258,8 @@ def _put_structures(
         words = [reader.flown(pair.main) for pair in plans]
         drawn = [pair.name for pair in plans if f"pictures/{pair.name}.png" in place.now]
         zones = _plain({row["zone"]: row for row in reader.zones(name)})
-        found = marks(reader.source, name)
-        key = digest([code, reader.sha256("structures", name), rows, words, drawn, zones, found])
+        findings = marks(reader.source, name)
+        key = digest([code, reader.sha256("structures", name), rows, words, drawn, zones, findings])
         try:
             place.put(f"structures/{name}.html", key, partial(structure_html, reader, name, plans, place.now))
         except UppliedError as error:

@@ -80,10 +80,10 @@ def fleet_findings(source: Any) -> list[dict[str, Any]]:
     if not hasattr(source, "findings") or (rows := source.findings()).empty:
         return []
     count = Counter(zip(rows["kind"], rows["class"], rows["state"], strict=True))
-    found: dict[tuple[str, str], dict[str, Any]] = {}
+    classes: dict[tuple[str, str], dict[str, Any]] = {}
     for (kind, name, state), number_of in sorted(count.items()):
-        found.setdefault((kind, name), {"kind": kind, "class": name})[state] = number_of
-    return list(found.values())
+        classes.setdefault((kind, name), {"kind": kind, "class": name})[state] = number_of
+    return list(classes.values())
 
 
 def places(source: Any) -> dict[str, dict[str, Any]]:
