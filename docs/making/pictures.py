@@ -79,7 +79,7 @@ def _draw(structures: Mapping[str, Structure], flights: Mapping[str, Demonstrati
         name = f"{flight_id}--{target_id}"
         _save(name, figures.transfer_png(source, target, flight, plans[0], width=1200))
         if target_id == "b747-v1":
-            _save("presets", figures.comparison_png(target, plans, flight.camera, width=1300))
+            _save("presets", figures.comparison_png(target, plans, width=1300))
             rows.append(_flown(plans[0], flight, source, target))
     _write_table(rows)
 

@@ -86,7 +86,6 @@ def publish(
     catalog: Catalog,
     folder: str | Path,
     *,
-    title: str = TITLE,
     pictures: int = PICTURES,
     pages: int = PAGES,
     progress: Callable[[str], None] = lambda _: None,
@@ -100,7 +99,6 @@ def publish(
     folder : path
         ``index.html`` is what a person opens, ``transfers.parquet`` what pandas reads. Files there
         that we did not make are left alone.
-    title : str
     pictures : int
         Of how many pairs a PNG is made for documents: those first that need a person.
     pages : int
@@ -118,9 +116,7 @@ def publish(
             left.unlink(missing_ok=True)  # of a publisher that was stopped
         publish_generation(catalog, place, force)
         try:
-            return publish_pages(
-                catalog, place, title=title, pictures=pictures, most=pages, progress=progress
-            )
+            return publish_pages(catalog, place, pictures=pictures, most=pages, progress=progress)
         except OSError as error:
             remedy = "free space or correct the permissions, then publish again; existing files are intact"
             raise CatalogError(str(place), f"cannot be written: {error}", "", remedy) from None
@@ -130,7 +126,6 @@ def publish_pages(
     source: Source,
     folder: str | Path,
     *,
-    title: str = TITLE,
     pictures: int = PICTURES,
     most: int = PAGES,
     progress: Callable[[str], None] = lambda _: None,
@@ -152,7 +147,7 @@ def publish_pages(
         progress(pair.name)
     _put_passports(place, reader, pairs, code, problems)
     _put_structures(place, reader, pairs, code, problems)
-    html = fleet_html(reader, pairs, title, known, problems)
+    html = fleet_html(reader, pairs, TITLE, known, problems)
     place.put("index.html", digest(html), lambda: html)
     removed = place.remove_others()
     replace_file(place.root / _RECORD, json.dumps(place.now, indent=0, sort_keys=True) + "\n")
@@ -167,7 +162,6 @@ def publish_file(
     *,
     demonstration_id: str | None = None,
     target_id: str | None = None,
-    title: str = TITLE,
 ) -> Path:
     """One HTML file with everything inside, for mail.
 
@@ -187,11 +181,11 @@ def publish_file(
     reader = Reader(source)
     used = sorted({name for pair in chosen for name in (pair.source_id, pair.target_id)})
     data = {
-        "fleet": fleet_data(chosen, title, (), known, places(source)),
+        "fleet": fleet_data(chosen, TITLE, (), known, places(source)),
         "pairs": {pair.name: reader.pair_data(pair) for pair in chosen},
         "structures": {name: reader.structure_data(name) for name in used},
     }
-    return replace_file(path, pages.single_page(title, data, f"{title}: this page needs scripts."))
+    return replace_file(path, pages.single_page(TITLE, data, f"{TITLE}: this page needs scripts."))
 
 
 def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bool) -> None:

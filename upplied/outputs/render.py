@@ -63,8 +63,7 @@ def render_comparison(
     plans = sorted(
         (plan_of(source, row) for row in mine.to_dict("records")), key=lambda plan: order.get(plan.preset, 3)
     )
-    camera = source.demonstration(demonstration_id).camera
-    return figures.comparison_png(source.structure(target_id), plans, camera, view=view)
+    return figures.comparison_png(source.structure(target_id), plans, view=view)
 
 
 def export_transfer(
