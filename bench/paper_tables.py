@@ -20,7 +20,8 @@ from real_data import real_folder
 from transfers import Transfer, transfers
 
 from upplied.config import settings_for
-from upplied.outputs.figures import comparison_png, save, transfer_png
+from upplied.outputs.figures import comparison_png, transfer_png
+from upplied.outputs.files import replace_file
 from upplied.planning.plan import plan_transfer
 from upplied.records import Plan
 
@@ -135,10 +136,12 @@ def _draw(transfer: Transfer, plans: list[Plan], folder: Path) -> None:
         png = transfer_png(
             transfer.source, transfer.target, transfer.demonstration, plan, view=_view(transfer)
         )
-        save(folder / f"{stem}-{plan.preset}.png", png)
+        replace_file(folder / f"{stem}-{plan.preset}.png", png)
     shown = [plan for plan in plans if plan.trajectory is not None]
     if shown:
-        save(folder / f"{stem}-compared.png", comparison_png(transfer.target, shown, view=_view(transfer)))
+        replace_file(
+            folder / f"{stem}-compared.png", comparison_png(transfer.target, shown, view=_view(transfer))
+        )
 
 
 def _view(transfer: Transfer) -> str:

@@ -43,12 +43,12 @@ def transfer_artifacts(catalog: Catalog, decision: fleet.Decision, result: fleet
     troubles = [{"name": job, "status": status, "reason": reason} for job, status, reason in result.troubles]
     if decision.jobs:  # else the last run that planned something stays the one to read
         create_table_artifact(_planned(catalog, decision, result, reports), key="transfer-fleet-result")
-    told = f"## transfer-fleet\n\n{summary}\n\n{why}\n\n{_listed(troubles)}"
+    text = f"## transfer-fleet\n\n{summary}\n\n{why}\n\n{_listed(troubles)}"
     if reports:
         index = address(reports, "index.html")
-        told += f"\n\nReports: [{Path(reports).absolute() / 'index.html'}]({index})"
+        text += f"\n\nReports: [{Path(reports).absolute() / 'index.html'}]({index})"
         create_link_artifact(index, link_text="the fleet's report", key="transfer-fleet-report")
-    create_markdown_artifact(told, key="transfer-fleet")
+    create_markdown_artifact(text, key="transfer-fleet")
     return summary
 
 

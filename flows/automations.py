@@ -46,7 +46,7 @@ def zombies(silence_s: int = SILENCE_S) -> AutomationCore:
         actions=[
             ChangeFlowRunState(
                 state=StateType.CRASHED,
-                message=f"Not heard of for {silence_s} s: it was killed together with its worker.",
+                message=f"No sign of life for {silence_s} s: the run was killed together with its worker.",
             )
         ],
     )

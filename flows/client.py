@@ -50,7 +50,7 @@ def run_now(parameters: Sequence[str], watch: bool, say: Callable[[str], None]) 
             schema = client.read_deployment_by_name(DEPLOYMENT).parameter_openapi_schema or {}
         known = schema.get("properties", given)
         if unknown := sorted(given.keys() - known.keys()):
-            raise NotAccepted(f"{', '.join(unknown)}: is no parameter; there are {', '.join(sorted(known))}")
+            raise NotAccepted(f"{', '.join(unknown)}: no such parameter; known: {', '.join(sorted(known))}")
         run = run_deployment(DEPLOYMENT, parameters=given, timeout=0, as_subflow=False)
     except ObjectNotFound:
         raise NotAccepted(f"there is no deployment {DEPLOYMENT}: upplied deploy") from None
@@ -67,11 +67,11 @@ def run_now(parameters: Sequence[str], watch: bool, say: Callable[[str], None]) 
 def _parameter(text: str) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
     if not equals:
-        raise NotAccepted(f"{text!r} is no NAME=VALUE")
+        raise NotAccepted(f"{text!r} is not NAME=VALUE")
     try:
         return name, json.loads(value)
     except ValueError:
-        raise NotAccepted(f"{name}: {value!r} is no JSON; text needs quotes: {name}='\"...\"'") from None
+        raise NotAccepted(f"{name}: {value!r} is not JSON; text needs quotes: {name}='\"...\"'") from None
 
 
 def _refusal(error: PrefectHTTPStatusError) -> str:
@@ -82,12 +82,12 @@ def _refusal(error: PrefectHTTPStatusError) -> str:
 
 
 def _followed(client: SyncPrefectClient, run: FlowRun, say: Callable[[str], None]) -> FlowRun:
-    told = ""
+    message = ""
     while True:
         run = client.read_flow_run(run.id)
-        if run.state is not None and run.state.name != told:
-            told = run.state.name or ""
-            say(f"{told}: {run.state.message}" if run.state.message else told)
+        if run.state is not None and run.state.name != message:
+            message = run.state.name or ""
+            say(f"{message}: {run.state.message}" if run.state.message else message)
         if run.state is not None and run.state.is_final():
             return run
         time.sleep(EVERY_S)

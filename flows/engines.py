@@ -103,8 +103,8 @@ def _on_pool(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources, 
     machines = pool.machines()
     size = resources.shard_targets or pool.shard_targets(len({job.target_id for job in jobs}), machines)
     shards = fleet.shards(jobs, machines, size)
-    asked = resources.model_dump(include={"workers", "timeout_s", "memory_gib"})
-    given = {"catalog": str(catalog.location), "run_id": run_id, "resources": asked}
+    limits = resources.model_dump(include={"workers", "timeout_s", "memory_gib"})
+    given = {"catalog": str(catalog.location), "run_id": run_id, "resources": limits}
     runner = ThreadPoolTaskRunner(max_workers=min(len(shards), pool.MOST))
     return _handed_out(catalog, jobs, shards, resources, run_id, runner, tasks.plan_on_pool, given)
 

@@ -67,9 +67,9 @@ def environment(folder: Path, api_url: str) -> dict[str, str]:
     api_url : str
         Address of the server, e.g. ``http://127.0.0.1:4200/api``.
     """
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
+    variables = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
     ours = {"PREFECT_HOME": str(folder), "PREFECT_API_URL": api_url, "UPPLIED_HOME": str(home())}
-    return kept | SETTINGS | ours
+    return variables | SETTINGS | ours
 
 
 def sign_in(folder: Path, api_url: str) -> str:
@@ -84,17 +84,17 @@ def sign_in(folder: Path, api_url: str) -> str:
     """
     path = folder / "profiles.toml"
     private(folder)
-    kept = _profiles(path)
-    ours = kept.setdefault(PROFILE, {})
-    said = os.environ.get("PREFECT_SERVER_API_AUTH_STRING") or ours.get("PREFECT_SERVER_API_AUTH_STRING")
-    word = said or f"upplied:{secrets.token_urlsafe(32)}"
+    profiles = _profiles(path)
+    ours = profiles.setdefault(PROFILE, {})
+    password = os.environ.get("PREFECT_SERVER_API_AUTH_STRING") or ours.get("PREFECT_SERVER_API_AUTH_STRING")
+    word = password or f"upplied:{secrets.token_urlsafe(32)}"
     ours |= {
         "PREFECT_API_URL": api_url,
         "PREFECT_API_AUTH_STRING": word,
         "PREFECT_SERVER_API_AUTH_STRING": word,
     }
     lines = [f'active = "{PROFILE}"']
-    for name, values in kept.items():
+    for name, values in profiles.items():
         lines += ["", f"[profiles.{json.dumps(name)}]"]
         lines += [f"{setting} = {json.dumps(value)}" for setting, value in values.items()]
     _write_private(path, "\n".join(lines) + "\n")
@@ -139,5 +139,5 @@ def _profiles(path: Path) -> dict[str, dict[str, str]]:
     try:
         return dict(tomllib.loads(path.read_text(encoding="utf-8")).get("profiles", {}))
     except ValueError as error:
-        remedy = "delete it: `upplied serve` makes a new password then"
+        remedy = "delete the file; `upplied serve` then generates a new password"
         raise InputError(str(path), f"cannot be read: {error}", "TOML", remedy) from None

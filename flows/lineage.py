@@ -17,7 +17,7 @@ SOMEWHERE = "file:///catalog"  # of a task that has not been told yet what it ma
 MEANING = {
     "structures": "The structures of a fleet, with their meshes.",
     "demonstrations": "The flights of experts.",
-    "flights": "What was flown of the plans, and what it saw.",
+    "flights": "Flights of the plans, and what they showed.",
     "transfers": "The plans: every demonstration to every structure of its kind.",
     "reports": "Plain Parquet, pages and pictures for people.",
 }
@@ -43,6 +43,6 @@ def source(location: str) -> str:
     return location if "://" in location else f"file://{quote(str(Path(location).absolute()))}"
 
 
-def making(task: MaterializingTask[P, R], made: Asset, of: Sequence[Asset | str]) -> MaterializingTask[P, R]:
+def making(task: MaterializingTask[P, R], asset: Asset, of: Sequence[Asset | str]) -> MaterializingTask[P, R]:
     """A task that says what it makes, and of what."""
-    return task.with_options(assets=[made], asset_deps=list(of))
+    return task.with_options(assets=[asset], asset_deps=list(of))

@@ -85,13 +85,13 @@ def _block(url: str) -> NotificationBlock:
     if parts.hostname == "hooks.slack.com":
         return SlackWebhook(url=url)
     if parts.scheme in ("http", "https") and parts.hostname:
-        said = {"text": "{{subject}}\n{{body}}", "subject": "{{subject}}", "body": "{{body}}"}
-        return CustomWebhookNotificationBlock(name="upplied", url=url, json_data=said)
+        template = {"text": "{{subject}}\n{{body}}", "subject": "{{subject}}", "body": "{{body}}"}
+        return CustomWebhookNotificationBlock(name="upplied", url=url, json_data=template)
     block = AppriseNotice(url=SecretStr(url))
     if not len(block._apprise_client):
         raise SettingsError(
             f"address {parts.scheme}:...",
-            "nothing can be sent there",
+            "no message can be sent to it",
             "http://..., https://..., or an address of Apprise's, as mailto://user:password@smtp.example.org",
         )
     return block

@@ -32,9 +32,9 @@ def _changes() -> type[BaseModel]:
             values = {item.name: (hints[item.name] | None, None) for item in fields(stage)}
             model = create_model(stage.__name__, __config__=strict, __doc__=stage.__doc__, **values)  # type: ignore[call-overload]
             stages[name] = (model | None, None)
-    made = create_model("Changes", __config__=strict, **stages)
-    made.__doc__ = "Settings that differ from the preset's, by stage."
-    return made
+    changes_model = create_model("Changes", __config__=strict, **stages)
+    changes_model.__doc__ = "Settings that differ from the preset's, by stage."
+    return changes_model
 
 
 Changes = _changes()
@@ -45,9 +45,9 @@ def _bounds(settings: type, least: float) -> type[BaseModel]:
     hints = get_type_hints(settings)
     limits = Field(None, ge=0, gt=least, lt=1e9)
     values: dict[str, Any] = {item.name: (hints[item.name] | None, limits) for item in fields(settings)}
-    made = create_model(f"Bounds{settings.__name__}", __config__=ConfigDict(extra="forbid"), **values)
-    made.__doc__ = "Bounds of rules that differ from their defaults (docs/checks.md)."
-    return made
+    model = create_model(f"Bounds{settings.__name__}", __config__=ConfigDict(extra="forbid"), **values)
+    model.__doc__ = "Bounds of rules that differ from their defaults (docs/checks.md)."
+    return model
 
 
 FlightRule = Literal[tuple(sorted(FLIGHT_RULES))]  # type: ignore[valid-type]
@@ -88,7 +88,7 @@ class Resources(BaseModel):
 
     workers: int = Field(0, ge=0, le=1024, description="Processes; 0 takes one per core.")
     timeout_s: float = Field(600, gt=0, description="After this a target is stopped and marked failed.")
-    memory_gib: float | None = Field(None, gt=0, description="Of a worker; empty: its share of it.")
+    memory_gib: float | None = Field(None, gt=0, description="Memory of a worker; by default its share.")
     engine: Engine = Field(
         "local",
         description="Where targets are planned: local processes, a work pool's machines, Dask or Ray.",
@@ -98,14 +98,14 @@ class Resources(BaseModel):
         0,
         ge=0,
         le=10_000,
-        description="Targets that a machine of the pool takes at a time; 0 shares them out.",
+        description="Targets in each job of the work pool; 0 distributes them evenly.",
     )
 
     most_lost: float = Field(
         0.5,
         ge=0,
         le=1,
-        description="Share of shards that an engine may lose, and the run plan itself, before the run fails.",
+        description="Share of shards that the engine may lose before the run fails; the run plans them.",
     )
 
     def of_fleet(self) -> fleet.Resources:

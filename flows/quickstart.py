@@ -64,7 +64,7 @@ def run_flows() -> int:
     say(console, "demonstrations", ingest_demonstrations([SAMPLES], CATALOG, return_state=True))
     console.print("[bold]3/4[/] Every demonstration to every structure of its kind")
     say(console, "plans", transfer_fleet(CATALOG, REPORTS, presets=list(PRESETS), return_state=True))
-    console.print("[bold]4/4[/] What came of it")
+    console.print("[bold]4/4[/] Results")
     return show_results(home() / CATALOG, REPORTS)
 
 

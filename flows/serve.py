@@ -85,15 +85,15 @@ def only(part: Part, port: int, roots: Sequence[str] = ()) -> int:
         os.set_inheritable(held.fileno(), True)
         os.umask(PRIVATE)
         sign_in(folder, f"http://127.0.0.1:{port}/api")
-        told = environment(folder, api_url) | service.address(port) | passed_on(*OF_SERVER)
-        become(service.command(port, bind), told)
+        variables = environment(folder, api_url) | service.address(port) | passed_on(*OF_SERVER)
+        become(service.command(port, bind), variables)
     else:
-        told = environment(folder, api_url) | passed_on(*OF_CLIENT)
+        variables = environment(folder, api_url) | passed_on(*OF_CLIENT)
         wait_for(api_url)
-        deploy(told)
-        told |= {ROOTS: ",".join(declared(roots))}
-        told.setdefault(ADDRESS, f"http://127.0.0.1:{port + 1}")
-        become(("prefect", "worker", "start", "--pool", POOLS[0]), told)
+        deploy(variables)
+        variables |= {ROOTS: ",".join(declared(roots))}
+        variables.setdefault(ADDRESS, f"http://127.0.0.1:{port + 1}")
+        become(("prefect", "worker", "start", "--pool", POOLS[0]), variables)
     return 0
 
 
@@ -114,10 +114,10 @@ def password_of(folder: Path) -> str:
     raise ServerError(f"no password in {folder}: start the server first (upplied serve --only server)")
 
 
-def become(words: Sequence[str], told: dict[str, str]) -> None:
+def become(words: Sequence[str], variables: dict[str, str]) -> None:
     """This process goes on as a module of Python's."""
     os.chdir(home())
-    os.execve(sys.executable, [sys.executable, "-m", *words], told)
+    os.execve(sys.executable, [sys.executable, "-m", *words], variables)
 
 
 def passed_on(*names: str) -> dict[str, str]:
@@ -146,7 +146,7 @@ def declared(roots: Sequence[str]) -> list[str]:
     return list(dict.fromkeys([str(home()), *named, *roots]))
 
 
-def deploy(told: dict[str, str]) -> None:
+def deploy(variables: dict[str, str]) -> None:
     """The work pools, the deployments of prefect.yaml, and what Prefect does by itself.
 
     Raises
@@ -163,7 +163,7 @@ def deploy(told: dict[str, str]) -> None:
     for command in commands:
         done = subprocess.run(
             [sys.executable, "-m", *command],
-            env=told,
+            env=variables,
             cwd=home(),
             check=False,
             capture_output=True,

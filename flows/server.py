@@ -46,9 +46,9 @@ class Server:
         self.environment = environment(folder, self.api_url)
         self.log = folder / "server.log"
         with self.log.open("wb") as log:
-            told = self.environment | address(port)
+            variables = self.environment | address(port)
             self.process = start(
-                *command(port), environment=told, log=log, holding=(self._alone,), umask=PRIVATE
+                *command(port), environment=variables, log=log, holding=(self._alone,), umask=PRIVATE
             )
 
     def wait(self) -> None:
@@ -214,12 +214,12 @@ def stop(
 
 def offspring(pid: int) -> dict[int, str]:
     """What came of a process, each with its start, by which it is known; nothing where no /proc tells."""
-    found: dict[int, str] = {}
+    parents: dict[int, str] = {}
     with suppress(OSError):
         for task in Path(f"/proc/{pid}/task").iterdir():
             for child in map(int, (task / "children").read_text().split()):
-                found |= {child: _began(child)} | offspring(child)
-    return found
+                parents |= {child: _began(child)} | offspring(child)
+    return parents
 
 
 def _began(pid: int) -> str:

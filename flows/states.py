@@ -37,26 +37,27 @@ def errors_in_words(flow: Callable[P, State]) -> Callable[P, State]:
     return run
 
 
-def planned(summary: str, made: Planned, problems: Sequence[str], most_lost: float) -> State:
+def planned(summary: str, outcome: Planned, problems: Sequence[str], most_lost: float) -> State:
     """The state of a run that planned: failed where all of it failed, or the engine lost more than its share.
 
     Parameters
     ----------
     summary : str
         Counts, in a line.
-    made : Planned
+    outcome : Planned
     problems : sequence of str
         What went wrong besides: files that were not read, pages that were not drawn.
     most_lost : float
         Share of shards that the engine may lose.
     """
-    failures = [f"{job}: {reason}" for job, status, reason in made.result.troubles if status == "failed"]
-    told = ". ".join(filter(None, (summary, made.loss)))
-    if len(made.lost) > most_lost * made.shards:
-        return Failed(message=f"{told}. More than {most_lost:.0%} of the shards were lost")
+    failures = [f"{job}: {reason}" for job, status, reason in outcome.result.troubles if status == "failed"]
+    message = ". ".join(filter(None, (summary, outcome.loss)))
+    if len(outcome.lost) > most_lost * outcome.shards:
+        return Failed(message=f"{message}. More than {most_lost:.0%} of the shards were lost")
     recalls = [text for text in problems if text.startswith("RECALLED")]  # before all else
     others = [text for text in problems if text not in recalls]
-    return ended(told, [*recalls, *failures, *others], bool(failures) and len(failures) == made.result.total)
+    every = bool(failures) and len(failures) == outcome.result.total
+    return ended(message, [*recalls, *failures, *others], every)
 
 
 def ingested(summary: str, files: Sequence[dict[str, str]]) -> State:

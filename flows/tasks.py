@@ -111,8 +111,8 @@ def record_plans(catalog: str, run_id: str, result: fleet.Result) -> None:
 @task(name="recheck-plans", task_run_name="recheck plans in force", **STORED)
 def recheck_plans(catalog: str, timeout_s: float) -> list[str]:
     """Judge plans in force whose structure changed; what a person should look at, in words."""
-    found = fleet.recheck(open_catalog(catalog), fleet.Limits(timeout_s))
-    for each in found:
+    rechecked = fleet.recheck(open_catalog(catalog), fleet.Limits(timeout_s))
+    for each in rechecked:
         if each.recalled:
             emit_event(
                 RECALLED,
@@ -122,7 +122,7 @@ def recheck_plans(catalog: str, timeout_s: float) -> list[str]:
                 },
                 payload={"transfer_id": each.transfer_id, "why": each.note},
             )
-    return [str(each) for each in found if each.troubled]
+    return [str(each) for each in rechecked if each.troubled]
 
 
 @task(name="plan", task_run_name="{name}", cache_policy=NO_CACHE)

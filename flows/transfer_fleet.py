@@ -79,22 +79,22 @@ def transfer_fleet(
     if logs:
         read.append(ingest_demonstrations(logs, catalog, resources.workers, return_state=True))
     plan_request = plan_request_of(presets, changes, demonstrations, targets, retry_failed, experiment or "")
-    kept = open_catalog(catalog)
+    store = open_catalog(catalog)
     if unread := [run.message or run.name for run in read if run.name != "Completed"]:
         try:
-            kept.identity.required()
+            store.identity.required()
         except CatalogError as error:  # the first night: why there is no catalog is what was not read
             return ended(str(error), unread, all_failed=True)
     inputs = [asset(catalog, name) for name in ("structures", "demonstrations")]
-    made = asset(catalog, "transfers")
-    record = making(tasks.record_plans, made, inputs)
-    publish = making(tasks.publish_reports, asset(reports, "reports"), [made])
+    assets = asset(catalog, "transfers")
+    record = making(tasks.record_plans, assets, inputs)
+    publish = making(tasks.publish_reports, asset(reports, "reports"), [assets])
     night = Night()
     # A structure that was read just now may not be what the plan in force was judged on.
     problems = [*tasks.recheck_plans(catalog, resources.timeout_s), *unread]
     # What lands while this run plans or publishes is planned by it as well: a run that is started
     # meanwhile is cancelled.
-    while night.goes_on(fleet.decide(kept, plan_request)):
+    while night.goes_on(fleet.decide(store, plan_request)):
         night.planned.include(plan(catalog, night.jobs, resources))
         record(catalog, runtime.flow_run.id, night.planned.result)
         problems += tasks.carry_edits(catalog)
@@ -104,7 +104,7 @@ def transfer_fleet(
             problems += tasks.plan_campaigns(catalog, campaigns, campaign_mm_px)
         if reports:
             problems += publish(catalog, reports)
-    summary = transfer_artifacts(kept, night.decision, night.planned.result, reports)
+    summary = transfer_artifacts(store, night.decision, night.planned.result, reports)
     return planned(summary, night.planned, problems, resources.most_lost)
 
 

@@ -22,6 +22,7 @@ from upplied.fleet.ingest import find_logs, ingest_demonstrations, ingest_struct
 from upplied.outputs import figures
 from upplied.outputs.colours import DEMONSTRATED, PRESETS
 from upplied.outputs.draw.views import facing
+from upplied.outputs.files import replace_file
 from upplied.outputs.sample_fleet import write_sample_fleet
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import inspected_states, takes_of
@@ -78,7 +79,7 @@ def _draw(structures: Mapping[str, Structure], flights: Mapping[str, Demonstrati
         name = f"{flight_id}--{target_id}"
         _save(name, figures.transfer_png(source, target, flight, plans[0], width=1200))
         if target_id == "b747-v1":
-            _save("presets", figures.comparison_png(target, plans, flight.camera, width=1300))
+            _save("presets", figures.comparison_png(target, plans, width=1300))
             rows.append(_flown(plans[0], flight, source, target))
     _write_table(rows)
 
@@ -169,7 +170,7 @@ def _save(name: str, png: bytes) -> None:
     image = Image.open(io.BytesIO(png)).quantize(_COLOURS, dither=Image.Dither.NONE)
     out = io.BytesIO()
     image.save(out, "PNG", optimize=True)
-    figures.save(HERE / f"{name}.png", out.getvalue())
+    replace_file(HERE / f"{name}.png", out.getvalue())
 
 
 if __name__ == "__main__":

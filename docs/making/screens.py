@@ -97,7 +97,9 @@ def save(page: Any, path: Path, high: int) -> None:
     """A picture of at most two screens, with few colours."""
     tall = min(page.evaluate("document.documentElement.scrollHeight"), 2 * high)
     picture = Image.open(io.BytesIO(page.screenshot(full_page=True)))
-    picture.crop((0, 0, picture.width, tall)).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+    picture = picture.crop((0, 0, picture.width, tall)).convert("RGB")
+    few = picture.quantize(COLOURS, Image.Quantize.MAXCOVERAGE)  # small marks stay in colour
+    few.save(path, optimize=True)
 
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ def slim(place: Path, plan: str, words: str) -> subprocess.CompletedProcess[str]
     [
         ("catalog transfers --json", "box-random-1"),
         ("catalog history", "transfers"),
-        ("catalog verify", "all is well"),
+        ("catalog verify", "no fault found"),
         ("plan --dry-run --preset paper", "new pair"),
         ("demonstrations add flight.mcap --workers 1", "1 "),
         ("demonstrations list", "cube-sides-v1"),

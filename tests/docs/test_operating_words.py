@@ -146,15 +146,15 @@ PORT = inspect.signature(serve_command).parameters["port"].default
         f"http://127.0.0.1:{PORT + 1}>",
         f"after {NUMBERS[automations.SILENCE_S // automations.HEARTBEAT_S]} silent heartbeats ({SILENCE})",
         f"marked crashed by the automation after {SILENCE}",
-        "tried again after 2, 4 and 8 seconds",
+        "repeated after 2, 4 and 8 seconds",
         f"nothing was written for {NUMBERS[int(watch.QUIET_S)]} seconds",
-        f"told after {NUMBERS[int(watch.PATIENCE_S // 60)]} minutes",
+        f"reported after {NUMBERS[int(watch.PATIENCE_S // 60)]} minutes",
         f"emits `{watch.LANDED}`",
         f"emits `{watch.FLOWN}`",
         f"the event `{tasks.RECALLED}`",
-        f"up to {NUMBERS[pool.SHARDS_EACH]} to a machine and of {fleet.SHARD_TARGETS} targets at least",
+        f"up to {NUMBERS[pool.SHARDS_EACH]} for each machine, of at least {fleet.SHARD_TARGETS} targets",
         f"work pool `{pool.POOL}`",
-        f"results up to {NUMBERS[int(keeping.EVERY_S)]} seconds before are kept",
+        f"results up to {NUMBERS[int(keeping.EVERY_S)]} seconds before are stored",
         f"| `{states.TROUBLED}` |",
         "kept for thirty days (`PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD`)",
         "are more than `resources.most_lost` (half)",
@@ -182,7 +182,7 @@ def test_figures_of_prefects_settings_are_those_that_are_set():
 def test_states_and_columns_that_are_told_are_there():
     rows = re.findall(r"^\| `(\w+)` \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     assert rows == ["Completed", states.TROUBLED, "Failed", "Crashed", "Cancelled"]
-    told = re.search(r"for runs that end ((?:`\w+`,? ?(?:or )?)+)", WORDS)[1]
+    told = re.search(r"for each run that ends ((?:`\w+`,? ?(?:or )?)+)", WORDS)[1]
     assert set(re.findall(r"`(\w+)`", told)) == set(notices.TROUBLE)
     (column,) = re.findall(r"Column `(\w+)` of `transfers`", WORDS)
     assert column in TABLES["transfers"].names

@@ -101,7 +101,7 @@ def test_a_log_is_judged_kept_told_and_its_gap_is_planned(catalog, log, tmp_path
     (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
     assert "Flown 2026-02-02" in page.read_text() and "broken off" in page.read_text()
     assert "wind not logged" in page.read_text() and stored["wind_mps"] != stored["wind_mps"]
-    headline = f"{row['inspected_pct']:.1f} % of the planned surface was inspected as asked"
+    headline = f"{row['inspected_pct']:.1f} % of the planned surface was inspected as planned"
     assert f"{headline}, {row['required_pct']:.1f} % of it was certainly in view" in page.read_text()
     # the gap becomes a plan like any other, a draft beside the one that was flown
     gap = plan_gap(catalog, row["flight_id"][:10])
@@ -126,7 +126,7 @@ def test_a_log_is_judged_kept_told_and_its_gap_is_planned(catalog, log, tmp_path
     where = ["--catalog", catalog.location]
     assert main(["flights", "show", row["flight_id"][:8], *where]) == 0
     shown_row = capsys.readouterr().out
-    assert "broken off" in shown_row and "inspected as asked, %" in shown_row
+    assert "broken off" in shown_row and "inspected as planned, %" in shown_row
     assert main(["flights", "list", "--json", *where]) == 0
     assert json.loads(capsys.readouterr().out)[0]["kind"] == "flown"
     assert main(["flights", "history", "cube-v1", *map(str, points[looks.patch[0]]), *where]) == 0

@@ -59,7 +59,7 @@ def test_a_plan_that_comes_too_near_the_changed_structure_is_recalled_and_everyb
     assert '"recalled"' in index and "clearance" in index
     assert main(["in-force", "--catalog", catalog.location]) == 1
     assert plan in capsys.readouterr().err
-    with pytest.raises(RefusedError, match="recalled: the check of changed structures did so"):
+    with pytest.raises(RefusedError, match="recalled by the check of changed structures"):
         export_transfer(catalog, plan, "mcap", tmp_path / "x.mcap", MissionOptions(draft=True))
 
 

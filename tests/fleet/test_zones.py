@@ -294,6 +294,6 @@ def test_labels_that_do_not_fit_are_told(catalog, tmp_path, capsys, name, conten
     assert main(["require", "box", str(asked), "--kind", *where]) == 2
     asked.write_text('[[zone]]\nzone = "roof"\nlabel = "roof"\n')
     assert main(["require", "cube-v1", str(asked), *where]) == 2
-    assert "no file of labels is named" in " ".join(capsys.readouterr().err.split())
+    assert "names no file of labels" in " ".join(capsys.readouterr().err.split())
     assert main(["zones", "cube-v1", "--mesh", str(tmp_path / "m.ply"), "--catalog", catalog.location]) == 0
     assert "1728 faces" in capsys.readouterr().out and (tmp_path / "m.ply").read_bytes()[:3] == b"ply"

@@ -99,7 +99,7 @@ def test_a_port_that_is_taken_is_told_and_its_owner_not_taken_for_ours(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("folder", "code", "told"), [("nowhere", 2, "no folder"), (".", 1, "no Prefect server")]
+    ("folder", "code", "told"), [("nowhere", 2, "is not a folder"), (".", 1, "no Prefect server")]
 )
 def test_a_watcher_that_cannot_tell_anybody_says_so(folder, code, told, monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)

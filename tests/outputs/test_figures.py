@@ -16,6 +16,7 @@ from upplied.outputs.draw.canvas import Solid, picture
 from upplied.outputs.draw.shade import corner_normals
 from upplied.outputs.draw.tubes import Tubes, frustum_corners, joined, path, thinned, tubes
 from upplied.outputs.draw.views import VIEWS, View, facing, fitted
+from upplied.outputs.files import replace_file
 from upplied.poses import look_at
 from upplied.records import Camera, Demonstration, Measures, Plan, Structure, SurfaceStates, Trajectory
 
@@ -193,7 +194,7 @@ def test_thinning_keeps_the_ends_and_a_standing_path_can_be_drawn():
 
 
 def test_saving_leaves_one_file(tmp_path):
-    goal = figures.save(
+    goal = replace_file(
         tmp_path / "deep" / "cube.png", figures.structure_png(structure(), ("top",), width=200)
     )
     assert [item.name for item in goal.parent.iterdir()] == ["cube.png"]

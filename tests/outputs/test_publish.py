@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 from catalog_records import demonstration, key_of, plan, structure
 from fake_catalog import FakeCatalog, orbit
+from PIL import Image
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.checks import pair_name
@@ -85,6 +86,9 @@ def test_every_pair_has_a_page_and_those_that_need_a_person_a_picture(folder):
     names = {"orbit-1--cuboid-0", "orbit-1--cuboid-1", "orbit-1--odd"}
     assert {path.stem for path in (folder / "transfers").iterdir()} == names
     assert {path.stem for path in (folder / "pictures").iterdir()} == {"orbit-1--odd"}
+    assert {path.stem for path in (folder / "thumbnails").iterdir()} == {"cuboid-0", "cuboid-1", "odd"}
+    shot = Image.open(folder / "thumbnails" / "cuboid-1.png")
+    assert shot.size == (128, 88) and len(shot.getcolors(10_000)) > 10  # a shaded box, no blank
 
 
 def test_links_stay_inside_the_folder_and_lead_somewhere(folder):
@@ -161,6 +165,7 @@ def test_only_what_changed_is_written_and_what_is_gone_is_removed(tmp_path):
     catalog.rows = [row for row in catalog.rows if row["target_id"] != "cuboid-1"]
     news = publish_pages(catalog, tmp_path, pictures=0)
     gone = {"transfers/orbit-1--cuboid-1.html", "structures/cuboid-1.html", "data/cuboid-1.js"}
+    gone.add("thumbnails/cuboid-1.png")
     assert set(news.removed) == gone
     assert (tmp_path / "mine.txt").exists()
 

@@ -17,7 +17,7 @@ from upplied.outputs.along import profile, speeds
 from upplied.outputs.display import display_mesh, display_states, packed, structure_data
 from upplied.outputs.pages import inert_json
 from upplied.outputs.pair_page import _parts
-from upplied.outputs.pairs import change, meaning, pairs_of, shown_status
+from upplied.outputs.pairs import battery_pct, change, meaning, pairs_of, shown_status
 from upplied.outputs.picture_quality import quality_data
 from upplied.outputs.reports import Reader
 from upplied.poses import look_at
@@ -272,3 +272,12 @@ def test_a_counterpart_is_shown_with_how_sure_it_is(probability, sure, said):
 @pytest.mark.parametrize("kept", ["", None, float("nan"), "[", "[1]", '[{"part": 1}]'])
 def test_where_no_counterparts_are_kept_none_are_shown(kept):
     assert _parts(kept) == []
+
+
+@pytest.mark.parametrize(
+    ("endurance_s", "share"), [(1200.0, 25.0), (None, None), (0.0, None), ("x", None), (float("nan"), None)]
+)
+def test_the_battery_that_an_inspection_takes_is_known_where_its_endurance_is(endurance_s, share):
+    settings = json.dumps({"vehicle": {"endurance_s": endurance_s}})
+    assert battery_pct({"duration_s": 300.0, "settings_json": settings}) == share
+    assert battery_pct({"duration_s": 300.0, "settings_json": ""}) is None

@@ -165,7 +165,7 @@ def test_nothing_but_pages_is_given_out(server):
         "/index.htm", "/transfers/", "/transfers", "/transfers/..%2f..%2fsecret.html", "/transfers/none.html",
         "/structures/%2fetc%2fpasswd.html", "/structures/none.html", "/data/none.js", "/data/none.html",
         "/pictures/none.png", "/demonstrations/none.html", "/transfers.parquet", "/studio/none",
-        "/tables/x.html",
+        "/tables/x.html", "/thumbnails/none.png",
         f"/missions/{PLAN}/exe", "/missions/none/csv",
     ):  # fmt: skip
         status, _, content = asked(server, path)

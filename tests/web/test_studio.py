@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 import sys
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from web_catalog import KEY, catalog_with_plan
 
 from upplied.catalog.database import Catalog
@@ -85,7 +87,7 @@ def test_the_headline_tells_the_clearance_that_the_change_asks_for(session):
         assert told in found["verdict"]["headline"]  # never less than the plan's own
         assert "mm/px" in found["verdict"]["headline"] and "demonstrated" in found["verdict"]["headline"]
         scaled = session.editing.recipe.row["standoff_mode"] == "scaled"
-        assert ("relative to its size" in found["verdict"]["headline"]) == scaled
+        assert ("relative to the structure's size" in found["verdict"]["headline"]) == scaled
 
 
 @pytest.mark.slow
@@ -151,7 +153,7 @@ def test_a_zone_is_painted_asked_for_and_judged(session, catalog):
 @pytest.mark.ci
 @pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine; apt-get install chromium")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_the_keyboard_alone_changes_keeps_and_releases_a_plan(server, catalog, capsys):
+def test_a_drag_and_the_keyboard_alone_change_store_and_release_a_plan(server, catalog, capsys):
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with sync_api.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=BROWSER, args=FLAGS)
@@ -173,6 +175,16 @@ def test_the_keyboard_alone_changes_keeps_and_releases_a_plan(server, catalog, c
             " && !e.textContent.trim()).length"
         )
         assert page.eval_on_selector_all("button, input, select, textarea, [tabindex]", unnamed) == 0
+        page.wait_for_timeout(500)
+        x, y = handle(page)
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + 3, y - 4, steps=3)
+        page.mouse.up()
+        judged(page, "Changes: viewpoint 0 changed.")
+        assert page.locator("#picture .frame").count() == 1
+        page.keyboard.press("Control+z")
+        page.wait_for_selector("#verdict:not([aria-busy]):has-text('As opened')", timeout=60_000)
         reach(page, "viewpoints")
         for key in ("ArrowDown", "ArrowDown", "ArrowDown", "r", "r", "s"):
             page.keyboard.press(key)
@@ -203,6 +215,15 @@ def test_the_keyboard_alone_changes_keeps_and_releases_a_plan(server, catalog, c
     (row,) = catalog.in_force().to_dict("records")
     (edit,) = catalog.edits().to_dict("records")
     assert row["transfer_id"] == edit["transfer_id"] and row["state_by"] == "Ada" == edit["by"]
+
+
+def handle(page: Any) -> tuple[float, float]:
+    """Where the red dot of the selected viewpoint is drawn."""
+    view = page.locator("#view")
+    shot = np.asarray(Image.open(io.BytesIO(view.screenshot())).convert("RGB")).astype(int)
+    down, right = np.nonzero(np.abs(shot - (179, 38, 30)).sum(axis=2) < 60)
+    box = view.bounding_box()
+    return box["x"] + right.mean(), box["y"] + down.mean()
 
 
 def reach(page: Any, wanted: str) -> None:

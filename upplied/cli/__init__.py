@@ -114,7 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if os.environ.get("UPPLIED_DEBUG"):
             raise
         errors.print(f"[red]fault:[/] {escape(f'{type(error).__name__}: {error}')}", soft_wrap=True)
-        errors.print("This should not happen. UPPLIED_DEBUG=1 shows where it did.", soft_wrap=True)
+        errors.print("This is a fault of the program; UPPLIED_DEBUG=1 shows where.", soft_wrap=True)
         return 3
     finally:
         console.quiet = False

@@ -74,9 +74,9 @@ def show_one(id: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption
             rows.append({"what": table, **row})
     try:
         name = store.find_transfer(id)
-        found = store.transfers(every=True)
+        plans = store.transfers(every=True)
         current = name in set(store.transfers(columns=["transfer_id"])["transfer_id"])
-        for row in rows_of(found[found["transfer_id"] == name]):
+        for row in rows_of(plans[plans["transfer_id"] == name]):
             rows.append({"what": "plan", "current": current, **row})
         rows += [{"what": "overruled for", **row} for row in rows_of(store.overruled(name))]
     except CatalogError:
@@ -86,8 +86,10 @@ def show_one(id: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption
         show("", rows, json)
         return 0
     for row in rows:
-        said = {name: _short(value) for name, value in row.items() if value is not None}
-        show(f"{row['what']} {id}", [{"column": name, "value": text} for name, text in said.items() if text])
+        values = {name: _short(value) for name, value in row.items() if value is not None}
+        show(
+            f"{row['what']} {id}", [{"column": name, "value": text} for name, text in values.items() if text]
+        )
     return 0
 
 
@@ -173,25 +175,25 @@ def verify(
 
     store = opened(catalog)
     with errors.status("checking every byte"):
-        found, heads, foreign = check(store, head), chain_heads(store), foreign_plans(store)
+        faults, heads, foreign = check(store, head), chain_heads(store), foreign_plans(store)
     if json:
-        said = {
-            "findings": [vars(finding) for finding in found],
+        summary = {
+            "findings": [vars(finding) for finding in faults],
             "heads": heads,
             "not_measured_here": foreign,
         }
-        show("", [said], json)
+        show("", [summary], json)
     else:
         for name, sha256 in heads.items():
             say(f"head of {name}: {sha256[:HEAD_DIGITS]}")
         if foreign:
             say(f"{len(foreign)} imported plans were not measured here: {', '.join(foreign[:5])}")
-        for finding in found:
+        for finding in faults:
             say(finding)
         console.print(
-            f"{len(found)} finding(s): take the damaged files from a backup" if found else "all is well"
+            f"{len(faults)} finding(s): take the damaged files from a backup" if faults else "no fault found"
         )
-    return int(bool(found))
+    return int(bool(faults))
 
 
 def _when(text: str) -> str | int:

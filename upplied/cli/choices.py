@@ -65,11 +65,11 @@ class Choices:
             ("registration", "search"): self.search,
             ("inspection", "about"): self.about or None,
         }
-        made = {stage: dict(values) for stage, values in stages.items()}
+        merged = {stage: dict(values) for stage, values in stages.items()}
         for (stage, name), value in chosen.items():
             if value is not None:
-                made.setdefault(stage, {})[name] = value
-        return made
+                merged.setdefault(stage, {})[name] = value
+        return merged
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -39,7 +39,7 @@ RegisterOption = Annotated[
     Parameter(negative="", help="A landmark in the log's frame, as NAME=X,Y,Z.", show_default=False),
 ]
 PublisherOption = Annotated[
-    str, Parameter(help="Body to read: a frame, or #7 for channel 7.", show_default=False)
+    str, Parameter(help="Body to read: the name of its frame, or #7 for channel 7.", show_default=False)
 ]
 
 
@@ -114,7 +114,7 @@ def _points(register: tuple[str, ...]) -> tuple[tuple[str, tuple[float, ...]], .
         try:
             points.append((name, tuple(float(part) for part in place.split(","))))
         except ValueError:
-            raise SettingsError(f"--register {word[:60]}", "is no point", "NAME=X,Y,Z") from None
+            raise SettingsError(f"--register {word[:60]}", "is not a point", "NAME=X,Y,Z") from None
     return tuple(points)
 
 
@@ -132,13 +132,7 @@ def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> in
 
 @app.command(name="show")
 def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """Show the import checks of a demonstration: measurements, and the rules it breaks.
-
-    Parameters
-    ----------
-    demonstration : str
-        ID of the demonstration.
-    """
+    """Show the import checks of a demonstration: measurements, and the rules it breaks."""
     from upplied.inputs.passport.passport import findings_of
     from upplied.outputs.passport_page import rows_of
 

@@ -32,14 +32,14 @@ def edit(
     store, plan = opened_at(catalog, transfer)
     if out is not None:
         say(write_edit(store, plan, beside(out)))
-        next_step(f"edit {plan} --from {out} --by NAME", "after editing it", catalog)
+        next_step(f"edit {plan} --from {out} --by NAME", "import the edited file", catalog)
         return 0
     assert read is not None
     with errors.status("checking the edited plan"):
-        made = edit_plan(store, plan, read, by)
-    row = store.transfer(made)
-    say(f"{made}: {store.plan(made).warnings[0]}")
+        outcome = edit_plan(store, plan, read, by)
+    row = store.transfer(outcome)
+    say(f"{outcome}: {store.plan(outcome).warnings[0]}")
     shown, clearance = row["coverage_inspected_pct"], row["min_clearance_m"]
     console.print(f"inspected {'?' if shown is None else f'{shown:.1f}'} %, clearance {clearance:.2f} m")
-    next_step(f"review {made}", "compare it with the one in force", catalog)
+    next_step(f"review {outcome}", "compare it with the one in force", catalog)
     return int(not row["flyable"])

@@ -56,7 +56,7 @@ def export(
         say(path)
     for note in written.notes:
         say(f"note: {note}")
-    hint(f"Next: read the notes, then look at it in {OPENED_IN[to]}")
+    hint(f"Next: read the notes, then open the mission in {OPENED_IN[to]}")
     return 0
 
 

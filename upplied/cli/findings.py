@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import CatalogOption, JsonOption
+from upplied.cli.options import CatalogOption, FindingArgument, JsonOption
 from upplied.cli.review import ByOption, NoteOption
 from upplied.cli.terminal import complain, errors, next_step, opened, say, show
 
@@ -19,7 +19,7 @@ reshooting = App(name="reshoot", help="Plan a mission that shows findings from w
 
 LISTED = {
     "finding_id": "finding", "target_id": "structure", "class": "class", "severity": "severity",
-    "state": "state", "by": "by", "x_m": "x m", "y_m": "y m", "z_m": "z m", "place_error_m": "may be off m",
+    "state": "state", "by": "by", "x_m": "x m", "y_m": "y m", "z_m": "z m", "place_error_m": "error m",
     "length_mm": "length mm", "area_mm2": "area mm2", "photo": "photo", "note": "note",
 }  # fmt: skip
 LOOKS = {
@@ -51,18 +51,18 @@ def add(
     pixel: Annotated[tuple[float, float] | None, Parameter(help="X and Y, px from the upper left.")] = None,
     box: Annotated[tuple[float, float, float, float] | None, Parameter(help="X Y WIDTH HEIGHT, px.")] = None,
     outline: Annotated[str, Parameter(help='Corners in order, px: "X Y X Y X Y".')] = "",
-    structure: Annotated[str, Parameter(help="Structure of a place that is stated by --at.")] = "",
+    structure: Annotated[str, Parameter(help="Structure of the point in --at.")] = "",
     at: Annotated[
         tuple[float, float, float] | None, Parameter(help="X Y Z, m, frame of the structure.")
     ] = None,
-    class_name: Annotated[str, Parameter(name="--class", help="What it is, such as corrosion.")] = "",
-    severity: Annotated[str, Parameter(help="How grave it is.")] = "",
+    class_name: Annotated[str, Parameter(name="--class", help="Class, such as corrosion.")] = "",
+    severity: Annotated[str, Parameter(help="Severity, such as minor or critical.")] = "",
     note: NoteOption = "",
     pose_error: Annotated[
-        float | None, Parameter(help="Of positions, m, whatever the flight states.")
+        float | None, Parameter(help="Position error, one sigma, m, instead of the flight's.")
     ] = None,
-    attitude_error: Annotated[float, Parameter(help="Of the camera, one sigma, degrees.")] = 0.4,
-    pixel_error: Annotated[float, Parameter(help="Of the mark, one sigma, px.")] = 1.0,
+    attitude_error: Annotated[float, Parameter(help="Attitude error, one sigma, degrees.")] = 0.4,
+    pixel_error: Annotated[float, Parameter(help="Mark error, one sigma, px.")] = 1.0,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
@@ -81,7 +81,7 @@ def add(
     stated = [value is not None and value != "" for value in (pixel, box, outline, at)]
     if (file is None) != (sum(stated) == 1):
         raise SettingsError(
-            "a finding", "is stated in no way, or in several", "FILE, --pixel, --box, --outline or --at"
+            "a finding", "has no source, or several", "FILE, --pixel, --box, --outline or --at"
         )
     if file is not None:
         marks = read_marks(file)
@@ -107,7 +107,7 @@ def add(
     rows = opened(catalog).findings()
     _listed("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, json)
     if not json:
-        say(f"{done.new} added, {len(done.ids) - done.new} known already, {len(done.refused)} refused")
+        say(f"{done.new} added, {len(done.ids) - done.new} already known, {len(done.refused)} refused")
     if done.ids and not json:
         next_step(f"findings looks {done.ids[-1]}", "every photo that shows it", catalog)
     return int(bool(done.refused))
@@ -167,14 +167,14 @@ def list_findings(
     if reference:
         from upplied.findings.queries import by_reference
 
-        found = by_reference(store, reference, class_name=class_name, state=state)
+        rows = by_reference(store, reference, class_name=class_name, state=state)
         mapped = {f"reference_{name}": name for name in ("x_m", "y_m", "z_m", "probability", "doubtful")}
         keys = ("finding_id", "target_id", "class", "state")
-        _listed(f"findings on {reference}", found, {key: LISTED[key] for key in keys} | mapped, json)
+        _listed(f"findings on {reference}", rows, {key: LISTED[key] for key in keys} | mapped, json)
         if out is not None:
             from upplied.outputs.findings_page import write_findings_page
 
-            page = write_findings_page(store, reference, found, out)
+            page = write_findings_page(store, reference, rows, out)
             if not json:
                 say(page)
         return 0
@@ -189,7 +189,7 @@ def list_findings(
 
 @app.command(name="set")
 def set_state(
-    finding: str,
+    finding: FindingArgument,
     state: str,
     /,
     *,
@@ -201,8 +201,6 @@ def set_state(
 
     Parameters
     ----------
-    finding : str
-        ID of the finding, or its beginning.
     state : str
     """
     row = opened(catalog).set_finding(finding, state, by, note)
@@ -212,13 +210,7 @@ def set_state(
 
 @app.command
 def history(finding: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """Show the states of a finding, who changed them and why.
-
-    Parameters
-    ----------
-    finding : str
-        ID of the finding, or its beginning.
-    """
+    """Show the states of a finding, who changed them and why."""
     store = opened(catalog)
     name = store.finding(finding)["finding_id"]
     rows = store.findings(history=True)
@@ -229,7 +221,7 @@ def history(finding: str, /, *, catalog: CatalogOption = "catalog", json: JsonOp
 
 @app.command
 def looks(
-    finding: str,
+    finding: FindingArgument,
     /,
     *,
     out: OutOption = None,
@@ -238,13 +230,7 @@ def looks(
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """List every photo of every flight that shows a finding.
-
-    Parameters
-    ----------
-    finding : str
-        ID of the finding, or its beginning.
-    """
+    """List every photo of every flight that shows a finding."""
     from upplied.findings.looks import spot_of
 
     store = opened(catalog)
@@ -260,7 +246,7 @@ def looks_at(
     z: float,
     /,
     *,
-    size: Annotated[float, Parameter(help="Width of what is to be seen, m.")] = 0.5,
+    size: Annotated[float, Parameter(help="Width of the area to show, m.")] = 0.5,
     out: OutOption = None,
     photos: PhotosOption = None,
     simulated: Annotated[bool, Parameter(negative="", help="Simulated flights as well.")] = False,
@@ -284,37 +270,31 @@ def looks_at(
 
 @app.command
 def carry(
-    finding: str,
+    finding: FindingArgument,
     /,
     *,
     to: ToOption = "kind",
     every: Annotated[
-        bool, Parameter(negative="", help="Every part that is like its own: each blade.")
+        bool, Parameter(negative="", help="Repeat on each similar part, such as each blade.")
     ] = False,
     mm_px: FinenessOption = float("inf"),
-    since: Annotated[str | None, Parameter(help="Earlier looks do not count, such as 2026-03-01.")] = None,
+    since: Annotated[str | None, Parameter(help="Ignore looks before this date, such as 2026-03-01.")] = None,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """Show the same place on other structures, and when it was last looked at there.
-
-    Parameters
-    ----------
-    finding : str
-        ID of the finding, or its beginning.
-    """
+    """Show the same place on other structures, and when it was last seen there."""
     from upplied.findings.queries import photographed
 
     store = opened(catalog)
     row = store.finding(finding)
     with errors.status("carrying"):
-        found = photographed(store, row, to, mm_px, since, every=every)
+        spots = photographed(store, row, to, mm_px, since, every=every)
     columns = {
         "structure_id": "structure", "part": "part", "x_m": "x m", "y_m": "y m", "z_m": "z m",
-        "probability": "probability", "error_m": "may be off m", "looked_at": "last seen", "mm_px": "mm/px",
+        "probability": "probability", "error_m": "error m", "looked_at": "last seen", "mm_px": "mm/px",
         "looks": "flights", "doubt": "doubt",
     }  # fmt: skip
-    _listed(f"finding {row['finding_id']} elsewhere", found, columns, json)
+    _listed(f"finding {row['finding_id']} elsewhere", spots, columns, json)
     return 0
 
 
@@ -322,7 +302,7 @@ def carry(
 def reshoot(
     *,
     findings: Annotated[str, Parameter(help="A state such as open, or IDs with commas.")],
-    on: Annotated[str, Parameter(help="Structure that is flown to.")],
+    on: Annotated[str, Parameter(help="Structure to plan the mission for.")],
     mm_px: FinenessOption,
     catalog: CatalogOption = "catalog",
 ) -> int:
@@ -332,47 +312,41 @@ def reshoot(
 
     store = opened(catalog)
     with errors.status("planning"):
-        made = plan_reshoot(store, asked_findings(store, findings, on), on, mm_px)
-    for words in made.words:
+        plan = plan_reshoot(store, asked_findings(store, findings, on), on, mm_px)
+    for words in plan.words:
         say(words)
-    say(f"{made.transfer_id}: a draft for {on}")
-    next_step(f"release {made.transfer_id} --by NAME", "put it in force", catalog)
-    return int(bool(made.refused))
+    say(f"{plan.transfer_id}: a draft for {on}")
+    next_step(f"release {plan.transfer_id} --by NAME", "put it in force", catalog)
+    return int(bool(plan.refused))
 
 
 @app.command
 def campaign(
-    finding: str,
+    finding: FindingArgument,
     /,
     *,
     mm_px: FinenessOption,
     to: ToOption = "kind",
-    since: Annotated[str | None, Parameter(help="Earlier looks do not count, such as 2026-03-01.")] = None,
+    since: Annotated[str | None, Parameter(help="Ignore looks before this date, such as 2026-03-01.")] = None,
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Plan a draft for each structure on which the place of a finding was not looked at.
-
-    Parameters
-    ----------
-    finding : str
-        ID of the finding, or its beginning.
-    """
+    """Plan a draft for each structure on which the place of a finding was not looked at."""
     from upplied.findings.campaign import plan_campaign
 
     store = opened(catalog)
     with errors.status("planning"):
-        made = plan_campaign(store, store.finding(finding), mm_px, to, since)
-    for one in made:
+        plans = plan_campaign(store, store.finding(finding), mm_px, to, since)
+    for one in plans:
         say(f"{one['structure_id']}: {one['status']}{': ' if one['words'] else ''}{one['words']}")
-    return int(any(one["status"] == "refused" for one in made))
+    return int(any(one["status"] == "refused" for one in plans))
 
 
 def _looks(store: Any, title: str, spot: Any, out: Any, photos: Any, simulated: bool, json: bool) -> int:
     from upplied.findings.looks import looks_at_spot, looks_frame
 
     with errors.status("casting rays"):
-        found = looks_at_spot(store, spot, simulated)
-    frame = looks_frame(found)
+        looks = looks_at_spot(store, spot, simulated)
+    frame = looks_frame(looks)
     sides = frame[["left_px", "top_px", "right_px", "bottom_px"]].round(0)
     frame["box"] = [" ".join(f"{side:.0f}" for side in row) for row in sides.to_numpy()]
     _listed(f"looks at {title}", frame, LOOKS, json)
@@ -380,7 +354,7 @@ def _looks(store: Any, title: str, spot: Any, out: Any, photos: Any, simulated: 
         return 0
     from upplied.findings.crops import write_crops
 
-    page, missing = write_crops(out, title, found, spot, store.structure(spot.structure_id), photos)
+    page, missing = write_crops(out, title, looks, spot, store.structure(spot.structure_id), photos)
     for reason in missing:
         complain(f"missing: {reason}")
     if not json:

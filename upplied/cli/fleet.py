@@ -67,9 +67,9 @@ def connected(port: int) -> str:
     from upplied.flows import environment
     from upplied.flows.server import answers
 
-    told = environment.client(port)
-    os.environ.update(told)  # before Prefect is loaded, which reads it once
-    address = told["PREFECT_API_URL"]
+    variables = environment.client(port)
+    os.environ.update(variables)  # before Prefect is loaded, which reads it once
+    address = variables["PREFECT_API_URL"]
     if answers(address):
         return address
     no_server(address)

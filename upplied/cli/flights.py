@@ -31,7 +31,7 @@ SHOWN = {
     "transfer_id": "plan",
     "target_id": "target",
     "flown_pct": "share of the plan's length flown, %",
-    "inspected_pct": "share of the planned surface inspected as asked, %",
+    "inspected_pct": "share of the planned surface inspected as planned, %",
     "required_pct": "share of the planned surface certainly in view, %",
     "assumed_pct": "additional share in view if the alignment is right, %",
     "min_clearance_m": "minimum clearance, m",
@@ -44,9 +44,9 @@ SHOWN = {
     "clock_s": "start of the plan in the log, s",
     "clock_error_s": "standard error of that start, s",
     "shift_m": "shift of the log, m",
-    "turn_deg": "turn of the log, deg",
+    "turn_deg": "rotation of the log, deg",
     "place_error_m": "position error, m",
-    "camera_yaw_deg": "turn of the logged camera, deg",
+    "camera_yaw_deg": "rotation of the logged camera, deg",
     "wind": "wind",
     "findings": "findings",
 }
@@ -96,8 +96,8 @@ def list_flights(
     json: JsonOption = False,
 ) -> int:
     """List the flights in the order of their import."""
-    found = opened(catalog).flights(structure=structure, kind=kind)
-    rows = rows_of(found, None if json else LISTED)
+    flights = opened(catalog).flights(structure=structure, kind=kind)
+    rows = rows_of(flights, None if json else LISTED)
     if not json:
         rows = [{**row, "flight": row["flight"][:_DIGITS]} for row in rows]
     show("flights", rows, json, ("findings", "plan", "clear m"))
@@ -152,9 +152,9 @@ def history(
     x, y, z : float
         Point in the frame of the structure, m.
     """
-    found = opened(catalog).looks_at(structure, (x, y, z), kind)
-    show(f"looks at ({x:g}, {y:g}, {z:g}) m of {structure}", rows_of(found), json, ("patch", "patch_off_m"))
-    seen = found[found["seen"]]
+    looks = opened(catalog).looks_at(structure, (x, y, z), kind)
+    show(f"looks at ({x:g}, {y:g}, {z:g}) m of {structure}", rows_of(looks), json, ("patch", "patch_off_m"))
+    seen = looks[looks["seen"]]
     if not json:
         last = None if seen.empty else seen.iloc[-1]
         where = "" if last is None else f"{last['distance_m']:.1f} m at {last['incidence_deg']:.0f} degrees"
@@ -178,8 +178,8 @@ def promote(
     """Store a flight as a demonstration, to be transferred to other structures."""
     from upplied.fleet.promoting import promote_flight
 
-    made = promote_flight(opened(catalog), flight, by, name, force)
-    console.print(f"{made.demonstration_id}: a demonstration of {made.structure_id}", markup=False)
+    outcome = promote_flight(opened(catalog), flight, by, name, force)
+    console.print(f"{outcome.demonstration_id}: a demonstration of {outcome.structure_id}", markup=False)
     next_step("plan --dry-run", "show the resulting plans", catalog)
     return 0
 

@@ -42,7 +42,7 @@ def fly(
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
-    """Simulate a plan and compare; the next report includes it.
+    """Simulate a plan and compare; the next report includes the result.
 
     Exit code 1 if the flight comes nearer to the structure than the clearance limit.
 
@@ -67,9 +67,11 @@ def fly(
     if not json:
         console.print(f"margin above the limit of {route.clearance_m:g} m: {margin:+.2f} m")
     if margin < 0:
-        errors.print("Too near in this wind: plan with a larger --clearance, or fly in less wind.")
+        errors.print(
+            "Too little clearance in this wind: plan with a larger --clearance, or fly in less wind."
+        )
     elif not json:
-        next_step(f"export {transfer} --to qgc-plan --output mission.plan", "a file to fly", catalog)
+        next_step(f"export {transfer} --to qgc-plan --output mission.plan", "write the mission file", catalog)
     return int(margin < 0)
 
 

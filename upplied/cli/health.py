@@ -25,14 +25,14 @@ def check_entry(
     id: str,
     png: Path | None,
     catalog: Catalog | None,
-    asked: RuleOptions,
+    rules: RuleOptions,
     clean: bool = False,
 ) -> int:
     """The same of one structure of a manifest, as declared there, among those of a catalog."""
     from upplied.errors import InputError
     from upplied.inputs.manifests import read_manifest
 
-    entries = {entry.structure_id: entry for entry in asked.of(read_manifest(manifest))}
+    entries = {entry.structure_id: entry for entry in rules.of(read_manifest(manifest))}
     if id not in entries:
         raise InputError(f"{manifest}: {id}", "is not in the manifest", f"one of {', '.join(entries)}")
     return _told(entries[id], entries[id].path, png or Path(f"{id}-check.png"), catalog, clean)
@@ -45,10 +45,11 @@ def _told(
     from upplied.fleet.workers import JobKilled, Workers
     from upplied.inputs.health import health_report
     from upplied.inputs.rules import refusals
-    from upplied.outputs.figures import save, structure_png
+    from upplied.outputs.figures import structure_png
+    from upplied.outputs.files import replace_file
 
     if not file.is_file():
-        raise InputError(str(file), "is no file", remedy="check the path")
+        raise InputError(str(file), "is not a file", remedy="check the path")
     try:
         with Workers(1) as pool:  # whatever a file does to a reader, within its time and memory
             report = pool.run(health_report, what)
@@ -56,39 +57,40 @@ def _told(
         complain(f"refused: {error}")
         return 1
     say(report.text)
-    save(png, structure_png(report.structure, title=png.stem.removesuffix("-check")))
+    replace_file(png, structure_png(report.structure, title=png.stem.removesuffix("-check")))
     say(f"  picture     {png}")
-    found = () if isinstance(what, Path) else _among_others(what, report.structure, catalog)
-    for verdict in found:
+    others = () if isinstance(what, Path) else _among_others(what, report.structure, catalog)
+    for verdict in others:
         say(f"  {verdict.severity:<11} {verdict}. {verdict.remedy}")
     if clean:
         _cleaned(report.structure, png)
-    return int(bool(report.problems or refusals(found)))
+    return int(bool(report.problems or refusals(others)))
 
 
 def _cleaned(structure: Structure, png: Path) -> None:
-    """Write the structure apart from ground, clutter and neighbours, and a picture of before and after."""
+    """Write the structure without ground, clutter and neighbours, and a picture before and after."""
     from dataclasses import replace
 
     from upplied.inputs.separation import CLASSES, kept, separated
-    from upplied.outputs.figures import save, separation_png
+    from upplied.outputs.figures import separation_png
     from upplied.outputs.files import replace_file
     from upplied.outputs.ply import ply_bytes
 
-    found = separated(structure)
-    if not found.texts:
-        console.print("  clean       nothing to separate: all of it is the structure", soft_wrap=True)
+    separation = separated(structure)
+    if not separation.texts:
+        console.print("  clean       nothing to separate: the whole mesh is the structure", soft_wrap=True)
         return
     stem = png.stem.removesuffix("-check") + "-clean"
     mesh, picture = png.with_name(f"{stem}.ply"), png.with_name(f"{stem}.png")
-    vertices, triangles, normals = kept(structure, found)
+    vertices, triangles, normals = kept(structure, separation)
     left = replace(structure, vertices=vertices, triangles=triangles, normals=normals)
     replace_file(mesh, ply_bytes(vertices, triangles, normals))
-    save(picture, separation_png(structure, found.label, CLASSES, left))
+    replace_file(picture, separation_png(structure, separation.label, CLASSES, left))
     console.print(
-        f"  separated   {'; '.join(found.texts)}; {found.area_m2[0]:.1f} m² are left", soft_wrap=True
+        f"  separated   {'; '.join(separation.texts)}; {separation.area_m2[0]:.1f} m² are left",
+        soft_wrap=True,
     )
-    ground = "" if found.ground_z_m is None else f", ground_z = {found.ground_z_m:.2f}"
+    ground = "" if separation.ground_z_m is None else f", ground_z = {separation.ground_z_m:.2f}"
     declare = f"units = 'm', up = 'z', forward = 'x'{ground}"
     say(f"  cleaned     {mesh}: declare {declare}")
     say(f"  picture     {picture} (before and after)")

@@ -55,11 +55,11 @@ def export(
         Literal["parquet", "lerobot", "tum"],
         Parameter(help="parquet for any program, lerobot for learning, tum for evo."),
     ] = "parquet",
-    licence: Annotated[str, Parameter(help="Licence: an SPDX name (CC-BY-4.0) or words.")] = NO_LICENCE,
+    licence: Annotated[str, Parameter(help="Licence: an SPDX name (CC-BY-4.0) or a sentence.")] = NO_LICENCE,
     name: Annotated[
         str, Parameter(help="Name with a version, as boxes-v1; by default that of the folder.")
     ] = "",
-    attribution: Annotated[str, Parameter(help="Whom users must credit.")] = "",
+    attribution: Annotated[str, Parameter(help="Name that users must credit.")] = "",
     kind: Annotated[str | None, Parameter(help="Only structures of this kind.")] = None,
     demonstration: Annotated[str | None, Parameter(help="Only this demonstration.")] = None,
     preset: Annotated[
@@ -68,7 +68,7 @@ def export(
     ] = "",
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Export the plans that are ok, with everything they refer to, as a folder.
+    """Export all plans with result ok and their inputs as a folder.
 
     Parameters
     ----------
@@ -79,8 +79,8 @@ def export(
 
     store = opened(catalog)
     folder = folder or next(each for at in count(1) if not (each := Path(f"fleet-v{at}")).exists())
-    asked = preset if preset not in ("", "all") else None
-    chosen = store.transfers(status="ok", kind=kind, demonstration=demonstration, preset=asked)
+    chosen_preset = preset if preset not in ("", "all") else None
+    chosen = store.transfers(status="ok", kind=kind, demonstration=demonstration, preset=chosen_preset)
     if not preset:
         used = [name for name in ("recommended", "paper", "baseline") if name in set(chosen["preset"])]
         chosen = chosen[chosen["preset"].isin(used[:1])]

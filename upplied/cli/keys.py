@@ -29,7 +29,7 @@ def new(name: str, /, *, catalog: CatalogOption = "catalog") -> int:
     public = new_key(name)
     say(f"{name}: public key {public}")
     say(f"private key in {key_path(name)}: keep it to yourself")
-    next_step(f"keys add {name!r} {public}", "let them release", catalog)
+    next_step(f"keys add {name!r} {public}", "allow this person to release", catalog)
     return 0
 
 

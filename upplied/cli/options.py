@@ -31,5 +31,9 @@ RuleOption = Annotated[
 StrictOption = Annotated[bool, Parameter(negative="", help="Treat warnings as refusals.", show_default=False)]
 
 PlanArgument = Annotated[str, Parameter(help="ID of the plan, or its beginning.")]
+DemonstrationArgument = Annotated[str, Parameter(help="ID of the demonstration.")]
+FindingArgument = Annotated[str, Parameter(help="ID of the finding, or its beginning.")]
 FlightArgument = Annotated[str, Parameter(help="ID of the flight, or its beginning.")]
 StructureArgument = Annotated[str, Parameter(help="ID of the structure.")]
+OwnerArgument = Annotated[str, Parameter(help="ID of a structure, or a kind with --kind.")]
+KindOption = Annotated[bool, Parameter(negative="", help="OWNER is a kind, not a structure.")]

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import CatalogOption, JsonOption
+from upplied.cli.options import CatalogOption, JsonOption, StructureArgument
 from upplied.cli.terminal import complain, errors, next_step, opened, plain, say, show
 
 app = App(name="recommend", help="Rank demonstrations by how well they fit a structure.")
@@ -17,28 +17,27 @@ MostOption = Annotated[int, Parameter(name="--most", help="Number of demonstrati
 
 @app.default
 def recommend(
-    structure: str, /, *, most: MostOption = 10, catalog: CatalogOption = "catalog", json: JsonOption = False
+    structure: StructureArgument,
+    /,
+    *,
+    most: MostOption = 10,
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
 ) -> int:
-    """Rank the catalog's demonstrations by how well they would transfer; nothing is planned.
-
-    Parameters
-    ----------
-    structure : str
-        ID of the structure to inspect.
-    """
+    """Rank the catalog's demonstrations by how well they would transfer; nothing is planned."""
     from upplied.recommend.ranking import recommend as rank
 
     with errors.status("comparing shapes"):
-        found = [asdict(one) for one in rank(opened(catalog), structure, most)]
+        ranks = [asdict(one) for one in rank(opened(catalog), structure, most)]
     if json:
-        show("", [plain(row) for row in found], json)
+        show("", [plain(row) for row in ranks], json)
     else:
-        show(f"demonstrations for {structure}", [_row(row) for row in found], spare=("inspected %", "lost %"))
-        for row in found:
+        show(f"demonstrations for {structure}", [_row(row) for row in ranks], spare=("inspected %", "lost %"))
+        for row in ranks:
             say(f"{row['rank']}. {row['demonstration_id']}: {row['why']}")
-    if not json and any(row["verdict"] == "fits" for row in found):
+    if not json and any(row["verdict"] == "fits" for row in ranks):
         next_step(f"transfer --best {structure}", "transfer the best one", catalog)
-    return int(found[0]["verdict"] not in ("own", "fits"))
+    return int(ranks[0]["verdict"] not in ("own", "fits"))
 
 
 def best(location: str, structure: str) -> str:
@@ -65,7 +64,7 @@ def best(location: str, structure: str) -> str:
             f"is declared a {kind}, but {fitting.demonstration_id}, which fits best, was flown on a "
             f"{fitting.kind}",
             "demonstrations are transferred within a kind",
-            "correct the kind in the manifest if they are of one",
+            "if both are of one kind, correct the manifest",
         )
     complain(f"{fitting.demonstration_id}: {fitting.why}")
     return fitting.demonstration_id

@@ -66,7 +66,7 @@ def comparison(
 
 
 def _saved(output: Path, png: bytes) -> int:
-    from upplied.outputs.figures import save
+    from upplied.outputs.files import replace_file
 
-    say(save(beside(output), png))
+    say(replace_file(beside(output), png))
     return 0

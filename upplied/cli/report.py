@@ -61,8 +61,8 @@ def report(
         say(str(published.index))
         problems = published.problems
     if self_contained is not None:
-        made = publish_file(store, self_contained, demonstration_id=demonstration, target_id=target)
-        say(made)
+        index = publish_file(store, self_contained, demonstration_id=demonstration, target_id=target)
+        say(index)
     if not problems:
         next_step("fly TRANSFER", "simulate a plan in wind; its ID is on its page", catalog)
     for problem in problems:

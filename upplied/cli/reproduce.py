@@ -41,11 +41,11 @@ def reproduce(catalog: str, transfer_id: str) -> int:
         return 0
     say(f"{transfer_id}: differs in {', '.join(different)}")
     why = causes(row, METHOD_VERSION)
-    told = f"It was planned by method {row['method_version']}, code {row['code_version']}."
-    told += (
+    origin = f"It was planned by method {row['method_version']}, code {row['code_version']}."
+    origin += (
         f" Cause: {'; '.join(why)}."
         if why
-        else (" Method, sources, libraries and machine are the same as then: please report this as a fault.")
+        else (" Method, sources, libraries and machine are unchanged: please report this as a fault.")
     )
-    say(told)
+    say(origin)
     return 1

@@ -34,7 +34,7 @@ LISTED = {
     "coverage_inspected_pct": "inspected %",
     "min_clearance_m": "clear m",
     "newer_draft": "newer draft",
-    "altered": "not as released",
+    "altered": "differs from the release",
 }
 
 
@@ -70,12 +70,12 @@ def _compared(row: pd.Series, other: pd.Series | None) -> list[dict[str, Any]]:
     rows = []
     for name, title in COMPARED.items():
         this = number(row[name])
-        made: dict[str, Any] = {"measure": title, "this plan": this}
+        line: dict[str, Any] = {"measure": title, "this plan": this}
         if other is not None:
             that = number(other[name])
-            made["in force"] = that
-            made["difference"] = None if this is None or that is None else this - that
-        rows.append(made)
+            line["in force"] = that
+            line["difference"] = None if this is None or that is None else this - that
+        rows.append(line)
     return rows
 
 
@@ -96,7 +96,7 @@ def release(
     store, plan = opened_at(catalog, transfer)
     store.release(plan, by, note, force)
     say(f"{plan} is in force, released by {by}")
-    next_step(f"export {plan} --to qgc-plan --output mission.plan", "a file to fly", catalog)
+    next_step(f"export {plan} --to qgc-plan --output mission.plan", "write the mission file", catalog)
     return 0
 
 
@@ -124,13 +124,13 @@ def list_in_force(
     Exit code 1 if a plan was recalled and not replaced, or if a stored plan differs from what was released.
     """
     store = opened(catalog)
-    found = store.in_force(structure=structure, kind=kind)
+    plans = store.in_force(structure=structure, kind=kind)
     recalled = store.recalled(structure=structure)
-    show("in force", rows_of(found, None if json else LISTED), json)
+    show("in force", rows_of(plans, None if json else LISTED), json)
     for row in recalled.to_dict("records"):
         what = f"recalled: {row['transfer_id']}, {row['demonstration_id']} on {row['target_id']}"
         complain(f"{what}: {row['state_note']}")
-    altered = found[found["altered"] != ""]
+    altered = plans[plans["altered"] != ""]
     for row in altered.to_dict("records"):
-        complain(f"not what was released: {row['transfer_id']} on {row['target_id']}: {row['altered']}")
+        complain(f"differs from the release: {row['transfer_id']} on {row['target_id']}: {row['altered']}")
     return int(bool(len(recalled) or len(altered)))

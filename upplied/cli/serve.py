@@ -57,11 +57,11 @@ def deploy(*, port: PortOption = 4200) -> int:
     from upplied.flows import environment, serve
     from upplied.flows.server import ServerError, answers
 
-    told = environment.client(port)
-    if not answers(told["PREFECT_API_URL"]):
-        return no_server(told["PREFECT_API_URL"])
+    variables = environment.client(port)
+    if not answers(variables["PREFECT_API_URL"]):
+        return no_server(variables["PREFECT_API_URL"])
     try:
-        serve.deploy(told)
+        serve.deploy(variables)
     except ServerError as error:
         complain(error)
         return 1
@@ -85,16 +85,16 @@ def watch(
         Folder to watch with its subfolders; existing logs are reported too.
     """
     if not folder.is_dir():
-        complain(f"error: {folder} is no folder")
+        complain(f"error: {folder} is not a folder")
         return 2
     flows_wanted()
     from upplied.flows import environment
     from upplied.flows.server import answers
 
-    told = environment.client(port)
-    if not answers(told["PREFECT_API_URL"]):
-        return no_server(told["PREFECT_API_URL"])
-    os.environ.update(told)
+    variables = environment.client(port)
+    if not answers(variables["PREFECT_API_URL"]):
+        return no_server(variables["PREFECT_API_URL"])
+    os.environ.update(variables)
     from upplied.flows.watch import FLOWN, LANDED
     from upplied.flows.watch import watch as tell
 

@@ -6,7 +6,15 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import ByOption, CatalogOption, JsonOption, NoteOption, StructureArgument
+from upplied.cli.options import (
+    ByOption,
+    CatalogOption,
+    JsonOption,
+    KindOption,
+    NoteOption,
+    OwnerArgument,
+    StructureArgument,
+)  # fmt: skip
 from upplied.cli.terminal import console, next_step, opened, show
 
 setting = App(name="set", help="Set planning parameters for a structure or for a whole kind.")
@@ -15,10 +23,10 @@ showing = App(name="settings", help="Show the planning parameters of a structure
 
 @setting.default
 def say(
-    owner: str,
+    owner: OwnerArgument,
     /,
     *values: Annotated[str, Parameter(allow_leading_hyphen=False)],
-    kind: Annotated[bool, Parameter(negative="", help="The name is a kind.")] = False,
+    kind: KindOption = False,
     by: ByOption,
     note: NoteOption = "",
     catalog: CatalogOption = "catalog",
@@ -27,8 +35,6 @@ def say(
 
     Parameters
     ----------
-    owner : str
-        ID of a structure, or a kind with --kind.
     values : str
         As STAGE.NAME=VALUE: route.clearance_m=3, transfer.standoff=kept, transfer.gsd_m=0.002; without a
         value the parameter is inherited again. preset=recommended is the only preset that is flown.
@@ -38,18 +44,18 @@ def say(
 
     if not values:
         raise SettingsError("upplied set", "nothing is set", "STAGE.NAME=VALUE")
-    made: dict[str, object] = {}
+    pairs: dict[str, object] = {}
     for text in values:
         if text.endswith("="):
-            made[text[:-1]] = None
+            pairs[text[:-1]] = None
             continue
         if text.startswith("preset="):
-            made["preset"] = text.removeprefix("preset=")
+            pairs["preset"] = text.removeprefix("preset=")
             continue
         for stage, names in changes((text,)).items():
-            made |= {f"{stage}.{name}": value for name, value in names.items()}
-    opened(catalog).set("kind" if kind else "structure", owner, made, by, note)
-    console.print(f"{owner}: {len(made)} set", markup=False)
+            pairs |= {f"{stage}.{name}": value for name, value in names.items()}
+    opened(catalog).set("kind" if kind else "structure", owner, pairs, by, note)
+    console.print(f"{owner}: {len(pairs)} set", markup=False)
     next_step("plan --dry-run", "show the plans that change", catalog)
     return 0
 
@@ -66,8 +72,8 @@ def settings(
     json: JsonOption = False,
 ) -> int:
     """Show the planning parameters of a structure: by default those set for it or for its kind."""
-    found = opened(catalog).settings_of(structure)
+    rows = opened(catalog).settings_of(structure)
     if not (every or json):
-        found = found[~found["from"].str.startswith("preset")]
-    show(f"settings of {structure}", found.astype(object).to_dict("records"), json)
+        rows = rows[~rows["from"].str.startswith("preset")]
+    show(f"settings of {structure}", rows.astype(object).to_dict("records"), json)
     return 0

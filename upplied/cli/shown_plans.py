@@ -41,8 +41,8 @@ def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]
     wanted &= table["target_id"].isin(plan_request.targets or catalog.structures()["structure_id"])
     table = table[wanted & table["preset"].isin(plan_request.presets)]
     settings_of = SettingsOf(catalog, plan_request)
-    asked = [settings_of(*row).sha256 for row in table[["preset", "kind", "target_id"]].to_numpy().tolist()]
-    table = table[table["settings_sha256"] == asked]
+    hashes = [settings_of(*row).sha256 for row in table[["preset", "kind", "target_id"]].to_numpy().tolist()]
+    table = table[table["settings_sha256"] == hashes]
     newest = table.drop_duplicates(["target_id", "preset"], keep="last")
     unasked = ["settings_json", "registration_json", "commit_id", "commit_version"]
     rows = newest.sort_values(["target_id", "preset"]).drop(columns=unasked)
@@ -67,8 +67,8 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
         status = shown_status(row)
         if status != "ok":
             why = row["reason"] or row["not_flyable"]
-            said = f"{status}: {row['target_id']} ({row['preset']}): {why}"
-            say(said)
+            text = f"{status}: {row['target_id']} ({row['preset']}): {why}"
+            say(text)
             continue
         if fine := fineness(row):
             say(f"{row['target_id']} ({row['preset']}): {fine}")

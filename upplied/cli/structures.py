@@ -51,9 +51,9 @@ def add(
     from upplied import fleet
     from upplied.inputs.manifests import read_manifest
 
-    store, asked = opened(catalog), _asked(allow, strict, set_)
+    store, rules = opened(catalog), _asked(allow, strict, set_)
     with progress("reading structures", len(read_manifest(manifest))) as advance:
-        ingested = fleet.ingest_structures(store, manifest, workers, lambda _: advance(), prune, asked)
+        ingested = fleet.ingest_structures(store, manifest, workers, lambda _: advance(), prune, rules)
     code = ingested_report(ingested)
     if not code and len(store.demonstrations()):
         next_step("plan", "transfer the demonstrations to new and changed structures", catalog)
@@ -81,16 +81,16 @@ def show_(
     from upplied.inputs.rules import from_json
 
     store = opened(catalog)
-    found = store.structure(structure)
-    size = (found.vertices.max(axis=0) - found.vertices.min(axis=0)).tolist()
-    verdicts = from_json(found.verdicts_json)
+    record = store.structure(structure)
+    size = (record.vertices.max(axis=0) - record.vertices.min(axis=0)).tolist()
+    verdicts = from_json(record.verdicts_json)
     facts = {
         "structure": structure,
-        "kind": found.kind,
-        "site": found.site,
+        "kind": record.kind,
+        "site": record.site,
         "size": " x ".join(f"{side:.2f}" for side in size) + " m (length x width x height)",
-        "mesh": f"{len(found.triangles)} triangles, {len(found.vertices)} vertices",
-        "notes": found.notes,
+        "mesh": f"{len(record.triangles)} triangles, {len(record.vertices)} vertices",
+        "notes": record.notes,
     }
     if json:
         show("structure", [facts | {"size_m": size, "verdicts": [asdict(one) for one in verdicts]}], True)
@@ -130,27 +130,27 @@ def check(
     from upplied.cli.health import check_entry, check_mesh
     from upplied.inputs.manifests import read_manifest
 
-    asked = _asked(allow, strict, set_)
+    rules = _asked(allow, strict, set_)
     if file.suffix.lower() not in (".toml", ".csv"):
         return check_mesh(file, png, clean)
     others = _compared(catalog)
     if id is not None:
-        return check_entry(file, id, png, others, asked, clean)
+        return check_entry(file, id, png, others, rules, clean)
 
     with progress("checking structures", len(read_manifest(file))) as advance:
-        found = fleet.check_structures(file, workers, lambda _: advance(), others, asked)
-    rows = [vars(item) for item in found]
+        checked = fleet.check_structures(file, workers, lambda _: advance(), others, rules)
+    rows = [vars(item) for item in checked]
     if not json:
         rows = [{**row, "findings": "; ".join(row["findings"])} for row in rows]
     show("structures", rows, json)
-    return int(any(item.status == "failed" for item in found))
+    return int(any(item.status == "failed" for item in checked))
 
 
-def _asked(allow: tuple[str, ...], strict: bool, said: tuple[str, ...]) -> RuleOptions:
+def _asked(allow: tuple[str, ...], strict: bool, limits: tuple[str, ...]) -> RuleOptions:
     from upplied.fleet import RuleOptions
     from upplied.inputs.structure_rules import changed
 
-    return RuleOptions(tuple(allow), strict, changed(said))
+    return RuleOptions(tuple(allow), strict, changed(limits))
 
 
 def _compared(location: str) -> Catalog | None:

@@ -43,7 +43,7 @@ def studio(
         return 2
     address = server.address(page)
     console.print(f"Open {address}", markup=False, soft_wrap=True, highlight=False)
-    console.print("Ctrl-C stops it. Whoever has this address can edit and release plans.")
+    console.print("Ctrl-C stops it. Anyone with this address can edit and release plans.")
     if open_:
         webbrowser.open(address)
     server.run()

@@ -82,10 +82,10 @@ def show(
     table = Table(
         title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
     )
-    for name in (kept := [name for name in cells if name not in left_out]):
+    for name in (columns := [name for name in cells if name not in left_out]):
         numbers = any(isinstance(row[name], int | float) for row in rows)
         table.add_column(name, justify="right" if numbers else "left", overflow="fold", no_wrap=numbers)
-    for texts in zip(*(cells[name] for name in kept), strict=True):
+    for texts in zip(*(cells[name] for name in columns), strict=True):
         table.add_row(*map(Text, texts))
     console.print(table)
     if left_out:

@@ -66,13 +66,13 @@ def transfer(
     choices: Choices | None = None,
     experiment: ExperimentOption = "",
     best: BestOption = "",
-    reproduce: Annotated[str | None, Parameter(help="ID of a plan to make again and compare.")] = None,
+    reproduce: Annotated[str | None, Parameter(help="ID of a plan to compute again and compare.")] = None,
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
     timeout: TimeoutOption = 600.0,
     json: JsonOption = False,
 ) -> int:
-    """Transfer one demonstration to target structures; existing plans are not made again.
+    """Transfer one demonstration to target structures; existing plans are not computed again.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> t
     structures = catalog.structures()
     kinds = dict(zip(structures["structure_id"], structures["kind"], strict=True))
     flown = catalog.newest("demonstrations", demonstration)["structure_id"]
-    kind, found, reasons = kinds.get(flown, ""), [], []
+    kind, fitting_targets, reasons = kinds.get(flown, ""), [], []
     for name in dict.fromkeys(targets):
         if name not in kinds:
             reasons.append(f"structure {name}: is not in the catalog ({suggested(name, kinds)})")
@@ -136,12 +136,12 @@ def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> t
                 f"of kind {kind}: a demonstration is transferred within its kind"
             )
         else:
-            found.append(name)
-    if not found:
+            fitting_targets.append(name)
+    if not fitting_targets:
         raise InputError("transfer", "; ".join(reasons))
     for reason in reasons:
         complain(f"refused: {reason}")
-    return tuple(found)
+    return tuple(fitting_targets)
 
 
 @plan.default
@@ -169,12 +169,12 @@ def plan_fleet(
             next_step("plan", "plan them", catalog)
         return 0
     checked = fleet.recheck(opened_catalog, fleet.Limits(timeout))
-    for found in checked:
-        (complain if found.troubled else say)(found)
+    for structure in checked:
+        (complain if structure.troubled else say)(structure)
     result = run(opened_catalog, decision, workers, timeout)
     console.print(f"{result}, {decision.unchanged} unchanged")
     next_step("report", "publish the plans as pages", catalog)
-    return int(result.ok < result.total or any(found.troubled for found in checked))
+    return int(result.ok < result.total or any(structure.troubled for structure in checked))
 
 
 def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
@@ -204,6 +204,6 @@ def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> R
     resources = fleet.Resources(workers, fleet.Limits(timeout))
     with progress("planning", len(decision.jobs)) as advance:
         result = fleet.transfer(catalog, decision.jobs, fleet.new_run_id(), resources, lambda _: advance())
-    for told in carry_edits(catalog):
-        complain(told)
+    for message in carry_edits(catalog):
+        complain(message)
     return result

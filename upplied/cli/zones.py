@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from cyclopts import App, Parameter
+from cyclopts import App
 
-from upplied.cli.options import ByOption, CatalogOption, JsonOption, NoteOption, StructureArgument
+from upplied.cli.options import (
+    ByOption,
+    CatalogOption,
+    JsonOption,
+    KindOption,
+    NoteOption,
+    OwnerArgument,
+    StructureArgument,
+)  # fmt: skip
 from upplied.cli.terminal import console, errors, next_step, opened, plain, show
 
 if TYPE_CHECKING:
@@ -21,11 +29,11 @@ showing = App(name="zones", help="Show which required zones are covered, by plan
 
 @requiring.default
 def require(
-    owner: str,
+    owner: OwnerArgument,
     file: Path,
     /,
     *,
-    kind: Annotated[bool, Parameter(negative="", help="The name is a kind.")] = False,
+    kind: KindOption = False,
     by: ByOption,
     note: NoteOption = "",
     catalog: CatalogOption = "catalog",
@@ -34,8 +42,6 @@ def require(
 
     Parameters
     ----------
-    owner : str
-        ID of a structure, or a kind with --kind.
     file : Path
         TOML: `name`, and a `[[zone]]` each with `zone`, `where` and requirements: `looks`, `gsd_mm`,
         `incidence_deg`, `max_age_days`. Instead of `where` a zone may name a `label` of the faces
@@ -48,18 +54,18 @@ def require(
 
     rule = "name = ..., and [[zone]] tables"
     try:
-        said = tomllib.loads(read_regular(file, 1 << 20).decode("utf-8"))
+        document = tomllib.loads(read_regular(file, 1 << 20).decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise InputError(str(file), f"is not TOML: {str(error)[:200]}", rule) from None
-    zones = said.get("zone", [])
+    zones = document.get("zone", [])
     if (
-        set(said) - {"name", "zone", "labels"}
+        set(document) - {"name", "zone", "labels"}
         or not isinstance(zones, list)
         or not all(isinstance(z, dict) for z in zones)
     ):
         raise InputError(str(file), "has other keys", rule)
-    name, store = str(said.get("name", file.stem)), opened(catalog)
-    zones = _with_labels(store, zones, said.get("labels"), file, "" if kind else owner)
+    name, store = str(document.get("name", file.stem)), opened(catalog)
+    zones = _with_labels(store, zones, document.get("labels"), file, "" if kind else owner)
     store.require("kind" if kind else "structure", owner, name, zones, by, note)
     console.print(f"{owner}: {name} requires {len(zones)} zone(s)", markup=False)
     next_step(f"zones {'STRUCTURE' if kind else owner}", "show whether each is covered", catalog)
@@ -73,31 +79,29 @@ def _with_labels(
     from upplied.errors import InputError
     from upplied.inputs.face_labels import read_face_labels
 
-    kept: dict[str, str] = {}
-    made = []
+    label_files: dict[str, str] = {}
+    labelled = []
     for zone in zones:
         if "label" not in zone:
-            made.append(zone)
+            labelled.append(zone)
             continue
         what = f"{file}, zone {str(zone.get('zone', '(unnamed)'))[:60]}"
         on = str(zone.get("on") or owner)
         if not isinstance(labels, str) or "where" in zone:
-            found = (
-                "has a label and a place"
-                if "where" in zone
-                else "has a label, and no file of labels is named"
+            fault = (
+                "has a label and a place" if "where" in zone else "has a label, but names no file of labels"
             )
-            raise InputError(what, found, 'labels = "FILE" next to the name, and label instead of where')
+            raise InputError(what, fault, 'labels = "FILE" next to the name, and label instead of where')
         if not on:
             raise InputError(
-                what, "has a label, and no structure", 'on = "ID": the structure that is labelled'
+                what, "has a label, but no structure", 'on = "ID": the structure that is labelled'
             )
-        if on not in kept:
+        if on not in label_files:
             faces = len(store.structure(on).triangles)
-            kept[on] = store.add_labels(on, read_face_labels(file.parent / labels, faces, on))
+            label_files[on] = store.add_labels(on, read_face_labels(file.parent / labels, faces, on))
         rest = {name: value for name, value in zone.items() if name != "label"}
-        made.append(rest | {"where": f"labels {kept[on]} {zone['label']}"})
-    return made
+        labelled.append(rest | {"where": f"labels {label_files[on]} {zone['label']}"})
+    return labelled
 
 
 @showing.default
@@ -135,7 +139,7 @@ def _mesh(store: Catalog, structure_id: str, path: Path) -> int:
     from upplied.outputs.files import replace_file
     from upplied.outputs.ply import ply_bytes
 
-    kept = store.structure(structure_id)
-    replace_file(path, ply_bytes(kept.vertices, kept.triangles, kept.normals))
-    console.print(f"{path}: {len(kept.triangles)} faces", markup=False)
+    structure = store.structure(structure_id)
+    replace_file(path, ply_bytes(structure.vertices, structure.triangles, structure.normals))
+    console.print(f"{path}: {len(structure.triangles)} faces", markup=False)
     return 0

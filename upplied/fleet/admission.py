@@ -87,9 +87,9 @@ class Admission:
                 if not isinstance(read, Structure):
                     yield name, read
                     continue
-                found = self._judged(read, new, entries[name])
-                taken += [new[name]] * isinstance(found, Structure)
-                yield name, found
+                verdicts = self._judged(read, new, entries[name])
+                taken += [new[name]] * isinstance(verdicts, Structure)
+                yield name, verdicts
             if taken:  # for those that come after
                 self._known.extend(taken)
 
@@ -97,15 +97,15 @@ class Admission:
         self, structure: Structure, new: Mapping[str, Member], entry: StructureEntry
     ) -> Structure | str:
         member = new[entry.structure_id]
-        found = self.verdicts(member, entry, list(new.values()))
-        every = (*from_json(structure.verdicts_json), *found)
+        verdicts = self.verdicts(member, entry, list(new.values()))
+        every = (*from_json(structure.verdicts_json), *verdicts)
         try:
             refuse(f"{entry.path} ({entry.structure_id})", every)
         except InputError as error:
             return str(error)
-        if not found:
+        if not verdicts:
             return structure
-        notes = "; ".join(filter(None, (structure.notes, *(verdict.found for verdict in found))))
+        notes = "; ".join(filter(None, (structure.notes, *(verdict.found for verdict in verdicts))))
         return replace(structure, verdicts_json=to_json(every), notes=notes)
 
     def _member(self, structure: Structure) -> Member:

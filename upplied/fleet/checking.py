@@ -43,15 +43,15 @@ def check_structures(
         Each "good", "odd" (with what a person should look at) or "failed" (with the reason).
     """
     entries = (asked or RuleOptions()).of(read_manifest(manifest))
-    found: list[Ingested | tuple[Ingested, tuple[Verdict, ...], Member]] = []
+    results: list[Ingested | tuple[Ingested, tuple[Verdict, ...], Member]] = []
     for name, read in each(_checked, entries, lambda entry: entry.structure_id, workers):
-        found.append(Ingested(name, "failed", read) if isinstance(read, str) else read)
+        results.append(Ingested(name, "failed", read) if isinstance(read, str) else read)
         progress(Ingested(name, "good"))
-    admission, said = Admission(catalog), {entry.structure_id: entry for entry in entries}
-    together = [one[2] for one in found if isinstance(one, tuple)]
+    admission, declared = Admission(catalog), {entry.structure_id: entry for entry in entries}
+    together = [one[2] for one in results if isinstance(one, tuple)]
     return [
-        one if isinstance(one, Ingested) else _told(*one, admission, said[one[0].name], together)
-        for one in found
+        one if isinstance(one, Ingested) else _told(*one, admission, declared[one[0].name], together)
+        for one in results
     ]
 
 
@@ -76,7 +76,7 @@ def _told(
     together: Sequence[Member],
 ) -> Ingested:
     """What becomes of a structure that was read once it is judged among others."""
-    found = (*alone, *admission.verdicts(member, entry, together))
-    if refused := refusals(found):
+    verdicts = (*alone, *admission.verdicts(member, entry, together))
+    if refused := refusals(verdicts):
         return replace(good, status="failed", reason="; ".join(f"{v}. {v.remedy}" for v in refused))
-    return replace(good, status="odd" if found else good.status, findings=tuple(map(str, found)))
+    return replace(good, status="odd" if verdicts else good.status, findings=tuple(map(str, verdicts)))

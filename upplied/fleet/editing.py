@@ -89,11 +89,11 @@ class Editing:
         route = self.recipe.settings.route
         return route.clearance_m if route.enforce else USUAL_CLEARANCE_M
 
-    def clearance_m(self, asked: Asked) -> float:
+    def clearance_m(self, airspace: Asked) -> float:
         """The clearance that a change asks for, never less than the plan's own."""
-        return max(self.usual_m, self.earlier.asked.clearance_m or 0.0, asked.clearance_m or 0.0)
+        return max(self.usual_m, self.earlier.asked.clearance_m or 0.0, airspace.clearance_m or 0.0)
 
-    def judged(self, base: Base, edit: Edit, asked: Asked) -> JudgedEdit:
+    def judged(self, base: Base, edit: Edit, airspace: Asked) -> JudgedEdit:
         """The plan as it was changed, with the measures that every plan has.
 
         Raises
@@ -102,26 +102,26 @@ class Editing:
             If what is asked for cannot be flown: a viewpoint where nobody may be, or no safe way to it.
         """
         path, flags = flown_path(base.plan)
-        graph = self._roadmap(asked, path)
+        graph = self._roadmap(airspace, path)
         if edit == Edit() and not graph.airspace.broken(path.positions).any():
-            made, stops = path, flags
+            path_flown, stops = path, flags
         else:
-            made, stops = edited(path, flags, edit, graph, self.recipe.settings.retime)
+            path_flown, stops = edited(path, flags, edit, graph, self.recipe.settings.retime)
         inputs = (self.recipe.demonstration, self.recipe.source, self.target)
         known = self.recipe.settings, self._memo, self.recipe.siblings
-        found = measure_flown(made, base.plan, *inputs, *known)
-        where = self._forbidding(asked), found.supposed
-        broken = place_breaches(made, *where, self.clearance_m(asked))
+        measured = measure_flown(path_flown, base.plan, *inputs, *known)
+        where = self._forbidding(airspace), measured.supposed
+        broken = place_breaches(path_flown, *where, self.clearance_m(airspace))
         least = self.recipe.settings.verdict.least_inspected_pct
-        shown = found.measures.coverage_inspected_pct
+        shown = measured.measures.coverage_inspected_pct
         short = f"shows {shown:.1f} % of what was inspected, {least:g} % are asked for"
         return JudgedEdit(
-            replace(found, is_viewpoint=stops, flyable=True, not_flyable=""),
+            replace(measured, is_viewpoint=stops, flyable=True, not_flyable=""),
             tuple(broken),
             short if shown < least else "",
         )
 
-    def replanned(self, asked: Asked, fixed: KeptEdit) -> tuple[Base, Edit]:
+    def replanned(self, airspace: Asked, fixed: KeptEdit) -> tuple[Base, Edit]:
         """The plan made anew in the airspace that is asked for, with the viewpoints that are fixed put back.
 
         Returns
@@ -134,19 +134,19 @@ class Editing:
         RefusedError
             If there is no such plan.
         """
-        settings, target = self.recipe.settings, self._forbidding(asked)
-        if self.clearance_m(asked) > self.usual_m:
-            route = replace(settings.route, clearance_m=self.clearance_m(asked))
+        settings, target = self.recipe.settings, self._forbidding(airspace)
+        if self.clearance_m(airspace) > self.usual_m:
+            route = replace(settings.route, clearance_m=self.clearance_m(airspace))
             settings = replace(settings, route=route)
         zones, _ = required_surface(self._catalog, self._memo, self.target, settings.required.zones)
         inputs = (self.recipe.demonstration, self.recipe.source, target)
-        made = plan_transfer(*inputs, settings, self._memo, zones, self.recipe.siblings)
-        if made.trajectory is None:
-            raise RefusedError(f"a plan of {target.structure_id} in that airspace", made.reason)
-        flags, edit = put_back(fixed, *flown_path(made))
-        return Base(replace(made, is_viewpoint=flags), asked), edit
+        plan = plan_transfer(*inputs, settings, self._memo, zones, self.recipe.siblings)
+        if plan.trajectory is None:
+            raise RefusedError(f"a plan of {target.structure_id} in that airspace", plan.reason)
+        flags, edit = put_back(fixed, *flown_path(plan))
+        return Base(replace(plan, is_viewpoint=flags), airspace), edit
 
-    def carried(self, kept: KeptEdit) -> tuple[Base, Edit, tuple[str, ...]]:
+    def carried(self, change: KeptEdit) -> tuple[Base, Edit, tuple[str, ...]]:
         """A change of another plan on this one: planned anew where that one was, else as it is.
 
         Returns
@@ -154,14 +154,14 @@ class Editing:
         tuple
             What it is of, the change by its numbers, and what of it has no place there, in words.
         """
-        if kept.replanned:
-            return *self.replanned(kept.asked, kept), ()
-        edit, lost = found_again(kept, self.kept.viewpoints)
+        if change.replanned:
+            return *self.replanned(change.asked, change), ()
+        edit, lost = found_again(change, self.kept.viewpoints)
         return self.kept, edit, lost
 
-    def to_keep(self, base: Base, edit: Edit, asked: Asked) -> KeptEdit:
+    def to_keep(self, base: Base, edit: Edit, airspace: Asked) -> KeptEdit:
         """A change by its places, to be carried over to plans made later."""
-        return together(self.earlier, kept_edit(base.viewpoints, edit, asked, base.asked is not None))
+        return together(self.earlier, kept_edit(base.viewpoints, edit, airspace, base.asked is not None))
 
     @cached_property
     def scene(self) -> Scene:
@@ -173,12 +173,12 @@ class Editing:
         """Samples of the structure as it was scanned."""
         return surface_samples(self.target, scene_of(self.target), self.recipe.settings.clouds)
 
-    def _forbidding(self, asked: Asked) -> Structure:
+    def _forbidding(self, airspace: Asked) -> Structure:
         """The structure with the boxes that are forbidden."""
-        if not (asked.boxes or self.earlier.asked.boxes):
+        if not (airspace.boxes or self.earlier.asked.boxes):
             return self.target
         around = self.target.surroundings
-        boxes = np.concatenate([around.keep_out_m, boxes_of(self.earlier.asked), boxes_of(asked)])
+        boxes = np.concatenate([around.keep_out_m, boxes_of(self.earlier.asked), boxes_of(airspace)])
         name = self.target.sha256 and digest([self.target.sha256, boxes.tolist()])
         return replace(self.target, surroundings=replace(around, keep_out_m=boxes), sha256=name)
 
@@ -210,6 +210,6 @@ def flown_path(plan: Plan) -> tuple[Trajectory, Bools]:
     return plan.trajectory, plan.is_viewpoint
 
 
-def boxes_of(asked: Asked) -> Floats:
+def boxes_of(airspace: Asked) -> Floats:
     """The forbidden boxes (K, 2, 3), m, each by its lower and its upper corner."""
-    return np.sort(np.array(asked.boxes, float).reshape(-1, 2, 3), axis=1)
+    return np.sort(np.array(airspace.boxes, float).reshape(-1, 2, 3), axis=1)

@@ -35,16 +35,16 @@ def write_edit(catalog: Catalog, transfer_id: str, path: str | Path) -> Path:
     """Write the viewpoints of a plan as JSON, to be changed and read again by `edit_plan`."""
     editing = Editing(catalog, transfer_id)
     rows = [viewpoint_row(number, p) for number, p in enumerate(editing.kept.viewpoints)]
-    said = {"plan": transfer_id, "target": editing.target.structure_id, "clearance_m": editing.usual_m}
-    text = json.dumps({**said, "keep_out": [], "viewpoints": rows}, indent=1)
+    document = {"plan": transfer_id, "target": editing.target.structure_id, "clearance_m": editing.usual_m}
+    text = json.dumps({**document, "keep_out": [], "viewpoints": rows}, indent=1)
     return replace_file(Path(path), text + "\n")
 
 
 def viewpoint_row(number: int, wanted: Viewpoint) -> dict[str, float]:
     """A viewpoint as a file, or a page, has it."""
     x, y, z = wanted.position
-    said = {"x_m": x, "y_m": y, "z_m": z, "yaw_deg": wanted.yaw_deg, "pitch_deg": wanted.pitch_deg}
-    return {"viewpoint": number, **{key: round(value, 4) for key, value in said.items()}}
+    row = {"x_m": x, "y_m": y, "z_m": z, "yaw_deg": wanted.yaw_deg, "pitch_deg": wanted.pitch_deg}
+    return {"viewpoint": number, **{key: round(value, 4) for key, value in row.items()}}
 
 
 def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> str:
@@ -61,16 +61,16 @@ def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> 
         raise InputError(str(path), "nobody says who changed it", "", "say --by NAME")
     editing = Editing(catalog, transfer_id)
     try:
-        said = json.loads(read_regular(Path(path), _MOST_BYTES).decode("utf-8"))
-        if said["plan"] != transfer_id:
-            raise InputError(str(path), f"is of plan {str(said['plan'])[:40]}, not of {transfer_id}", _RULE)
+        document = json.loads(read_regular(Path(path), _MOST_BYTES).decode("utf-8"))
+        if document["plan"] != transfer_id:
+            raise InputError(str(path), f"is for plan {document['plan']!s:.40}, not {transfer_id}", _RULE)
     except (UnicodeDecodeError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise _unreadable(str(path), error) from None
-    edit, asked = read_edit(str(path), said, editing, editing.kept)
-    return keep_edit(catalog, editing, editing.kept, edit, asked, by, what=str(path))
+    edit, airspace = read_edit(str(path), document, editing, editing.kept)
+    return keep_edit(catalog, editing, editing.kept, edit, airspace, by, what=str(path))
 
 
-def read_edit(what: str, said: Mapping[str, Any], editing: Editing, base: Base) -> tuple[Edit, Asked]:
+def read_edit(what: str, document: Mapping[str, Any], editing: Editing, base: Base) -> tuple[Edit, Asked]:
     """What differs from a plan in the viewpoints, boxes and clearance that a file, or a page, says.
 
     Raises
@@ -80,14 +80,14 @@ def read_edit(what: str, said: Mapping[str, Any], editing: Editing, base: Base) 
     """
     count, after = len(base.viewpoints), {}
     try:
-        for row in said["viewpoints"]:
+        for row in document["viewpoints"]:
             x, y, z = (float(row[name]) for name in ("x_m", "y_m", "z_m"))
             number = int(row["viewpoint"])
             if number in after or not 0 <= number < count:
                 raise InputError(what, f"has a viewpoint {number} too many", f"0 to {count - 1}, each once")
             after[number] = Viewpoint((x, y, z), float(row["yaw_deg"]), float(row["pitch_deg"]))
-        boxes = np.array(said.get("keep_out", []), float).reshape(-1, 2, 3)
-        clearance = float(said.get("clearance_m", 0.0))
+        boxes = np.array(document.get("keep_out", []), float).reshape(-1, 2, 3)
+        clearance = float(document.get("clearance_m", 0.0))
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise _unreadable(what, error) from None
     numbers = [value for p in after.values() for value in (*p.position, p.yaw_deg, p.pitch_deg)]
@@ -109,7 +109,7 @@ def keep_edit(
     editing: Editing,
     base: Base,
     edit: Edit,
-    asked: Asked,
+    airspace: Asked,
     by: str,
     note: str = "",
     carried_from: str = "",
@@ -125,16 +125,16 @@ def keep_edit(
     RefusedError
         If what is asked for cannot be flown safely.
     """
-    words = ", ".join(filter(None, [edit.words, asked.words, "planned anew" if base.asked else ""]))
+    words = ", ".join(filter(None, [edit.words, airspace.words, "planned anew" if base.asked else ""]))
     if not words:
         rule = "move, turn or leave out a viewpoint, forbid a box, or ask for more clearance"
         raise InputError(what, "changes nothing", "", rule)
-    judged = editing.judged(base, edit, asked)
+    judged = editing.judged(base, edit, airspace)
     if judged.broken:
         plan = f"plan {editing.transfer_id} as it was changed"
         raise RefusedError(plan, "; ".join(judged.broken), "a safe flight")
     whose = f"changed by {by.strip()}" + (", carried over" if carried_from else "")
-    made = replace(
+    draft = replace(
         judged.plan,
         flyable=not judged.short,
         not_flyable=judged.short,
@@ -143,7 +143,7 @@ def keep_edit(
     row = editing.recipe.row
     key = digest(
         ["edited", row["key"], method(), sorted(edit.deleted), repr(sorted(edit.changed.items())),
-         boxes_of(asked).tolist(), editing.clearance_m(asked), repr(base.asked),
+         boxes_of(airspace).tolist(), editing.clearance_m(airspace), repr(base.asked),
          editing.target.sha256]
     )  # fmt: skip
     provenance = {
@@ -155,10 +155,10 @@ def keep_edit(
         "siblings": [(one.structure_id, one.sha256) for one in editing.recipe.siblings],
         "planned_on": f"{whose}, from {editing.transfer_id}",
     }
-    text = edit_json(editing.to_keep(base, edit, asked))
+    text = edit_json(editing.to_keep(base, edit, airspace))
     # The change first: if this process is stopped now, the next night carries it over.
     catalog.add_edit(_edit_row(row, id_of(key), text, words, by.strip(), note, carried_from, "; ".join(lost)))
-    catalog.add_plans([(key, made, provenance)])
+    catalog.add_plans([(key, draft, provenance)])
     return id_of(key)
 
 
@@ -216,22 +216,22 @@ def carry_edits(catalog: Catalog) -> list[str]:
 def _carried(catalog: Catalog, row: Row, edit: Row) -> tuple[str, ...]:
     """Keep the plan of a row with a change taken over; what of it was lost, in words."""
     editing = Editing(catalog, row["transfer_id"])
-    kept = edit_from_json(edit["edit_json"])
-    base, again, lost = editing.carried(kept)
-    if again == Edit() and not kept.asked.words:
+    change = edit_from_json(edit["edit_json"])
+    base, again, lost = editing.carried(change)
+    if again == Edit() and not change.asked.words:
         raise RefusedError("none of it", "; ".join(lost) or "is left")
-    told = tuple(f"not carried over: {one}" for one in lost)
-    keep_edit(catalog, editing, base, again, kept.asked, edit["by"], edit["note"], edit["edit_id"], told)
+    notes = tuple(f"not carried over: {one}" for one in lost)
+    keep_edit(catalog, editing, base, again, change.asked, edit["by"], edit["note"], edit["edit_id"], notes)
     return lost
 
 
 def _edit_row(
-    base: Row, made: str, text: str, words: str, by: str, note: str, carried_from: str, lost: str
+    base: Row, plan_id: str, text: str, words: str, by: str, note: str, carried_from: str, lost: str
 ) -> Row:
     return {
-        "edit_id": digest([base["transfer_id"], made, text, by, carried_from, lost]),
+        "edit_id": digest([base["transfer_id"], plan_id, text, by, carried_from, lost]),
         "base_id": base["transfer_id"],
-        "transfer_id": made,
+        "transfer_id": plan_id,
         "demonstration_id": base["demonstration_id"],
         "target_id": base["target_id"],
         "edit_json": text,

@@ -124,8 +124,8 @@ def judge_log(
     laid = plan_of_flight(catalog, log, transfer_id, options or LogOptions(), accuracy_m)
     photo_ns = None if photos is None else photo_times(photos)
     if photo_ns is not None and STEPPED in laid.flown.notes:
-        found = "cannot be placed: the clock of the log stepped in flight"
-        raise InputError(str(photos), found, "one clock for log and photos", "leave the photos out")
+        fault = "cannot be placed: the clock of the log stepped in flight"
+        raise InputError(str(photos), fault, "one clock for log and photos", "leave the photos out")
     return _judged(catalog, laid, photo_ns, accuracy_m)
 
 
@@ -240,11 +240,11 @@ def required_of(
     catalog: Catalog, row: Row, plan: Plan, target: Structure, camera: Camera
 ) -> tuple[Cloud, Bools]:
     """The samples of a target, and which of them (N,) its plan shows: what a flight of it must show."""
-    kept = catalog.surface(row["transfer_id"])
-    if kept is not None and kept.normals is not None:
-        required = kept.state == _SHOWN
+    planned_surface = catalog.surface(row["transfer_id"])
+    if planned_surface is not None and planned_surface.normals is not None:
+        required = planned_surface.state == _SHOWN
         if required.any():
-            return Cloud(kept.points, kept.normals), required
+            return Cloud(planned_surface.points, planned_surface.normals), required
     surface = surface_samples(target, scene_of(target), CloudSettings())
     assert plan.trajectory is not None
     return surface, looks_of(plan.trajectory, surface, camera, scene_for(target, plan.supposed)).seen

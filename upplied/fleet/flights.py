@@ -56,12 +56,12 @@ def fly_plan(
     before = catalog.flights(transfer_id).to_dict("records")
     same = [each for each in before if each["flight_id"] == flight_id]
     if same:
-        found = flown_of(same[-1], catalog.flown(same[-1]["flight_sha256"]))
+        flown = flown_of(same[-1], catalog.flown(same[-1]["flight_sha256"]))
     else:
-        found = _flown(catalog, row, wind, vehicle, seed)
+        flown = _flown(catalog, row, wind, vehicle, seed)
     if not same or same[-1] is not before[-1]:
-        catalog.add_flight(_row(catalog, flight_id, row, found), found.trajectory)  # reports tell of the last
-    return found
+        catalog.add_flight(_row(catalog, flight_id, row, flown), flown.trajectory)  # reports tell of the last
+    return flown
 
 
 def fly_drafts(catalog: Catalog, keys: Iterable[str]) -> list[str]:
@@ -76,10 +76,10 @@ def fly_drafts(catalog: Catalog, keys: Iterable[str]) -> list[str]:
         except UppliedError as error:
             problems.append(f"{id_of(key)}, flown in simulation: {error}")
             continue
-        asked = settings_of(row["settings_json"]).route.clearance_m
-        if nearest < asked:
-            found = f"comes within {nearest:.2f} m, {asked:g} m are asked for"
-            problems.append(f"{id_of(key)} of {row['target_id']}, flown in simulation: {found}")
+        limit_m = settings_of(row["settings_json"]).route.clearance_m
+        if nearest < limit_m:
+            reason = f"comes within {nearest:.2f} m, {limit_m:g} m are asked for"
+            problems.append(f"{id_of(key)} of {row['target_id']}, flown in simulation: {reason}")
     return problems
 
 
@@ -115,20 +115,20 @@ def _flown(catalog: Catalog, row: Row, wind: Wind, vehicle: Vehicle, seed: int) 
         catalog.cache,
         made_from.siblings,
     )
-    said = (wind.speed_mps, wind.towards_deg, wind.gusts, seed)
-    return Flown(row["transfer_id"], row["waypoints_sha256"], *said, path, judged.measures)
+    conditions = (wind.speed_mps, wind.towards_deg, wind.gusts, seed)
+    return Flown(row["transfer_id"], row["waypoints_sha256"], *conditions, path, judged.measures)
 
 
 def _through_gate(catalog: Catalog, row: Row, force: tuple[str, ...]) -> None:
     """Refuse a plan that breaks a rule of the gate; keep which rules were overruled."""
-    asked = settings_of(row["settings_json"]).route.clearance_m
+    limit_m = settings_of(row["settings_json"]).route.clearance_m
     target, state = catalog.structure(row["target_id"]), catalog.standing().of(row["transfer_id"])
-    found = [
-        *gate.broken_by(plan_of(catalog, row), target, asked),
+    faults = [
+        *gate.broken_by(plan_of(catalog, row), target, limit_m),
         *undecided(catalog, {**row, "state": state}),
     ]
-    found = [breach for breach in found if breach.rule not in DRAFTS]  # a flight in simulation may be of any
-    overruled = gate.pass_or_refuse(f"transfer {row['transfer_id']}", found, force)
+    faults = [one for one in faults if one.rule not in DRAFTS]  # a simulation may be of any
+    overruled = gate.pass_or_refuse(f"transfer {row['transfer_id']}", faults, force)
     keep_overruled(catalog, row, "fly", "", overruled)
 
 
@@ -136,8 +136,8 @@ def measured(made_from: Recipe, plan: Plan) -> Measures:
     """The measures of a plan, computed from its trajectory and its inputs."""
     assert plan.trajectory is not None
     inputs = (made_from.demonstration, made_from.source, made_from.target)
-    found = measure_flown(plan.trajectory, plan, *inputs, made_from.settings, siblings=made_from.siblings)
-    return found.measures
+    settings, siblings = made_from.settings, made_from.siblings
+    return measure_flown(plan.trajectory, plan, *inputs, settings, siblings=siblings).measures
 
 
 def _ground_z_m(target: Structure) -> float:

@@ -128,8 +128,8 @@ def ingest_demonstrations(
     """
     options = options or LogOptions()
     check_allowed(options.allow, RULES)
-    found = _surveyed([Path(log) for log in logs])
-    if not dry_run and any(map(is_project, found)):  # which may be the first to bring a structure
+    logs_found = _surveyed([Path(log) for log in logs])
+    if not dry_run and any(map(is_project, logs_found)):  # which may be the first to bring a structure
         catalog.create()
     table = catalog.demonstrations()
     if options.strict:  # flights with warnings are judged again
@@ -140,8 +140,8 @@ def ingest_demonstrations(
         if dry_run:  # structures of projects go into a catalog that is thrown away
             home = open_catalog(stack.enter_context(TemporaryDirectory(prefix="upplied-")))
         add_structures = lambda entries: _added(home, entries, workers, _silent)[0]  # noqa: E731
-        found, structures, facts = facts_of(found, options, add_structures)
-        flights = {str(one.path): one for one in found if one.is_flight}
+        logs_found, structures, facts = facts_of(logs_found, options, add_structures)
+        flights = {str(one.path): one for one in logs_found if one.is_flight}
         places = {name: _place(home) for name in facts}
         placements = placements_of(catalog.structures())
         if facts:
@@ -157,7 +157,7 @@ def ingest_demonstrations(
     named = [replace(one, status=status.get(one.status, one.status)) for one in (*structures, *ingested)]
     by_file = dict(zip(flights, named[len(structures) :], strict=True))
     listed = [
-        _listed(one, by_file.get(str(one.path))) for one in found if one.status in ("flight", "refused")
+        _listed(one, by_file.get(str(one.path))) for one in logs_found if one.status in ("flight", "refused")
     ]
     return [*named[: len(structures)], *listed]
 
@@ -201,15 +201,15 @@ def find_logs(logs: Iterable[str | Path]) -> list[Path]:
 
 def _surveyed(names: list[Path]) -> list[Found]:
     """What the files are; one that is named and is no flight is refused, not passed over."""
-    found = [
+    logs_found = [
         replace(one, status="refused", words="is no flight that can be read")
         if one.status == "other" and one.path in names
         else one
         for one in survey(names)
     ]
-    if not any(one.status in ("flight", "refused") for one in found):
+    if not any(one.status in ("flight", "refused") for one in logs_found):
         raise InputError(", ".join(map(str, names)) or "logs", "no flight was found", "at least one log")
-    return found
+    return logs_found
 
 
 _SIZES = ["size_x_m", "size_y_m", "size_z_m"]
@@ -237,8 +237,8 @@ class _Stored:
             return None
         _, site, notes = self.content[name]
         begins = f"{notes}; ".startswith(f"{entry.notes}; ") or not entry.notes
-        told = _Words(site, entry.notes if begins else notes)
-        words = self.cache.get(_WORDS, _Words, digest(self.content[name])) or told
+        description = _Words(site, entry.notes if begins else notes)
+        words = self.cache.get(_WORDS, _Words, digest(self.content[name])) or description
         return Ingested(name, "unchanged") if words == _Words(entry.site, entry.notes) else None
 
     def noted(

@@ -128,11 +128,11 @@ def known_outcomes(catalog: Catalog, jobs: Sequence[Job], run_id: str = "") -> t
 
     Of failures those of the run `run_id` alone count, where it is said: earlier ones were to be tried again.
     """
-    found = catalog.settled((job.key for job in jobs), retry_failed=bool(run_id), run_id=run_id)
+    outcomes = catalog.settled((job.key for job in jobs), retry_failed=bool(run_id), run_id=run_id)
     result, missing = Result(), []
     for job in jobs:
-        if job.key in found:
-            result.count(job, *found[job.key])
+        if job.key in outcomes:
+            result.count(job, *outcomes[job.key])
         else:
             missing.append(job)
     return result, missing

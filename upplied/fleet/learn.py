@@ -27,15 +27,15 @@ log = logging.getLogger(__name__)
 def learnt_structure(location: str, cache: Path, entry: StructureEntry) -> Structure:
     """The structure of one entry; its shape is remembered in the cache of the catalog at a location."""
     structure = read_structure(entry, judge=False)  # it is judged among others afterwards
-    told: list[bool] = []
+    labels: list[bool] = []
 
     def learn() -> None:
         shapes = Shapes(open_catalog(location, cache))
         shapes.learn(structure)
-        told.append(pieces_tell_parts(shapes.cloud(structure.structure_id, structure.sha256)))
+        labels.append(pieces_tell_parts(shapes.cloud(structure.structure_id, structure.sha256)))
 
     _tried(learn, entry.structure_id)
-    return replace(structure, tells_parts=told[0]) if told else structure
+    return replace(structure, tells_parts=labels[0]) if labels else structure
 
 
 def learnt_flight(
@@ -53,7 +53,7 @@ def learnt_flight(
         If its structure is not in the catalog, or it breaks a rule that is not overruled.
     """
     catalog = open_catalog(location, cache)
-    found: list[Structure] = []
+    structures: list[Structure] = []
 
     def structure_of(structure_id: str) -> Structure:
         known = sorted(catalog.structures()["structure_id"])
@@ -65,11 +65,11 @@ def learnt_flight(
                 f"a structure of the catalog: {', '.join(near) or 'it holds none'}",
                 "add the structure first, or correct structure_id",
             )
-        found.append(catalog.structure(structure_id))
-        return found[0]
+        structures.append(catalog.structure(structure_id))
+        return structures[0]
 
     flight = read_demonstration(path, options, placements, structure_of)
-    _tried(lambda: Shapes(catalog).learn_flight(flight, found[0]), flight.demonstration_id)
+    _tried(lambda: Shapes(catalog).learn_flight(flight, structures[0]), flight.demonstration_id)
     return flight
 
 

@@ -100,12 +100,12 @@ def attempt(location: str, name: str, worker: str) -> Iterator[None]:
 def attempts(catalog: Catalog, run_id: str) -> list[Attempt]:
     """Who worked on the shards of a run, by shard and worker; of a damaged note nothing is known."""
     store = FileStore(_store(catalog).path(check_id(run_id, "run")))
-    found = []
+    turns = []
     for name in store.names():
         with suppress(OSError, ValueError, TypeError):
             if name.endswith(".json"):
-                found.append(Attempt(**json.loads(store.read(name))))
-    return sorted(found, key=lambda one: (one.shard, one.worker, one.ended))
+                turns.append(Attempt(**json.loads(store.read(name))))
+    return sorted(turns, key=lambda one: (one.shard, one.worker, one.ended))
 
 
 def remove_shards(catalog: Catalog, run_id: str) -> None:

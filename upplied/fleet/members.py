@@ -99,7 +99,7 @@ def _size(new: Member, kin: Sequence[Member], unlike: Floats, bounds: StructureS
     unit = _unit(new.size_m / like.size_m, bounds.unit_slack)
     of_form = float(unlike.min()) < bounds.alike
     odd = bounds.odd_size_ratio * (1 + 1 / (3 * len(kin)))
-    said = f"its diagonal is {new.size_m:.3g} m, {beyond:.3g} times {side} than every {new.kind} here"
+    size = f"its diagonal is {new.size_m:.3g} m, {beyond:.3g} times {side} than every {new.kind} here"
     if beyond > bounds.size_ratio:
         guess = unit or _unit(new.size_m / like.size_m, 2 * bounds.unit_slack)
         guess = guess or _unit(
@@ -107,12 +107,12 @@ def _size(new: Member, kin: Sequence[Member], unlike: Floats, bounds: StructureS
             np.log(odd) + (np.log(sizes.max() / sizes.min()) / 2),
         )
         looks = f"; looks like {guess}" if guess else ""
-        yield broken(RULES["size"], f"{said} ({nearest}){looks}", f"at most {bounds.size_ratio:g} times")
+        yield broken(RULES["size"], f"{size} ({nearest}){looks}", f"at most {bounds.size_ratio:g} times")
     elif beyond > odd and unit and of_form:
-        found = f"{said} ({nearest}), and {_times(new, like)} as {like.structure_id} of the same form"
-        yield broken(RULES["units"], f"{found}; looks like {unit}")
+        reason = f"{size} ({nearest}), and {_times(new, like)} as {like.structure_id} of the same form"
+        yield broken(RULES["units"], f"{reason}; looks like {unit}")
     elif beyond > odd:
-        yield broken(RULES["odd-size"], f"{said} ({nearest})", f"at most {odd:.3g} times")
+        yield broken(RULES["odd-size"], f"{size} ({nearest})", f"at most {odd:.3g} times")
     elif float(unlike.min()) < _NEARLY_ALIKE and abs(np.log(new.size_m / like.size_m)) > np.log(2):
         yield broken(RULES["odd-size"], f"it is {_times(new, like)} as {like}, which has the same form")
 
@@ -155,20 +155,20 @@ def _axes(
     symmetric: bool,
 ) -> Iterator[Verdict]:
     """Whether it fits the others of its kind better when it is turned."""
-    found = _by_turn(new, kin)
+    nearest_turn = _by_turn(new, kin)
     stands = {index: turn[2, 2] > 0.5 for index, turn in enumerate(quarter_turns())}
     for rule, tried in (
-        ("up-axis", [index for index in found if not stands[index]]),
-        ("forward-axis", [index for index in found if stands[index] and not symmetric]),
+        ("up-axis", [index for index in nearest_turn if not stands[index]]),
+        ("forward-axis", [index for index in nearest_turn if stands[index] and not symmetric]),
     ):
-        best = min(tried, key=found.__getitem__, default=None)
-        if best is None or found[best] >= min(bounds.alike, bounds.turned_share * declared):
+        best = min(tried, key=nearest_turn.__getitem__, default=None)
+        if best is None or nearest_turn[best] >= min(bounds.alike, bounds.turned_share * declared):
             continue
         right = quarter_turns()[best] @ file_turn(*axes)
         names = [("-" if row.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in right[[2, 0]]]
         words = (
             f"as declared (up {axes[0]}, forward {axes[1]}) its form misses that of every {new.kind} here by"
-            f" {declared:.2f}, with up = {names[0]!r} and forward = {names[1]!r} by {found[best]:.2f}"
+            f" {declared:.2f}, with up = {names[0]!r} and forward = {names[1]!r} by {nearest_turn[best]:.2f}"
         )
         remedy = f"declare up = {names[0]!r} and forward = {names[1]!r} if that is so"
         if rule == "up-axis" and declared < bounds.alike:

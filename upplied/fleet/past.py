@@ -59,12 +59,12 @@ class Past:
             return "new pair"
         if self._rows["transfer_id"][place].as_py() == transfer_id(key):
             return "failed before"
-        said = [texts[codes[place]] for texts, codes in self._columns]
+        texts_now = [texts[codes[place]] for texts, codes in self._columns]
         others = json_text([list(one) for one in siblings]) if siblings else ""
         now = (demonstration.sha256, source.sha256, target.sha256, settings.sha256, others)
-        changed = zip(_CHANGES, said[: len(_CHANGES)], now, strict=True)
-        told = [f"{what} changed" for what, was, is_now in changed if was != is_now]
-        return ", ".join([*told, *self._causes(*said[len(_CHANGES) :])]) or "an older version is back"
+        changed = zip(_CHANGES, texts_now[: len(_CHANGES)], now, strict=True)
+        changes = [f"{what} changed" for what, was, is_now in changed if was != is_now]
+        return ", ".join([*changes, *self._causes(*texts_now[len(_CHANGES) :])]) or "an older version is back"
 
     def _causes(self, *said: str) -> tuple[str, ...]:
         """Why the program may plan otherwise; few rows differ in what they say of theirs."""

@@ -64,8 +64,8 @@ def _laid(
         row = catalog.transfer(catalog.find_transfer(transfer_id))
         flown = _read(catalog, log, replace(options, structure_id=options.structure_id or row["target_id"]))
         if flown.structure_id != row["target_id"]:
-            found = f"was flown round {flown.structure_id}, plan {transfer_id} is for {row['target_id']}"
-            raise InputError(log, found, "a flight is judged on the plan that was flown")
+            fault = f"was flown round {flown.structure_id}, plan {transfer_id} is for {row['target_id']}"
+            raise InputError(log, fault, "a flight is judged on the plan that was flown")
         laid = _best(catalog, log, [(row, flown)], accuracy_m)
         _check_mission(catalog, log, laid, accuracy_m)
         return laid
@@ -90,10 +90,10 @@ def _check_flown(catalog: Catalog, log: str, laid: Laid) -> None:
     ]
     for what, path in paths:
         if follows_exactly(path, laid.on):
-            found = (
+            fault = (
                 f"holds the poses of the {what} {name} itself: no vehicle follows a path to the centimetre"
             )
-            raise RefusedError(log, found, "the log of a vehicle that flew")
+            raise RefusedError(log, fault, "the log of a vehicle that flew")
 
 
 def _check_mission(catalog: Catalog, log: str, laid: Laid, accuracy_m: float | None) -> None:
@@ -123,12 +123,12 @@ def _anywhere(
 ) -> Iterator[tuple[Row, Demonstration]]:
     """The plans of the structures that people released plans for last, and the log as flown round each."""
     force = catalog.in_force()
-    asked = (
+    rows = (
         force.sort_values("state_at", kind="stable")["target_id"].iloc[::-1]
         if len(force)
         else catalog.transfers(status="ok", preset="recommended")["target_id"]
     )
-    names = list(dict.fromkeys(asked))
+    names = list(dict.fromkeys(rows))
     if not names:
         raise unsaid
     for name in names[:_MOST_STRUCTURES]:
@@ -143,7 +143,7 @@ def _best(
     catalog: Catalog, log: str, tried: list[tuple[Row, Demonstration]], accuracy_m: float | None
 ) -> Laid:
     """The plan that the path lies on best."""
-    found, why = list[Laid](), []
+    candidates, why = list[Laid](), []
     for row, flown in tried:
         try:
             plan = catalog.plan(row["transfer_id"])
@@ -153,11 +153,11 @@ def _best(
         except RefusedError as refusal:
             why.append(f"{row['transfer_id']}: {refusal}")
             continue
-        found.append(Laid(row, flown, on))
-    if not found:
+        candidates.append(Laid(row, flown, on))
+    if not candidates:
         known = "; ".join(why) or "no plan of that structure is in the catalog"
         raise RefusedError(log, f"lies on no plan: {known}", "", "say which plan was flown: --plan ID")
-    return min(found, key=lambda laid: laid.off_m)
+    return min(candidates, key=lambda laid: laid.off_m)
 
 
 def _plans(catalog: Catalog, flown: Demonstration) -> list[Row]:

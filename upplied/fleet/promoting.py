@@ -63,21 +63,21 @@ def promote_flight(
     structure = catalog.structure(str(row["target_id"]))
     scene = scene_for(structure, catalog.supposed(str(plan["transfer_id"])))
     broken = _broken(row, path_clearance(scene, flown.positions).distance_m, plan)
-    left = [(rule, found) for rule, found in broken if rule not in force]
+    left = [(rule, fault) for rule, fault in broken if rule not in force]
     if left:
-        said = "; ".join(found for _, found in left)
-        raise RefusedError(what, said, RULES[left[0][0]], f"or overrule it: --force {left[0][0]}")
+        reasons = "; ".join(fault for _, fault in left)
+        raise RefusedError(what, reasons, RULES[left[0][0]], f"or overrule it: --force {left[0][0]}")
     made_up = f"{plan['demonstration_id']}-{structure.structure_id}-{row['flown_at']:%Y%m%d}"[:64]
     name = check_id(name or made_up, "demonstration id")
     known = set(catalog.demonstrations(every=True)["demonstration_id"])
     if name in known:
-        found = "is in the catalog"
-        raise RefusedError(f"demonstration {name}", found, "a name of its own", "say --name NAME")
+        fault = "is in the catalog"
+        raise RefusedError(f"demonstration {name}", fault, "a name of its own", "say --name NAME")
     before = catalog.demonstration(str(plan["demonstration_id"]))
     start_ns = int(row["flown_at"].value)
-    overruled = "".join(f"; overruled, {rule}: {found}" for rule, found in broken)
+    overruled = "".join(f"; overruled, {rule}: {fault}" for rule, fault in broken)
     note = f"promoted by {by.strip()} from {what}, which flew plan {plan['transfer_id']}{overruled}"
-    made = Demonstration(
+    demonstration = Demonstration(
         demonstration_id=name,
         structure_id=structure.structure_id,
         t_ns=start_ns + np.round(flown.t_s * 1e9).astype(np.int64),
@@ -93,8 +93,8 @@ def promote_flight(
         topic=f"flight {row['flight_id']}",
         notes=note,
     )
-    catalog.add_demonstrations([made])
-    return made
+    catalog.add_demonstrations([demonstration])
+    return demonstration
 
 
 def _camera(planned: Camera, flown: Trajectory) -> Camera:
@@ -106,21 +106,21 @@ def _camera(planned: Camera, flown: Trajectory) -> Camera:
 
 def _broken(row: Row, clearance_m: float, plan: Row) -> list[tuple[str, str]]:
     """The rules that a flight breaks, and what was found."""
-    found = []
+    broken = []
     if row["kind"] != "flown":
-        found.append(("flown", f"is {row['kind'] or 'simulated'}"))
+        broken.append(("flown", f"is {row['kind'] or 'simulated'}"))
     if not (flown_pct := row["flown_pct"] or 0.0) >= _FLOWN_PCT:
-        found.append(("whole", f"{flown_pct:.1f} % of its plan was flown"))
+        broken.append(("whole", f"{flown_pct:.1f} % of its plan was flown"))
     inspected = row["inspected_pct"]
     if inspected is None or inspected != inspected:  # judged before there was such a figure
-        found.append(("whole", "how much of it was inspected as asked is not known"))
+        broken.append(("whole", "how much of it was inspected as asked is not known"))
     elif inspected < _INSPECTED_PCT:
-        found.append(("whole", f"{inspected:.1f} % of what it shows was inspected as asked"))
+        broken.append(("whole", f"{inspected:.1f} % of what it shows was inspected as asked"))
     for part in str(row["findings"] or "").split("; "):
         if part.startswith((SILENT, STOOD, LOOKED)):
-            found.append(("recorded", part))
+            broken.append(("recorded", part))
     route = settings_of(plan["settings_json"]).route
     if route.enforce and clearance_m < route.clearance_m:
         near = f"comes within {clearance_m:.2f} m, {route.clearance_m:g} m are asked for"
-        found.append(("clearance", near))
-    return found
+        broken.append(("clearance", near))
+    return broken

@@ -59,13 +59,13 @@ def recheck(catalog: Catalog, limits: Limits | None = None) -> list[Rechecked]:
     with Workers(min(cores(), len(changed)), limits=limits or Limits()) as workers:
         for row in changed.to_dict("records"):
             target = catalog.newest("structures", row["target_id"])["sha256"]
-            found = _judged(workers, catalog.location, {str(name): value for name, value in row.items()})
-            judged = catalog.transfer(found.transfer_id), found.note, target, BY
-            if found.recalled:
+            verdicts = _judged(workers, catalog.location, {str(name): value for name, value in row.items()})
+            judged = catalog.transfer(verdicts.transfer_id), verdicts.note, target, BY
+            if verdicts.recalled:
                 catalog.recall(*judged)
             else:
-                catalog.rechecked(*judged, found.supposed_sha256)
-            done.append(found)
+                catalog.rechecked(*judged, verdicts.supposed_sha256)
+            done.append(verdicts)
     return done
 
 
@@ -79,8 +79,8 @@ def _judged(workers: Workers, location: str, row: Row) -> Rechecked:
         return Rechecked(*names, True, "; ".join(broken), True)
     before = row["coverage_inspected_pct"]
     if isinstance(shown, str):
-        said = f"it is safe; what it shows cannot be measured: {shown}"
-        return Rechecked(*names, False, said, True, supposed)
+        words = f"it is safe; what it shows cannot be measured: {shown}"
+        return Rechecked(*names, False, words, True, supposed)
     lost = before - shown > _LOST_POINTS
     note = f"it is safe there; it shows {shown:.1f} % of what was inspected ({before:.1f} % before)"
     return Rechecked(*names, False, note, bool(lost), supposed)
@@ -124,5 +124,5 @@ def place_breaches(
 ) -> list[str]:
     """The rules of the place that a path breaks at a structure, and at what is supposed of it, in words."""
     limits = gate.Limits(clearance_m=clearance_m)
-    found = gate.breaches(planned(path.positions, path.t_s), target, limits, supposed)
-    return [str(breach) for breach in found if breach.rule in _PLACE]
+    breaches = gate.breaches(planned(path.positions, path.t_s), target, limits, supposed)
+    return [str(breach) for breach in breaches if breach.rule in _PLACE]

@@ -31,8 +31,8 @@ def required_surface(
     """
     if not name:
         return None, ()
-    asked = zones_named(catalog, target.kind, target.structure_id, name)
-    known = Camera(), asked, catalog.faces_labelled
+    zones = zones_named(catalog, target.kind, target.structure_id, name)
+    known = Camera(), zones, catalog.faces_labelled
     # Where the zones are is asked, not what may be seen of them: what was never scanned plays no part.
     asking = Asking(catalog.structure, memo, target, None, *known)
     return asking.required()

@@ -21,17 +21,17 @@ class SiblingsOf:
 
     def __init__(self, structures: pd.DataFrame) -> None:
         table = structures.sort_values("structure_id")
-        told = table["tells_parts"].astype("boolean")
+        labelled = table["tells_parts"].astype("boolean")
         mesh = table["n_triangles"] > 0
         self._scans = dict(zip(table["structure_id"], table["kind"], strict=True))
         self._scans = {
             name: kind
-            for (name, kind), scan in zip(self._scans.items(), ~told.fillna(mesh), strict=True)
+            for (name, kind), scan in zip(self._scans.items(), ~labelled.fillna(mesh), strict=True)
             if scan
         }
         self._sha256 = dict(zip(table["structure_id"], table["sha256"], strict=True))
         self._size = dict(zip(table["structure_id"], table[_SIZE].to_numpy(float), strict=True))
-        known = table[mesh & told.fillna(True)]
+        known = table[mesh & labelled.fillna(True)]
         self._known = {str(kind): list(rows["structure_id"]) for kind, rows in known.groupby("kind")}
         self._sizes = {
             kind: np.array([self._size[name] for name in names]) for kind, names in self._known.items()
@@ -46,7 +46,7 @@ class SiblingsOf:
         if (target_id, most) not in self._nearest:
             names, sizes = self._known.get(kind, []), self._sizes.get(kind, np.empty((0, 3)))
             # One more, since the source may be among them.
-            found = nearest_in_proportions(self._size[target_id], names, sizes, most + 1)
-            self._nearest[target_id, most] = found
+            nearest = nearest_in_proportions(self._size[target_id], names, sizes, most + 1)
+            self._nearest[target_id, most] = nearest
         chosen = [name for name in self._nearest[target_id, most] if name != source_id][:most]
         return tuple((name, self._sha256[name]) for name in sorted(chosen))

@@ -65,13 +65,13 @@ def missed_zones(
     if asking is None:
         return [], ()
     surface = asking.surface
-    found = []
+    misses = []
     for named, demand, missed in asking.missed(*looked(catalog, _flights(catalog, row), surface)):
         if missed.any():
             cloud = Cloud(surface.points[missed], surface.outward[missed], surface.areas[missed])
             most = 90.0 if demand.incidence_deg is None else demand.incidence_deg
-            found.append(Zone(named, demand, ZoneGap(demand.zone, cloud, _farthest_m(demand, camera), most)))
-    return found, asking.required()[1]
+            misses.append(Zone(named, demand, ZoneGap(demand.zone, cloud, _farthest_m(demand, camera), most)))
+    return misses, asking.required()[1]
 
 
 def zones_left_out(catalog: Catalog, row: Row) -> str:
@@ -105,10 +105,10 @@ def nearest(surface: Cloud, cloud: Cloud) -> Ints:
 
 
 def _asking(catalog: Catalog, row: Row, target: Structure, camera: Camera) -> Asking | None:
-    asked = zones_of(catalog, target.kind, target.structure_id)
-    if not asked:
+    zones = zones_of(catalog, target.kind, target.structure_id)
+    if not zones:
         return None
-    known = target, catalog.supposed(str(row["transfer_id"])), camera, asked
+    known = target, catalog.supposed(str(row["transfer_id"])), camera, zones
     return Asking(catalog.structure, catalog.cache, *known, catalog.faces_labelled)
 
 

@@ -35,8 +35,8 @@ def display_mesh(structure: Structure) -> DisplayMesh:
     where the surface is seen.
     """
     if not len(structure.triangles):
-        kept = np.linspace(0, len(structure.vertices) - 1, min(len(structure.vertices), _MOST_POINTS))
-        return DisplayMesh(structure.vertices[kept.astype(int)], np.empty((0, 3), np.int64))
+        chosen = np.linspace(0, len(structure.vertices) - 1, min(len(structure.vertices), _MOST_POINTS))
+        return DisplayMesh(structure.vertices[chosen.astype(int)], np.empty((0, 3), np.int64))
     vertices, triangles = simplified(structure.vertices, structure.triangles, _MOST_TRIANGLES * 3 // 4)
     return DisplayMesh(*_split(vertices, triangles, structure.diagonal_m / 50))
 
@@ -116,8 +116,8 @@ class Neighbourhood:
         if self._apart and normals is None:
             normals = np.zeros_like(points)
         count = min(_VOTES, len(self._state))
-        _, found = self._tree.query(self._key(points, normals), k=[*range(1, count + 1)])
-        return np.asarray(found)
+        _, indices = self._tree.query(self._key(points, normals), k=[*range(1, count + 1)])
+        return np.asarray(indices)
 
     def _key(self, points: Floats, normals: Floats | None) -> Floats:
         if not self._apart or normals is None:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from upplied.errors import SettingsError
 from upplied.outputs.colours import CLASSES, DEMONSTRATED, PRESETS, STATES, rgb
+from upplied.outputs.display import DisplayMesh
 from upplied.outputs.draw import tubes
 from upplied.outputs.draw.canvas import Classed, Solid, picture, solid
-from upplied.outputs.draw.sheet import Panel, padded, sheet_png
+from upplied.outputs.draw.sheet import Panel, padded, png, sheet_png
 from upplied.outputs.draw.views import View, facing, fitted, named_view, proportion
-from upplied.outputs.files import replace_file
 from upplied.polylines import leg_lengths
 from upplied.records import (
     SURFACE_STATES,
@@ -28,6 +27,7 @@ from upplied.records import (
 )
 
 _WIDTH = 1400  # px of a figure
+_THUMBNAIL = 128, 88  # px
 _FRUSTA = 24  # at most so many along a path
 
 
@@ -94,8 +94,8 @@ def separation_png(structure: Structure, label: Ints, names: Sequence[str], clea
     before, after = Classed(structure, label), solid(cleaned)
     boxes = [(0, at * (_WIDTH * 2 // 5), _WIDTH, _WIDTH * 2 // 5) for at in (0, 1)]
     panels = [
-        _panel(body, (), (), named_view("three-quarter"), box, said)
-        for body, box, said in zip((before, after), boxes, ("before", "after"), strict=True)
+        _panel(body, (), (), named_view("three-quarter"), box, caption)
+        for body, box, caption in zip((before, after), boxes, ("before", "after"), strict=True)
     ]
     legend = [(name, CLASSES[at], "patch") for at, name in enumerate(names) if (label == at).any()]
     return sheet_png(panels, legend, structure.structure_id)
@@ -107,72 +107,65 @@ def transfer_png(
     demonstration: Demonstration,
     plan: Plan,
     *,
-    source_states: SurfaceStates | None = None,
     view: str | View | None = None,
-    frusta: bool = True,
-    title: str = "",
     width: int = _WIDTH,
-    left: Panel | None = None,
 ) -> bytes:
     """Two panels: the demonstration on its structure, and the plan on the target.
 
     The source is coloured by what the demonstration was about (``plan.inspected``), the target by what of
     it is shown (``plan.surface``), where that is known. A refused plan shows
     the target alone, with the reason. The same view serves both panels, each fitted to its own content;
-    where none is given, it is from the side on which was flown. `left` is the first panel, where
-    `demonstrated_panel` made it already for another target.
+    where none is given, it is from the side on which was flown.
     """
     chosen = _chosen(view, source, demonstration)
     half = width // 2
-    source_states = source_states or plan.inspected
-    left = left or demonstrated_panel(source, demonstration, source_states, view, frusta, width)
+    left = _demonstrated(source, demonstration, plan.inspected, view, width)
     high = max(len(left.image), _height(chosen, _content(target, [plan.trajectory]), half))
     colour = rgb(PRESETS.get(plan.preset, DEMONSTRATED))
-    lines, cameras = _plan_lines(plan, demonstration.camera, colour, frusta)
+    lines, cameras = _plan_lines(plan, colour, demonstration.camera)
     note = f"{plan.preset} plan for {target.structure_id}"
     right = _panel(solid(target, plan.surface), lines, cameras, chosen, (half, 0, half, high), note)
     legend = [("demonstrated path", DEMONSTRATED, "line")]
     if plan.trajectory is not None:
         legend.append((f"planned path ({plan.preset})", PRESETS.get(plan.preset, DEMONSTRATED), "line"))
-    legend += _state_legend([source_states, plan.surface])
-    return sheet_png(
-        [padded(left, high), right],
-        legend,
-        title or f"{demonstration.demonstration_id} → {target.structure_id}",
-        figures(plan),
-    )
+    legend += _state_legend([plan.inspected, plan.surface])
+    title = f"{demonstration.demonstration_id} → {target.structure_id}"
+    return sheet_png([padded(left, high), right], legend, title, figures(plan))
 
 
-def demonstrated_panel(
+def _demonstrated(
     source: Structure,
     demonstration: Demonstration,
-    states: SurfaceStates | None = None,
-    view: str | View | None = None,
-    frusta: bool = True,
-    width: int = _WIDTH,
+    states: SurfaceStates | None,
+    view: str | View | None,
+    width: int,
 ) -> Panel:
-    """The left half of `transfer_png`, which is the same for all targets of a demonstration."""
+    """The left half of `transfer_png`."""
     chosen, half = _chosen(view, source, demonstration), width // 2
     shown = _every(len(demonstration), _FRUSTA)
     flown = (demonstration.positions[shown], demonstration.quat_xyzw[shown])
     return _panel(
         solid(source, states),
         [(demonstration.positions, rgb(DEMONSTRATED))],
-        [(*flown, demonstration.camera, rgb(DEMONSTRATED))] if frusta else [],
+        [(*flown, demonstration.camera, rgb(DEMONSTRATED))],
         chosen,
         (0, 0, half, _height(chosen, _content(source, [demonstration.trajectory]), half)),
         f"demonstrated on {source.structure_id}",
     )
 
 
+def thumbnail_png(mesh: DisplayMesh) -> bytes:
+    """A small PNG of a structure as pages show it, from the three-quarter view."""
+    structure = Structure("thumbnail", "thumbnail", mesh.vertices, mesh.triangles)
+    frame = fitted(named_view("three-quarter"), mesh.vertices, *_THUMBNAIL, margin=0.03)
+    return png(picture(solid(structure), tubes.joined([]), frame))
+
+
 def demonstration_png(
-    source: Structure,
-    demonstration: Demonstration,
-    states: SurfaceStates | None = None,
-    width: int = _WIDTH,
+    source: Structure, demonstration: Demonstration, states: SurfaceStates | None = None
 ) -> bytes:
     """PNG of a demonstration round its structure, with cameras, and what it inspected where that is known."""
-    panel = demonstrated_panel(source, demonstration, states, width=2 * width)
+    panel = _demonstrated(source, demonstration, states, None, 2 * _WIDTH)
     legend = [("demonstrated path", DEMONSTRATED, "line"), *_state_legend([states])]
     return sheet_png([panel], legend, demonstration.demonstration_id, "")
 
@@ -180,17 +173,13 @@ def demonstration_png(
 def comparison_png(
     target: Structure,
     plans: Sequence[Plan],
-    camera: Camera | None = None,
     *,
     view: str | View | None = None,
-    frusta: bool = False,
-    title: str = "",
     width: int = _WIDTH,
 ) -> bytes:
     """Several plans for one target side by side, for instance the presets, in the same frame."""
     if not plans:
         raise SettingsError("plans", "none given", "at least one")
-    camera = camera or Camera()
     wide = width // len(plans)
     paths = [plan.trajectory for plan in plans]
     everything = _content(target, paths)
@@ -201,20 +190,13 @@ def comparison_png(
     panels = []
     for at, plan in enumerate(plans):
         colour = rgb(PRESETS.get(plan.preset, DEMONSTRATED))
-        lines, cameras = _plan_lines(plan, camera, colour, frusta)
-        box = (at * wide, 0, wide, high)
+        lines, _ = _plan_lines(plan, colour)
         label = f"{plan.preset}: {figures(plan)}"
-        panels.append(
-            _panel(body or solid(target, plan.surface), lines, cameras, chosen, box, label, everything)
-        )
+        drawn = body or solid(target, plan.surface)
+        panels.append(_panel(drawn, lines, [], chosen, (at * wide, 0, wide, high), label, everything))
     legend = [(plan.preset, PRESETS.get(plan.preset, DEMONSTRATED), "line") for plan in plans]
     legend += _state_legend([plan.surface for plan in plans])
-    return sheet_png(panels, legend, title or f"{plans[0].demonstration_id} → {target.structure_id}")
-
-
-def save(path: str | Path, png: bytes) -> Path:
-    """Write a picture so that a reader never meets half of it; folders are made."""
-    return replace_file(path, png)
+    return sheet_png(panels, legend, f"{plans[0].demonstration_id} → {target.structure_id}")
 
 
 def figures(plan: Plan) -> str:
@@ -234,14 +216,14 @@ def figures(plan: Plan) -> str:
 
 
 def _plan_lines(
-    plan: Plan, camera: Camera, colour: tuple[float, float, float], frusta: bool
+    plan: Plan, colour: tuple[float, float, float], camera: Camera | None = None
 ) -> tuple[list, list]:
     if plan.trajectory is None:
         return [], []
     path = plan.trajectory
     chosen = np.arange(len(path)) if plan.is_viewpoint is None else np.flatnonzero(plan.is_viewpoint)
     chosen = chosen[_every(len(chosen), _FRUSTA)]
-    cameras = [(path.positions[chosen], path.quat_xyzw[chosen], camera, colour)] if frusta else []
+    cameras = [(path.positions[chosen], path.quat_xyzw[chosen], camera, colour)] if camera else []
     return [(path.positions, colour)], cameras
 
 

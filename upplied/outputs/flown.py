@@ -39,10 +39,10 @@ class Flown(Record):
 
 def flight_row(flight_id: str, flown: Flown) -> dict[str, Any]:
     """The row of `flights` of one flight."""
-    said = ("transfer_id", "waypoints_sha256", "wind_mps", "towards_deg", "gusts", "seed")
+    names = ("transfer_id", "waypoints_sha256", "wind_mps", "towards_deg", "gusts", "seed")
     return {
         "flight_id": flight_id,
-        **{name: getattr(flown, name) for name in said},
+        **{name: getattr(flown, name) for name in names},
         **asdict(flown.measures),
     }
 
@@ -117,10 +117,10 @@ class Flights:
 
     def of(self, row: Mapping[str, Any]) -> Flown | None:
         """The last flight of the plan of this row; None where it was not flown as it now stands."""
-        found = self._last.get(str(row["transfer_id"]))
-        if found is None or (found["waypoints_sha256"] or "") != (row.get("waypoints_sha256") or ""):
+        last = self._last.get(str(row["transfer_id"]))
+        if last is None or (last["waypoints_sha256"] or "") != (row.get("waypoints_sha256") or ""):
             return None
-        return flown_of(found, self._source.flown(found["flight_sha256"]))
+        return flown_of(last, self._source.flown(last["flight_sha256"]))
 
 
 def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
@@ -135,7 +135,7 @@ def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
         unknown = f", unknown for {flown.silent_s:.0f} s without log" if flown.silent_s else ""
         parts.append(f"minimum clearance {clearance:.2f} m{_of(row, 'min_clearance_m', 2, ' m')}{unknown}")
     if np.isfinite(flown.inspected_pct):
-        parts.append(f"{flown.inspected_pct:.1f} % of the planned surface was inspected as asked")
+        parts.append(f"{flown.inspected_pct:.1f} % of the planned surface was inspected as planned")
     if np.isfinite(flown.required_pct):
         parts.append(f"{flown.required_pct:.1f} % of it was certainly in view")
     if flown.assumed_pct > 0:

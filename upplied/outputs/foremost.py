@@ -34,17 +34,17 @@ def first_pairs(
     demonstration, target : str, optional
         Only pairs of these.
     """
-    asked = partial(source.transfers, demonstration=demonstration, structure=target)
-    every = _plain(asked(every=True, columns=_TOLD))
+    rows_of = partial(source.transfers, demonstration=demonstration, structure=target)
+    every = _plain(rows_of(every=True, columns=_TOLD))
     decided = every[(every["purpose"] == "") & every["state"].isin(["released", RECALLED])]
     plans = every[["transfer_id", *_PAIR]]
     del every  # of a million plans it is hundreds of megabytes
-    main = _main_rows(_plain(asked(columns=_TOLD)), decided)
+    main = _main_rows(_plain(rows_of(columns=_TOLD)), decided)
     known = len(main)
     if not known:
         return [], 0
     if known <= most:
-        return pairs_of(asked(), asked(every=True)), known
+        return pairs_of(rows_of(), rows_of(every=True)), known
     chosen = _in_order(main).head(most)
     plans = plans[np.logical_and.reduce([plans[name].isin(chosen[name]) for name in _PAIR])]
     shown = pd.MultiIndex.from_frame(plans[_PAIR]).isin(pd.MultiIndex.from_frame(chosen))
@@ -52,9 +52,9 @@ def first_pairs(
     return pairs_of(source.transfers(ids=ids), source.transfers(every=True, ids=ids)), known
 
 
-def _plain(told: pd.DataFrame) -> pd.DataFrame:
+def _plain(table: pd.DataFrame) -> pd.DataFrame:
     """A table with every column, be it that of a source that knows fewer."""
-    return told.reindex(columns=list(_TOLD))
+    return table.reindex(columns=list(_TOLD))
 
 
 def _main_rows(newest: pd.DataFrame, decided: pd.DataFrame) -> pd.DataFrame:
@@ -70,9 +70,9 @@ def _main_rows(newest: pd.DataFrame, decided: pd.DataFrame) -> pd.DataFrame:
 
 def _in_order(main: pd.DataFrame) -> pd.DataFrame:
     """The pairs of rows as `attention` sorts them."""
-    told = main[["state", "status", "flyable"]].assign(not_flyable=main["not_flyable"].fillna("") != "")
-    alike = told.groupby(list(told), dropna=False).ngroup()  # few, of a million rows
-    first = told.loc[~alike.duplicated().to_numpy()].to_dict("records")
+    standing = main[["state", "status", "flyable"]].assign(not_flyable=main["not_flyable"].fillna("") != "")
+    alike = standing.groupby(list(standing), dropna=False).ngroup()  # few, of a million rows
+    first = standing.loc[~alike.duplicated().to_numpy()].to_dict("records")
     ranks = [ATTENTION.get(shown_status(row), 0) for row in first]
     seen = pd.Series(np.nan, main.index)
     for name in COVERAGES:

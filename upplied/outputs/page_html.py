@@ -21,7 +21,7 @@ def fleet_html(
 ) -> str:
     """The page of the fleet."""
     fleet = fleet_data(list(pairs), title, problems, known, places(reader.source))
-    data = {"fleet": fleet | {"findings": fleet_findings(reader.source)}}
+    data = {"fleet": fleet | {"findings": fleet_findings(reader.source), "thumbnails": True}}
     tables = "" if live else " The tables are in transfers.parquet."
     return pages.page(
         "fleet", title, data, f"{title}: {known} plans.{tables} This page needs scripts.", live=live
@@ -81,8 +81,8 @@ def structure_script(reader: Reader, structure_id: str) -> str:
 
 def inspected_plans(pairs: Sequence[Pair]) -> dict[str, tuple[str, str]]:
     """By demonstration a plan that knows the inspected surface, and the hash of that."""
-    found: dict[str, tuple[str, str]] = {}
+    plans: dict[str, tuple[str, str]] = {}
     for pair in pairs:
         if known := pair.main.get("inspected_sha256"):
-            found.setdefault(pair.demonstration_id, (str(pair.main["transfer_id"]), str(known)))
-    return found
+            plans.setdefault(pair.demonstration_id, (str(pair.main["transfer_id"]), str(known)))
+    return plans

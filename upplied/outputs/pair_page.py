@@ -150,8 +150,8 @@ def _text(value: Any) -> str:
 def _parts(value: Any) -> list[dict[str, str]]:
     """What corresponds to each inspected part, for people; the catalog keeps it as a JSON list."""
     try:
-        found = json.loads(value) if isinstance(value, str) and value else []
-        return [_part(one) for one in found]
+        entries = json.loads(value) if isinstance(value, str) and value else []
+        return [_part(one) for one in entries]
     except (ValueError, TypeError, KeyError, AttributeError):
         return []
 

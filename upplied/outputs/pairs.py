@@ -130,8 +130,8 @@ def _decided(history: pd.DataFrame) -> list[dict[str, Any]]:
     flown = history[history["purpose"] == ""]
     released = flown[flown["state"] == "released"]
     recalled = flown[flown["state"] == RECALLED].sort_values("state_at", kind="stable")
-    found = {_key(row)[:2]: _row(row) for row in recalled.to_dict("records")}
-    return list((found | {_key(row)[:2]: _row(row) for row in released.to_dict("records")}).values())
+    decided = {_key(row)[:2]: _row(row) for row in recalled.to_dict("records")}
+    return list((decided | {_key(row)[:2]: _row(row) for row in released.to_dict("records")}).values())
 
 
 def _with_decided(pair: Pair, preset: str, row: dict[str, Any]) -> Pair:
@@ -182,6 +182,16 @@ def attainable(row: Mapping[str, Any]) -> float | None:
     if lost[0] is None or lost[1] is None:
         return number(row, "coverage_attainable_pct")
     return 100 - lost[0] - lost[1]
+
+
+def battery_pct(row: Mapping[str, Any]) -> float | None:
+    """The inspection time of a plan as a share of the endurance in its settings, percent; None if unset."""
+    try:
+        endurance_s = json.loads(row["settings_json"])["vehicle"]["endurance_s"]
+        share = 100 * float(row["duration_s"]) / float(endurance_s)
+        return share if math.isfinite(share) else None
+    except (TypeError, ValueError, KeyError, ZeroDivisionError):
+        return None
 
 
 def number(row: Mapping[str, Any], name: str) -> float | None:
@@ -244,10 +254,10 @@ def warnings_of(row: Mapping[str, Any]) -> list[str]:
     """Warnings of a plan as sentences; the catalog keeps them as a JSON list."""
     value = row.get("warnings")
     try:
-        found = json.loads(value) if isinstance(value, str) and value else []
+        entries = json.loads(value) if isinstance(value, str) and value else []
     except ValueError:
-        found = [value]
-    return [str(part) for part in (found if isinstance(found, list) else [found])]
+        entries = [value]
+    return [str(part) for part in (entries if isinstance(entries, list) else [entries])]
 
 
 def stamp(value: Any) -> str:

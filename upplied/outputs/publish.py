@@ -37,6 +37,7 @@ TITLE = "Inspection fleet"
 PICTURES = 200  # at most, unless asked for more: each takes a second
 PAGES = 10_000  # likewise; a list that a browser still shows at once, and about a gigabyte
 _RECORD = ".published.json"
+_ROOMS = ["transfers", "pictures", "thumbnails", "data", "assets", "demonstrations", "structures", "missions"]
 _MAILED = 60  # pairs that one file may hold
 
 
@@ -66,8 +67,8 @@ class _Folder:
             return
         path = self.root / name
         if self.before.get(name) != key or not path.is_file():
-            made = make()
-            content = made.encode() if isinstance(made, str) else made
+            text = make()
+            content = text.encode() if isinstance(text, str) else text
             if not path.is_file() or path.read_bytes() != content:
                 replace_file(path, content)
                 self.written.append(name)
@@ -85,7 +86,6 @@ def publish(
     catalog: Catalog,
     folder: str | Path,
     *,
-    title: str = TITLE,
     pictures: int = PICTURES,
     pages: int = PAGES,
     progress: Callable[[str], None] = lambda _: None,
@@ -99,7 +99,6 @@ def publish(
     folder : path
         ``index.html`` is what a person opens, ``transfers.parquet`` what pandas reads. Files there
         that we did not make are left alone.
-    title : str
     pictures : int
         Of how many pairs a PNG is made for documents: those first that need a person.
     pages : int
@@ -117,11 +116,9 @@ def publish(
             left.unlink(missing_ok=True)  # of a publisher that was stopped
         publish_generation(catalog, place, force)
         try:
-            return publish_pages(
-                catalog, place, title=title, pictures=pictures, most=pages, progress=progress
-            )
+            return publish_pages(catalog, place, pictures=pictures, most=pages, progress=progress)
         except OSError as error:
-            remedy = "free space or rights, and publish again: what is there is whole"
+            remedy = "free space or correct the permissions, then publish again; existing files are intact"
             raise CatalogError(str(place), f"cannot be written: {error}", "", remedy) from None
 
 
@@ -129,7 +126,6 @@ def publish_pages(
     source: Source,
     folder: str | Path,
     *,
-    title: str = TITLE,
     pictures: int = PICTURES,
     most: int = PAGES,
     progress: Callable[[str], None] = lambda _: None,
@@ -151,13 +147,13 @@ def publish_pages(
         progress(pair.name)
     _put_passports(place, reader, pairs, code, problems)
     _put_structures(place, reader, pairs, code, problems)
-    html = fleet_html(reader, pairs, title, known, problems)
+    html = fleet_html(reader, pairs, TITLE, known, problems)
     place.put("index.html", digest(html), lambda: html)
     removed = place.remove_others()
     replace_file(place.root / _RECORD, json.dumps(place.now, indent=0, sort_keys=True) + "\n")
-    kept = len(place.now) - len(place.written)
+    unchanged = len(place.now) - len(place.written)
     every = [*problems.values(), *(f"{name}: {'; '.join(why)}" for name, why in reader.refused.items())]
-    return Published(place.root / "index.html", tuple(place.written), kept, tuple(removed), tuple(every))
+    return Published(place.root / "index.html", tuple(place.written), unchanged, tuple(removed), tuple(every))
 
 
 def publish_file(
@@ -166,7 +162,6 @@ def publish_file(
     *,
     demonstration_id: str | None = None,
     target_id: str | None = None,
-    title: str = TITLE,
 ) -> Path:
     """One HTML file with everything inside, for mail.
 
@@ -186,11 +181,11 @@ def publish_file(
     reader = Reader(source)
     used = sorted({name for pair in chosen for name in (pair.source_id, pair.target_id)})
     data = {
-        "fleet": fleet_data(chosen, title, (), known, places(source)),
+        "fleet": fleet_data(chosen, TITLE, (), known, places(source)),
         "pairs": {pair.name: reader.pair_data(pair) for pair in chosen},
         "structures": {name: reader.structure_data(name) for name in used},
     }
-    return replace_file(path, pages.single_page(title, data, f"{title}: this page needs scripts."))
+    return replace_file(path, pages.single_page(TITLE, data, f"{TITLE}: this page needs scripts."))
 
 
 def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bool) -> None:
@@ -205,6 +200,8 @@ def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bo
     key = digest([code, _plain(pair.plans), _plain(pair.earlier), draft, pair.decided, hashes, flown])
     words = [[reader.flown(row), reader.overruled(row)] for row in pair.plans.values()]
     zones = _plain({row["zone"]: row for row in reader.zones(pair.target_id)})
+    target = pair.target_id
+    place.put(f"thumbnails/{target}.png", digest([code, hashes[-1]]), lambda: reader.thumbnail(target))
     missions = _put_missions(place, reader, pair, key)
     page = digest([digest([key, words, picture, zones]), missions])
     place.put(f"transfers/{pair.name}.html", page, lambda: pair_html(reader, pair, missions, picture))
@@ -255,8 +252,8 @@ def _put_structures(
         words = [reader.flown(pair.main) for pair in plans]
         drawn = [pair.name for pair in plans if f"pictures/{pair.name}.png" in place.now]
         zones = _plain({row["zone"]: row for row in reader.zones(name)})
-        found = marks(reader.source, name)
-        key = digest([code, reader.sha256("structures", name), rows, words, drawn, zones, found])
+        findings = marks(reader.source, name)
+        key = digest([code, reader.sha256("structures", name), rows, words, drawn, zones, findings])
         try:
             place.put(f"structures/{name}.html", key, partial(structure_html, reader, name, plans, place.now))
         except UppliedError as error:
@@ -279,5 +276,4 @@ def _recorded(root: Path) -> dict[str, str]:
 def _inside(root: Path, name: str) -> bool:
     """Whether a noted name is one of the kinds of file we write, below the folder."""
     path = root / name
-    known = ("transfers", "pictures", "data", "assets", "demonstrations", "structures", "missions")
-    return path.parent in [root / each for each in known] and not path.is_symlink()
+    return path.parent in [root / each for each in _ROOMS] and not path.is_symlink()

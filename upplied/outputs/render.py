@@ -63,8 +63,7 @@ def render_comparison(
     plans = sorted(
         (plan_of(source, row) for row in mine.to_dict("records")), key=lambda plan: order.get(plan.preset, 3)
     )
-    camera = source.demonstration(demonstration_id).camera
-    return figures.comparison_png(source.structure(target_id), plans, camera, view=view)
+    return figures.comparison_png(source.structure(target_id), plans, view=view)
 
 
 def export_transfer(
@@ -79,19 +78,19 @@ def export_transfer(
     camera = source.demonstration(str(row["demonstration_id"])).camera
     structure = source.structure(str(row["target_id"]))
     keep = partial(keep_overruled, source, row, "export", format)
-    found, plan = undecided(source, row), plan_of(source, row)
+    faults, plan = undecided(source, row), plan_of(source, row)
     zones = MissionZones(source, plan, structure, camera)
     custody = custody_notes(source)
-    made = export(
-        *(plan, structure, format, path, options, camera, found, keep),
+    exported = export(
+        *(plan, structure, format, path, options, camera, faults, keep),
         lambda missions: (*zones.told(missions), *custody),
     )
     if not zones.asked:
-        return made
+        return exported
     rows = [{name: None if value != value else value for name, value in one.items()}
-            for one in zones.judged(made.missions)]  # fmt: skip
+            for one in zones.judged(exported.missions)]  # fmt: skip
     beside = replace_file(Path(f"{path}.zones.json"), json.dumps(rows, indent=1).encode())
-    return replace(made, paths=(*made.paths, beside))
+    return replace(exported, paths=(*exported.paths, beside))
 
 
 def brief_transfer(
@@ -104,11 +103,11 @@ def brief_transfer(
     structure = source.structure(str(row["target_id"]))
     plan = plan_of(source, row)
     missions = missions_for(format, plan, structure, options, camera, undecided(source, row))
-    told = MissionZones(source, plan, structure, camera).told(missions)
+    zone_notes = MissionZones(source, plan, structure, camera).told(missions)
     keep_overruled(source, row, "brief", format, missions[0].overruled)
     warnings = json.loads(row.get("warnings") or "[]")
-    said = (*told, *custody_notes(source))
-    return replace_file(Path(path), brief_html(row, missions, structure, options, warnings, said))
+    notes = (*zone_notes, *custody_notes(source))
+    return replace_file(Path(path), brief_html(row, missions, structure, options, warnings, notes))
 
 
 def custody_notes(source: Source) -> tuple[str, ...]:
@@ -128,24 +127,25 @@ def keep_overruled(source: Any, row: Any, way: str, format: str, overruled: Sequ
     forced = [breach for breach in overruled if breach.rule != "released"]  # a draft says so itself
     if forced and hasattr(source, "add_overruled"):
         names = ("transfer_id", "waypoints_sha256")
-        said = {**{name: str(row[name] or "") for name in names}, "way": way, "format": format}
-        source.add_overruled([{**said, "rule": one.rule, "found": str(one)} for one in forced])
+        record = {**{name: str(row[name] or "") for name in names}, "way": way, "format": format}
+        source.add_overruled([{**record, "rule": one.rule, "found": str(one)} for one in forced])
 
 
 def undecided(source: Source, row: Any) -> list[Breach]:
     """What speaks against flying a plan by where it came from and by what was decided about its pair."""
     state, who = row.get("state") or "draft", row.get("state_by") or "nobody"
-    found = [Breach("foreign", FOREIGN_PLAN[0])] if is_foreign(row) else []
+    faults = [Breach("foreign", FOREIGN_PLAN[0])] if is_foreign(row) else []
     if state == "released":
         if isinstance(source, Catalog):
             wrong = alterations(source, [row["transfer_id"]], source.standing())
-            found += [Breach("altered", f"it is not what was released: {one}") for one in wrong.values()]
-        return found
+            faults += [Breach("altered", f"differs from the release: {one}") for one in wrong.values()]
+        return faults
     if state in ("rejected", "recalled"):
-        return [*found, Breach(state, f"{who} did so: {row.get('state_note') or 'no reason was given'}")]
+        note = row.get("state_note") or "no reason was given"
+        return [*faults, Breach(state, f"{state} by {who}: {note}")]
     if state == "superseded":
-        return [*found, Breach("superseded", f"{who} released another plan of {row['target_id']}")]
-    return [Breach("released", f"it is a {state} plan"), *found, *_newer(source, row)]
+        return [*faults, Breach("superseded", f"{who} released another plan of {row['target_id']}")]
+    return [Breach("released", f"it is a {state} plan"), *faults, *_newer(source, row)]
 
 
 def _newer(source: Source, row: Any) -> list[Breach]:

@@ -137,11 +137,11 @@ class Reader:
             return []
         if structure_id not in self._zones:
             try:
-                found = zones(self.source, structure_id)
+                rows = zones(self.source, structure_id)
             except UppliedError as error:  # such as a landmark that this structure does not have
-                said = dict.fromkeys(("planned", "flown"), "not judged") | {"planned_why": str(error)}
-                found = [{"zone": "all", "set": "", "asked_by": "", "version": 0, "flown_why": "", **said}]
-            self._zones = {structure_id: found}  # pairs come target by target
+                unknown = dict.fromkeys(("planned", "flown"), "not judged") | {"planned_why": str(error)}
+                rows = [{"zone": "all", "set": "", "asked_by": "", "version": 0, "flown_why": "", **unknown}]
+            self._zones = {structure_id: rows}  # pairs come target by target
         return self._zones[structure_id]
 
     def overruled(self, row: Any) -> list[str]:
@@ -150,13 +150,13 @@ class Reader:
 
     @cached_property
     def _overruled(self) -> dict[str, list[str]]:
-        found: dict[str, list[str]] = {}
+        by_plan: dict[str, list[str]] = {}
         if hasattr(self.source, "overruled"):
             for row in self.source.overruled().to_dict("records"):
-                said = f"{row['way']} {row['format'] or ''}".strip()
-                words = f"{said}, {row['added_at']:%Y-%m-%d %H:%M} UTC: {row['found']}"
-                found.setdefault(str(row["transfer_id"]), []).append(words)
-        return found
+                exit_words = f"{row['way']} {row['format'] or ''}".strip()
+                words = f"{exit_words}, {row['added_at']:%Y-%m-%d %H:%M} UTC: {row['found']}"
+                by_plan.setdefault(str(row["transfer_id"]), []).append(words)
+        return by_plan
 
     def _broken(
         self, row: Any, steps: pd.DataFrame, target_id: str, supposed: SupposedSurface | None
@@ -165,11 +165,11 @@ class Reader:
         if shown_status(row) != "ok" or row["preset"] != "recommended":
             return []
         path = trajectory_of(steps)
-        asked = safety_m(row.get("settings_json"))
-        limits = gate.Limits() if asked is None else gate.Limits(clearance_m=asked)
+        limit_m = safety_m(row.get("settings_json"))
+        limits = gate.Limits() if limit_m is None else gate.Limits(clearance_m=limit_m)
         structure = self.structure(target_id)
-        found = gate.breaches(planned(path.positions, path.t_s), structure, limits, supposed)
-        return [str(breach) for breach in found]
+        breaches = gate.breaches(planned(path.positions, path.t_s), structure, limits, supposed)
+        return [str(breach) for breach in breaches]
 
     def flown(self, row: Any) -> str:
         """What came of flying a plan in simulation, in words; empty where nobody did."""
@@ -181,6 +181,10 @@ class Reader:
         source, target = self.structure(pair.source_id), self.structure(pair.target_id)
         demonstration = self.demonstration(pair.demonstration_id)
         return figures.transfer_png(source, target, demonstration, plan, width=width)
+
+    def thumbnail(self, structure_id: str) -> bytes:
+        """A small PNG of a structure, for the page of the fleet."""
+        return figures.thumbnail_png(self._mesh(structure_id))
 
     def passport(self, demonstration_id: str, planned: str = "") -> dict[str, Any]:
         """What the page of a demonstration shows: its passport, and a picture inside.
@@ -226,13 +230,13 @@ class Reader:
         cache, sha256 = getattr(self.source, "cache", None), self.sha256("structures", structure_id)
         if cache is None or not sha256:
             return display_mesh(self.structure(structure_id))
-        made: DisplayMesh = cache(
+        mesh: DisplayMesh = cache(
             "display",
             DisplayMesh,
             digest(["display", __version__, sha256]),
             lambda: display_mesh(self.structure(structure_id)),
         )
-        return made
+        return mesh
 
     def _data_of(self, structure_id: str) -> dict[str, Any]:
         return structure_data(self.structure(structure_id), self._mesh(structure_id))

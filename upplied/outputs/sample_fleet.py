@@ -52,16 +52,16 @@ def write_sample_fleet(folder: str | Path, progress: Callable[[str], None] | Non
         The manifest.
     """
     root = Path(folder)
-    told = progress or (lambda name: None)
+    report = progress or (lambda name: None)
     entries = []
     for number, structure in enumerate(sample_structures()):
         form = _FORMS[number % len(_FORMS)]
         name = f"meshes/{structure.structure_id}.{form.suffix}"
         replace_file(root / name, _mesh_bytes(structure, form))
         entries.append(_entry(structure, name, form))
-        told(name)
+        report(name)
     for number, demonstration in enumerate(sample_demonstrations()):
-        told(_write_flight(root, demonstration, _ENCODINGS[number % len(_ENCODINGS)]))
+        report(_write_flight(root, demonstration, _ENCODINGS[number % len(_ENCODINGS)]))
     return replace_file(root / "structures.toml", _HEAD + "\n".join(entries))
 
 

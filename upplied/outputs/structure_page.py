@@ -27,7 +27,7 @@ def structure_facts(
     return {
         "id": name,
         "facts": [
-            ["Kind", structure.kind],
+            ["Kind", structure.kind.replace("_", " ")],
             ["Size", f"{size} m"],
             [
                 "Model",
@@ -84,10 +84,10 @@ def fleet_findings(source: Any) -> list[dict[str, Any]]:
     if not hasattr(source, "findings") or (rows := source.findings()).empty:
         return []
     count = Counter(zip(rows["kind"], rows["class"], rows["state"], strict=True))
-    found: dict[tuple[str, str], dict[str, Any]] = {}
+    classes: dict[tuple[str, str], dict[str, Any]] = {}
     for (kind, name, state), number_of in sorted(count.items()):
-        found.setdefault((kind, name), {"kind": kind, "class": name})[state] = number_of
-    return list(found.values())
+        classes.setdefault((kind, name), {"kind": kind, "class": name})[state] = number_of
+    return list(classes.values())
 
 
 def places(source: Any) -> dict[str, dict[str, Any]]:
@@ -146,7 +146,7 @@ def _history(source: Any, pairs: Sequence[Pair]) -> list[dict[str, str]]:
     return [
         {
             "when": stamp(row.get("added_at")),
-            "what": f"{row['transfer_id']} {row['state']} by {row['by']}",
+            "what": f"Plan {row['transfer_id']} {row['state']} by {row['by']}",
             "note": str(row.get("note") or ""),
         }
         for row in _rows(source, "decisions", pairs[0].target_id)

@@ -29,7 +29,7 @@ def headline(values: Mapping[str, Any], safety_m: float | None) -> str:
     known = [(number(values, name), words) for name, words in _SHOWN]
     parts = [f"shows {shown:.1f} % {words}" for shown, words in known if shown is not None][:1]
     if parts and known[0][0] is not None and values.get("standoff_mode") == "scaled":
-        parts[0] += " relative to its size"
+        parts[0] += ", relative to the structure's size"
     fine = fineness(values)
     if parts and not fine and (pixel := number(values, "gsd_mm_p50")) is not None:
         parts[0] += f" at {pixel:.1f} mm/px"
@@ -77,15 +77,15 @@ def fineness(row: Mapping[str, Any]) -> str:
     --------
     >>> fineness({"gsd_mm_p50": 14.8, "gsd_mm_p95": 16.5, "gsd_demonstrated_mm_p50": 7.9,
     ...           "gsd_demonstrated_mm_p95": 9.1, "gsd_within_pct": 3.2})
-    'The resolution is 14.8 mm/px (95 %: 16.5), demonstrated 7.9 mm/px (95 %: 9.1); 3.2 % is as fine.'
+    'Resolution 14.8 mm/px (95 %: 16.5), demonstrated 7.9 mm/px (95 %: 9.1); 3.2 % of the surface as fine.'
     """
     names = ("gsd_mm_p50", "gsd_mm_p95", "gsd_demonstrated_mm_p50", "gsd_demonstrated_mm_p95")
     now, now_most, then, then_most = (number(row, name) for name in names)
     if now is None or now_most is None or then is None or then_most is None:
         return ""
     within = number(row, "gsd_within_pct")
-    share = "" if within is None else f"; {within:.1f} % is as fine"
-    planned = f"The resolution is {now:.1f} mm/px (95 %: {now_most:.1f})"
+    share = "" if within is None else f"; {within:.1f} % of the surface as fine"
+    planned = f"Resolution {now:.1f} mm/px (95 %: {now_most:.1f})"
     return f"{planned}, demonstrated {then:.1f} mm/px (95 %: {then_most:.1f}){share}."
 
 

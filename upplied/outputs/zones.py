@@ -26,15 +26,15 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     surface of the structure is ``not judged``.
     """
     target = catalog.structure(structure_id)
-    asked = required.zones_of(catalog, target.kind, structure_id)
-    if not asked:
+    required_zones = required.zones_of(catalog, target.kind, structure_id)
+    if not required_zones:
         return []
     rows = _plans(catalog, structure_id)
     cameras = [catalog.demonstration(str(row["demonstration_id"])).camera for row in rows]
     first = cameras[0] if cameras else Camera()
     plans = [catalog.plan(str(row["transfer_id"])) for row in rows]
     supposed = next((plan.supposed for plan in plans if plan.supposed is not None), None)
-    known = supposed, first, asked, catalog.faces_labelled
+    known = supposed, first, required_zones, catalog.faces_labelled
     asking = Asking(catalog.structure, catalog.cache, target, *known)
     shown = [
         asking.planned(plan, camera)
@@ -69,14 +69,14 @@ def _plans(catalog: Catalog, structure_id: str) -> list[Row]:
 
 def flown_rows(catalog: Catalog, structure_id: str) -> list[Row]:
     """The flights that were really flown of a structure."""
-    found = catalog.flights(structure=structure_id, kind="flown").to_dict("records")
-    return [{str(name): value for name, value in row.items()} for row in found]
+    flights = catalog.flights(structure=structure_id, kind="flown").to_dict("records")
+    return [{str(name): value for name, value in row.items()} for row in flights]
 
 
 def looked(catalog: Catalog, flights: Sequence[Row], surface: Cloud) -> list[Looked]:
     """How each flight saw the samples: by the kept looks at the nearest patch that faces the same way."""
     now = catalog.clock.now()
-    found, index = [], {}
+    patches, index = [], {}
     for row in flights:
         if not row["looks_sha256"]:
             continue
@@ -94,8 +94,8 @@ def looked(catalog: Catalog, flights: Sequence[Row], surface: Cloud) -> list[Loo
         camera = catalog.demonstration(str(row["demonstration_id"])).camera
         age = (now - row["flown_at"]).total_seconds() / _DAY_S
         more = ((frontal[0], frontal[1]),) if frontal else ()
-        found.append(Looked(near, level, age, camera, pictures[nearest], more))
-    return found
+        patches.append(Looked(near, level, age, camera, pictures[nearest], more))
+    return patches
 
 
 def _whole(value: Floats, patch: Ints, count: int) -> Floats:

@@ -27,10 +27,10 @@ class Record:
             Of the result, and of whatever else it depends on.
         compute : callable
         """
-        kept: dict[str, Value] = self.__dict__.setdefault("_derived", {})
-        if name not in kept:
-            kept[name] = compute()
-        return kept[name]
+        values: dict[str, Value] = self.__dict__.setdefault("_derived", {})
+        if name not in values:
+            values[name] = compute()
+        return values[name]
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields alone: another process derives its own results."""

@@ -78,7 +78,7 @@ class _Web:
         """A file of the package."""
         name = request.path_params["name"]
         if name not in self.assets:
-            raise HTTPException(404, "There is no such page.")
+            raise HTTPException(404, "This page does not exist.")
         kind = _TYPES[f".{name.rsplit('.', 1)[1]}"]
         return Response(self.assets[name], media_type=kind, headers=_FRESH)
 
@@ -86,13 +86,13 @@ class _Web:
         """A page for whoever is signed in, the login for all others."""
         room, name = request.path_params.get("room", ""), request.path_params.get("name", "index.html")
         stem, dot, ending = name.rpartition(".")
-        known = {"": ".html", "data": ".js", "pictures": ".png", "studio": ""}
+        known = {"": ".html", "data": ".js", "pictures": ".png", "thumbnails": ".png", "studio": ""}
         if room == "studio":
             stem = name
         elif room not in (*known, "transfers", "structures", "demonstrations") or (
             dot + ending != known.get(room, ".html")
         ):
-            raise HTTPException(404, "There is no such page.")
+            raise HTTPException(404, "This page does not exist.")
         if not self.login.may_read(request):
             return HTMLResponse(pages.login_page(), 401)
         if room == "studio":
@@ -160,7 +160,7 @@ async def _json(request: Request) -> dict[str, Any]:
     except (ValueError, RecursionError):
         given = None
     if not isinstance(given, dict):
-        raise HTTPException(400, "The request is no JSON object.")
+        raise HTTPException(400, "The request is not a JSON object.")
     return given
 
 

@@ -49,6 +49,9 @@ class LivePages:
                 pairs, self._count = first_pairs(self.catalog, PAGES)
                 self._pairs = {pair.name: pair for pair in pairs}
                 self._content = lru_cache(64)(self._new_content)
+                self._thumbnail = lru_cache(2000)(self._reader.thumbnail)
+            if room == "thumbnails":
+                return self._thumbnail(name)
             return self._content(room, name)
 
     def mission(self, transfer_id: str, kind: str) -> tuple[str, bytes]:
@@ -71,7 +74,7 @@ class LivePages:
                 goal = Path(folder, f"{plan}{FORMATS[kind]}")
                 paths = tuple(export_transfer(self.catalog, plan, kind, goal).paths)
             else:
-                raise CatalogError(kind[:40], "is no format of missions", ", ".join(FORMATS))
+                raise CatalogError(kind[:40], "is not a mission format", ", ".join(FORMATS))
             if len(paths) == 1:
                 return paths[0].name, paths[0].read_bytes()
             archive = io.BytesIO()
@@ -91,7 +94,7 @@ class LivePages:
         if room == "demonstrations":
             return passport_html(reader, name, pairs, live=True)
         if name not in self._pairs:
-            raise CatalogError(name[:150], "there is no such page")
+            raise CatalogError(name[:150], "does not exist")
         pair = self._pairs[name]
         if room == "pictures":
             return reader.picture(pair)

@@ -25,7 +25,7 @@ def text_of(request: Mapping[str, Any], name: str) -> str:
     """The text of this name."""
     value = request.get(name)
     if not isinstance(value, str):
-        raise InputError(name, "is no text")
+        raise InputError(name, "is not a text")
     return value
 
 

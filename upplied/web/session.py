@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from upplied.catalog import Catalog
+from upplied.checks import pair_name
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.editing import Base, Editing, JudgedEdit, flown_path
 from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row
@@ -114,7 +115,7 @@ class Session:
             "zones": lambda _: {"zones": self.zones.judged(self.editing.kept.plan)},
         }  # fmt: skip
         if what not in answers:
-            return {"refused": f"{what[:40]}: there is no such request"}
+            return {"refused": f"{what[:40]}: this request does not exist"}
         with self._lock:
             try:
                 return answers[what](request)
@@ -130,15 +131,16 @@ class Session:
         row, camera = self.editing.recipe.row, self.editing.recipe.demonstration.camera
         rows = self.catalog.transfers(every=True, structure=row["target_id"])
         now = rows[rows["transfer_id"] == self._draft].iloc[-1].to_dict()
-        kept = self.editing.kept.plan
-        path = flown_path(kept)[0]
+        plan = self.editing.kept.plan
+        path = flown_path(plan)[0]
         clearance_m = self.editing.clearance_m(Asked())
-        broken = place_breaches(path, self.editing.target, kept.supposed, clearance_m)
-        judged = JudgedEdit(kept, tuple(broken), kept.not_flyable)
+        broken = place_breaches(path, self.editing.target, plan.supposed, clearance_m)
+        judged = JudgedEdit(plan, tuple(broken), plan.not_flyable)
         return {
             "id": self.editing.transfer_id,
             "demonstration": row["demonstration_id"],
             "target": row["target_id"],
+            "pair": pair_name(row["demonstration_id"], row["target_id"]),
             "kind": self.editing.recipe.target.kind,
             "state": decision_words({str(name): value for name, value in now.items()}),
             "structure": self._structure,
@@ -157,27 +159,27 @@ class Session:
         return None if placement is None else placement.heading_deg
 
     def _judge(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        base, edit, asked = self._read(request)
-        return self._judged(base, edit, asked)
+        base, edit, airspace = self._read(request)
+        return self._judged(base, edit, airspace)
 
     def _replan(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The other viewpoints planned again in the airspace of the request, with the fixed ones put back."""
-        base, edit, asked = self._read(request)
+        base, edit, airspace = self._read(request)
         held = dict(edit.changed)
         fixed = request.get("fixed", [])
         for at in fixed if isinstance(fixed, list) else []:
             if isinstance(at, int) and 0 <= at < len(base.viewpoints) and at not in edit.deleted:
                 held.setdefault(at, base.viewpoints[at])
-        kept = kept_edit(base.viewpoints, Edit(edit.deleted, held), asked, True)
-        replanned, again = self.editing.replanned(asked, kept)
+        fixed_edit = kept_edit(base.viewpoints, Edit(edit.deleted, held), airspace, True)
+        replanned, again = self.editing.replanned(airspace, fixed_edit)
         if len(self._bases) >= _MOST_BASES:
             rule = f"{_MOST_BASES} times at most"
-            raise InputError("the plan", "was planned again too often", rule, "open it again")
+            raise InputError("the plan", "was planned again too many times", rule, "open the plan again")
         self._bases.append(replanned)
         rows = self._rows(replanned)
         for at, viewpoint in again.changed.items():
             rows[at] = viewpoint_row(at, viewpoint)
-        answer = self._judged(replanned, again, asked)
+        answer = self._judged(replanned, again, airspace)
         return answer | {
             "base": len(self._bases) - 1,
             "viewpoints": rows,
@@ -186,9 +188,9 @@ class Session:
         }
 
     def _keep(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        base, edit, asked = self._read(request)
+        base, edit, airspace = self._read(request)
         by, note = signed(request)
-        self._draft = keep_edit(self.catalog, self.editing, base, edit, asked, by, note)
+        self._draft = keep_edit(self.catalog, self.editing, base, edit, airspace, by, note)
         return {"id": self._draft, "message": f"Stored as draft {self._draft}."}
 
     def _decide(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -215,17 +217,17 @@ class Session:
     def _read(self, request: Mapping[str, Any]) -> tuple[Base, Edit, Asked]:
         at = request.get("base", 0)
         if not isinstance(at, int) or not 0 <= at < len(self._bases):
-            raise InputError("the change", f"is of plan number {at}", f"0 to {len(self._bases) - 1}")
+            raise InputError("the change", f"refers to plan number {at}", f"0 to {len(self._bases) - 1}")
         return self._bases[at], *read_edit("the change", request, self.editing, self._bases[at])
 
-    def _judged(self, base: Base, edit: Edit, asked: Asked) -> dict[str, Any]:
+    def _judged(self, base: Base, edit: Edit, airspace: Asked) -> dict[str, Any]:
         began, cpu = time.perf_counter(), time.process_time()
-        judged = self.editing.judged(base, edit, asked)
-        answer = self._shown(judged, edit, asked, base) | {"zones": self.zones.judged(judged.plan)}
+        judged = self.editing.judged(base, edit, airspace)
+        answer = self._shown(judged, edit, airspace, base) | {"zones": self.zones.judged(judged.plan)}
         took = {"judged_s": time.perf_counter() - began, "cpu_s": time.process_time() - cpu}
         return answer | {name: round(value, 3) for name, value in took.items()}
 
-    def _shown(self, judged: JudgedEdit, edit: Edit, asked: Asked, base: Base) -> dict[str, Any]:
+    def _shown(self, judged: JudgedEdit, edit: Edit, airspace: Asked, base: Base) -> dict[str, Any]:
         """A judged plan as the page draws it, with its verdict in words."""
         path, _ = flown_path(judged.plan)
         measures = vars(judged.plan.measures)
@@ -237,12 +239,12 @@ class Session:
             "measures": {name: number(measures, name) for name, *_ in _DIFFERENCES},
             "verdict": {
                 "flyable": not faults,
-                "headline": headline(measures | standoff, self.editing.clearance_m(asked)),
+                "headline": headline(measures | standoff, self.editing.clearance_m(airspace)),
                 "look": [*faults, *judged.plan.warnings],
             },
             "differences": self._differences(measures),
             "words": ", ".join(
-                filter(None, (edit.words, asked.words, "planned again" if base.asked else ""))
+                filter(None, (edit.words, airspace.words, "planned again" if base.asked else ""))
             ),
         }
 

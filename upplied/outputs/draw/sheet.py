@@ -90,8 +90,13 @@ def sheet_png(
         _annotate(draw, panel, head, room)
     for name, colour, mark, x, row in entries:
         _legend_entry(draw, (x, head + bottom + row * _LINE + 4), name, colour, mark)
+    return png(np.asarray(sheet))
+
+
+def png(image: np.ndarray) -> bytes:
+    """An image, uint8 (H, W, 3), as the bytes of a PNG."""
     buffer = io.BytesIO()
-    sheet.save(buffer, "PNG", compress_level=6)
+    Image.fromarray(image).save(buffer, "PNG", compress_level=6)
     return buffer.getvalue()
 
 

@@ -76,10 +76,10 @@ def tubes(starts: Floats, ends: Floats, radius_m: float, colour: tuple[float, fl
 
 def path(positions: Floats, radius_m: float, colour: tuple[float, float, float]) -> Tubes:
     """A polyline (N, 3), m, as tubes; pieces shorter than half the radius are left out."""
-    kept = thinned(positions, radius_m / 2)
-    if np.ptp(kept, axis=0).max() < 1e-9:  # hovering: a dot
-        kept = kept[:1] + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1e-3]])
-    return tubes(kept[:-1], kept[1:], radius_m, colour)
+    places = thinned(positions, radius_m / 2)
+    if np.ptp(places, axis=0).max() < 1e-9:  # hovering: a dot
+        places = places[:1] + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1e-3]])
+    return tubes(places[:-1], places[1:], radius_m, colour)
 
 
 def thinned(positions: Floats, step_m: float) -> Floats:

@@ -100,12 +100,12 @@ def export(
         content = mcap_bytes(plan, structure, camera)
         named += gate.breaches(read_mcap(content), structure, limits, supposed)
         overruled = gate.pass_or_refuse(structure.structure_id, named, options.overruled)
-        said = (*gate.told(overruled), *zones(()))
-        if said:
-            content = mcap_bytes(plan, structure, camera, said)
+        notes = (*gate.told(overruled), *zones(()))
+        if notes:
+            content = mcap_bytes(plan, structure, camera, notes)
         keep(overruled)
         written = replace_file(goal, content)
-        return Exported((written,), (), ("in the structure frame, metres", *said), overruled)
+        return Exported((written,), (), ("in the structure frame, metres", *notes), overruled)
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
     write = _WRITERS[format][2]
@@ -118,9 +118,9 @@ def export(
         )
         found_written |= {str(breach): breach for breach in passed}
     more = tuple(breach for breach in found_written.values() if breach not in missions[0].overruled)
-    said = (*gate.told(more), *zones(missions))
+    notes = (*gate.told(more), *zones(missions))
     missions = [
-        replace(one, notes=(*said, *one.notes), overruled=(*one.overruled, *more)) for one in missions
+        replace(one, notes=(*notes, *one.notes), overruled=(*one.overruled, *more)) for one in missions
     ]
     keep(missions[0].overruled)
     paths = [replace_file(_numbered(goal, mission), encoded(write(mission, options))) for mission in missions]

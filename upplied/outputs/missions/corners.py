@@ -31,7 +31,7 @@ def passing_m(positions: Floats, stops: Bools, airspace: Airspace, stray_m: floa
     stray_m : float
         How far the curve may lead past the waypoint.
     """
-    found = np.zeros(len(positions))
+    distance = np.zeros(len(positions))
     for at in range(1, len(positions) - 1):
         before, after = positions[at - 1] - positions[at], positions[at + 1] - positions[at]
         legs = [float(np.linalg.norm(leg)) for leg in (before, after)]
@@ -44,8 +44,8 @@ def passing_m(positions: Floats, stops: Bools, airspace: Airspace, stray_m: floa
             most = min(most, stray_m / sagitta)
         while most >= _LEAST_M and not _free(positions[at], before, after, most, airspace):
             most /= 2
-        found[at] = most if most >= _LEAST_M else 0.0
-    return found
+        distance[at] = most if most >= _LEAST_M else 0.0
+    return distance
 
 
 def triangle(corner: Floats, before: Floats, after: Floats, distance_m: float) -> tuple[Floats, Floats]:

@@ -61,8 +61,8 @@ _STOPS, _PASSES = "toPointAndStopWithDiscontinuityCurvature", "toPointAndPassWit
 def dji_kmz(mission: Mission, options: MissionOptions) -> bytes:
     """The mission as KMZ bytes with `wpmz/template.kml` and `wpmz/waylines.wpml`."""
     if mission.altitude != "relative":
-        found = f"{mission.altitude} altitudes were requested"
-        raise RefusedError(mission.name, found, "DJI files are written with heights above take-off")
+        fault = f"{mission.altitude} altitudes were requested"
+        raise RefusedError(mission.name, fault, "DJI files are written with heights above take-off")
     settings = _mission_config(mission, options)
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -76,9 +76,9 @@ def dji_kmz(mission: Mission, options: MissionOptions) -> bytes:
 def _mission_config(mission: Mission, options: MissionOptions) -> str:
     known = ", ".join(DRONES)
     if options.drone not in DRONES:
-        found = f"got {options.drone!r}"
+        fault = f"got {options.drone!r}"
         raise SettingsError(
-            "mission option drone", found, f"one of {known}", "say which model flies: --drone"
+            "mission option drone", fault, f"one of {known}", "say which model flies: --drone"
         )
     kind, sub_kind, built_in = DRONES[options.drone]
     payload = built_in if options.payload is None else options.payload
@@ -123,8 +123,8 @@ def _template(mission: Mission) -> str:
         _tags({"payloadPositionIndex": 0, "imageFormat": "wide" if mission.fov_deg is None else "zoom"}),
     )
     marks = _placemarks(mission, template=True)
-    said = "".join(f"<!-- {note.replace('--', '- -')} -->\n" for note in written(mission.notes))
-    return f"{said}<Folder>\n{head}{marks}{payload}</Folder>\n"
+    comments = "".join(f"<!-- {note.replace('--', '- -')} -->\n" for note in written(mission.notes))
+    return f"{comments}<Folder>\n{head}{marks}{payload}</Folder>\n"
 
 
 def _waylines(mission: Mission) -> str:

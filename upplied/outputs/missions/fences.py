@@ -65,8 +65,8 @@ def rally_of(mission: Mission, structure: Structure, supposed: SupposedSurface |
     covered = np.isfinite(airspace.scene.cast(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)))[0])
     for number, (point, under) in enumerate(zip(points, covered.tolist(), strict=True), 1):
         if fault := airspace.why(point) or "the structure is above it" * under:
-            found = f"rally point {number} at {point.tolist()} m is no place to fly to: {fault}"
-            raise RefusedError(mission.name, found, "correct rally in the manifest")
+            reason = f"rally point {number} at {point.tolist()} m is no place to fly to: {fault}"
+            raise RefusedError(mission.name, reason, "correct rally in the manifest")
     heights = points[:, 2:] - mission.home_local[2]
     return np.hstack([to_geodetic(points, mission.placement)[:, :2], heights])
 

@@ -107,18 +107,18 @@ def breaches(
     ):
         return [Breach("finite", "a waypoint is not finite, or time does not rise")]
     scene = scene_for(structure, supposed)
-    found = [*_around(reading, structure, limits, scene), *_moving(reading, limits)]
-    return [*found, *_photographing(reading, limits)]
+    breach_list = [*_around(reading, structure, limits, scene), *_moving(reading, limits)]
+    return [*breach_list, *_photographing(reading, limits)]
 
 
 def plan_breaches(plan: Plan | Trajectory) -> list[Breach]:
     """Rules that a plan breaks by what it is."""
     if isinstance(plan, Trajectory):
         return []
-    found = [Breach("verdict", plan.not_flyable)] if plan.not_flyable else []
+    breach_list = [Breach("verdict", plan.not_flyable)] if plan.not_flyable else []
     if plan.preset != "recommended":
-        found.insert(0, Breach("preset", f"the plan is of preset {plan.preset}"))
-    return found
+        breach_list.insert(0, Breach("preset", f"the plan is of preset {plan.preset}"))
+    return breach_list
 
 
 def zoom_breaches(path: Trajectory, zooms: bool) -> list[Breach]:
@@ -126,8 +126,8 @@ def zoom_breaches(path: Trajectory, zooms: bool) -> list[Breach]:
     if path.fov_deg is None or zooms:
         return []
     widest, narrowest = path.fov_deg[:, 0].max(), path.fov_deg[:, 0].min()
-    found = f"the plan zooms from {widest:.1f} to {narrowest:.1f} deg, which this format cannot say"
-    return [Breach("zoom", found, "flown with the narrowest")]
+    reason = f"the plan zooms from {widest:.1f} to {narrowest:.1f} deg, which this format cannot say"
+    return [Breach("zoom", reason, "flown with the narrowest")]
 
 
 def coverage_breaches(share: float, limits: Limits) -> list[Breach]:
@@ -138,15 +138,15 @@ def coverage_breaches(share: float, limits: Limits) -> list[Breach]:
     return [Breach("coverage", f"{100 * share:.1f} % of what the plan sees stays in view", allowed)]
 
 
-def overlap_breaches(across: float, asked: tuple[float, float] | None) -> list[Breach]:
+def overlap_breaches(across: float, required: tuple[float, float] | None) -> list[Breach]:
     """Whether photos of neighbouring passes overlap less than asked; along, the flight is slowed for it."""
-    if asked is None or not across < asked[1] - _OVERLAP:
+    if required is None or not across < required[1] - _OVERLAP:
         return []
-    allowed = f"limit {100 * asked[1]:g} % (overlap)"
+    allowed = f"limit {100 * required[1]:g} % (overlap)"
     return [Breach("overlap", f"photos overlap by {100 * across:.0f} % across, in the median", allowed)]
 
 
-def pass_or_refuse(what: str, found: Iterable[Breach], force: tuple[str, ...]) -> tuple[Breach, ...]:
+def pass_or_refuse(what: str, objections: Iterable[Breach], force: tuple[str, ...]) -> tuple[Breach, ...]:
     """The breaches that were overruled; refuses where others are left.
 
     Raises
@@ -159,15 +159,15 @@ def pass_or_refuse(what: str, found: Iterable[Breach], force: tuple[str, ...]) -
     unknown = sorted(set(force) - set(RULES))
     if unknown:
         raise SettingsError(f"rule {unknown[0]!r}", "is unknown", f"one of {', '.join(RULES)}")
-    found = list(found)
-    left = [breach for breach in found if breach.rule not in force]
+    objections = list(objections)
+    left = [breach for breach in objections if breach.rule not in force]
     if left:
         others = sorted({breach.rule for breach in left[1:]} - {left[0].rule})
         more = f"; also broken: {', '.join(others)}" if others else ""
         names = " ".join(dict.fromkeys(map(_overrule, left)))
         remedy = f"{RULES[left[0].rule].remedy}, or use {names}"
         raise RefusedError(what, f"{left[0]}{more}", RULES[left[0].rule].why, remedy)
-    return tuple(found)
+    return tuple(objections)
 
 
 def _overrule(breach: Breach) -> str:
@@ -194,9 +194,9 @@ def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene
     wanted = limits.clearance_m - _EXACT_M
     nearest = path_clearance(scene, path)
     if nearest.distance_m < wanted:
-        asked = f"limit {limits.clearance_m:g} m"
+        limit = f"limit {limits.clearance_m:g} m"
         what = _of_supposed(scene, nearest.position, " from")
-        yield Breach("clearance", f"{nearest.distance_m:.2f} m{what}", asked, tuple(nearest.position))
+        yield Breach("clearance", f"{nearest.distance_m:.2f} m{what}", limit, tuple(nearest.position))
     elif (near := legs_below(scene, reading.fan_start, reading.fan_end, wanted - _EXACT_M)).any():
         what = _of_supposed(scene, reading.fan_start[near.argmax()], " to")
         yield Breach("clearance", f"too near{what} in a turn that is flown without a stop")
@@ -223,8 +223,8 @@ def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene
     if limits.max_height_m is not None:
         over = highest[2] - ground_z_m(structure)
         if over > limits.max_height_m + _EXACT_M:
-            asked = f"{limits.max_height_m:g} m are allowed (max_height_m)"
-            yield Breach("height", f"{over:.1f} m above ground", asked, tuple(highest))
+            limit = f"{limits.max_height_m:g} m are allowed (max_height_m)"
+            yield Breach("height", f"{over:.1f} m above ground", limit, tuple(highest))
 
 
 def _of_supposed(scene: Scene, place: Floats, word: str) -> str:
@@ -239,12 +239,12 @@ def _moving(reading: Reading, limits: Limits) -> Iterator[Breach]:
         allowed = f"{limits.max_speed_mps:g} m/s at most"
         yield Breach("speed", f"{speed[fastest]:.1f} m/s", allowed, tuple(reading.positions[fastest]))
     if len(reading.t_s) > 2:
-        asked = _accelerations(reading.positions, reading.t_s)
-        most = int(asked.argmax())
-        if asked[most] > limits.max_acceleration_mps2 * _ROUNDING:
+        accelerations = _accelerations(reading.positions, reading.t_s)
+        most = int(accelerations.argmax())
+        if accelerations[most] > limits.max_acceleration_mps2 * _ROUNDING:
             allowed = f"{limits.max_acceleration_mps2:g} m/s2 at most"
             yield Breach(
-                "acceleration", f"{asked[most]:.1f} m/s2", allowed, tuple(reading.positions[most + 1])
+                "acceleration", f"{accelerations[most]:.1f} m/s2", allowed, tuple(reading.positions[most + 1])
             )
 
 

@@ -49,7 +49,7 @@ def missions_of(
     options: MissionOptions,
     flying: Flying = ANYTHING,
     camera: Camera | None = None,
-    found: tuple[gate.Breach, ...] = (),
+    objections: tuple[gate.Breach, ...] = (),
 ) -> list[Mission]:
     """The sorties of a plan, each within the endurance and the number of waypoints that are allowed.
 
@@ -66,7 +66,7 @@ def missions_of(
     placement = geodesy.placement_of(structure)
     check_altitude(options.altitude, placement, structure.structure_id)
     limits = gate.limits_of(options)
-    broken = [*found, *gate.breaches(planned(path.positions, path.t_s), structure, limits, supposed)]
+    broken = [*objections, *gate.breaches(planned(path.positions, path.t_s), structure, limits, supposed)]
     zooms = flying.zooms and not (flying.zooms_not_by and options.firmware == flying.zooms_not_by)
     broken += gate.zoom_breaches(path, zooms)
     overruled = gate.pass_or_refuse(name, broken, options.overruled)
@@ -82,7 +82,7 @@ def missions_of(
     camera = camera or Camera()
     shots = shots_of(name, path, is_viewpoint, airspace.scene, (surface, camera), options, own)
     tolerances = (options.tolerance_m, options.tolerance_deg)
-    kept, note, share = thinned(
+    waypoints, note, share = thinned(
         shots.path, shots.fixed, tolerances, airspace, (surface, camera), flying.turning, zooms
     )
     path = shots.path
@@ -92,7 +92,7 @@ def missions_of(
     lacking = [*gate.coverage_breaches(share, limits), *gate.overlap_breaches(shots.across, options.overlaps)]
     unseen = gate.pass_or_refuse(name, lacking, options.overruled)
     notes += [note, *shots.notes, *gate.told(unseen)]
-    short = path.take(kept) if zooms else replace(path.take(kept), fov_deg=None)
+    short = path.take(waypoints) if zooms else replace(path.take(waypoints), fov_deg=None)
     if short.fov_deg is not None:
         notes.append(
             f"the camera zooms, from {short.fov_deg[:, 0].max():.1f} to {short.fov_deg[:, 0].min():.1f} deg "
@@ -105,12 +105,12 @@ def missions_of(
     cutter = Cutter(short, transits, options, most, np.where(passing > 0, 0.0, flying.stop_s))
     sorties = cutter.sorties()
     notes += _told(sorties, options, flying, transits, int((passing == 0).sum()))
-    photo = shots.photo[kept]
-    made = []
+    photo = shots.photo[waypoints]
+    missions = []
     for at, sortie in enumerate(sorties):
         body = _waypoints(cutter, photo, passing, sortie)
         heading, pitch = geodesy.heading_and_pitch(body.quat_xyzw, placement.heading_deg)
-        made.append(
+        missions.append(
             Mission(
                 name=name,
                 number=at + 1,
@@ -139,7 +139,7 @@ def missions_of(
                 overruled=(*overruled, *unseen),
             )
         )
-    return made
+    return missions
 
 
 def airspace_of(
@@ -185,26 +185,26 @@ def _told(
         "amsl": "altitudes are metres above mean sea level",
         "ellipsoid": "altitudes are metres above the WGS 84 ellipsoid",
     }
-    told = [
+    notes = [
         heights[options.altitude],
         f"transit legs reach {highest - transits.home[2]:.1f} m above take-off; set the return-to-home "
         f"altitude to at least {transits.return_z_m - transits.home[2]:.1f} m",
     ]
     if over_ground > USUAL_CEILING_M:
-        told.append(f"the mission reaches {over_ground:.0f} m above ground: more than {USUAL_CEILING_M:g} m")
+        notes.append(f"the mission reaches {over_ground:.0f} m above ground: more than {USUAL_CEILING_M:g} m")
     times = ", ".join(f"{sortie.duration_s:.0f}" for sortie in sorties)
     if len(sorties) > 1:
-        told.append(
+        notes.append(
             f"{len(sorties)} flights of {times} s; each resumes at the waypoint where the one before ended"
         )
     elif options.endurance_s is None:
-        told.append(f"flight time about {times} s; battery not checked: set --endurance-s")
+        notes.append(f"flight time about {times} s; battery not checked: set --endurance-s")
     else:
-        told.append(f"flight time about {times} s, battery endurance {options.endurance_s:g} s")
+        notes.append(f"flight time about {times} s, battery endurance {options.endurance_s:g} s")
     if flying.stop_s:
         where = f"each of the {stops} stops" if flying.passes else "the stop at each waypoint"
-        told.append(f"{flying.stop_s:g} s are added for {where}")
-    return [*told, flying.note] if flying.note else told
+        notes.append(f"{flying.stop_s:g} s are added for {where}")
+    return [*notes, flying.note] if flying.note else notes
 
 
 def check_altitude(altitude: str, placement: Placement, structure_id: str) -> None:
@@ -277,5 +277,5 @@ def _zooms(path: Trajectory, sortie: Sortie) -> Floats | None:
     if path.fov_deg is None:
         return None
     ways = ((sortie.first, sortie.way_in), (sortie.last, sortie.way_out))
-    kept = [np.repeat(path.fov_deg[[at]], len(way), axis=0) for at, way in ways]
-    return np.concatenate([kept[0], path.fov_deg[sortie.first : sortie.last + 1], kept[1]])
+    angles = [np.repeat(path.fov_deg[[at]], len(way), axis=0) for at, way in ways]
+    return np.concatenate([angles[0], path.fov_deg[sortie.first : sortie.last + 1], angles[1]])

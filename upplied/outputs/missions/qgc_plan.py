@@ -46,7 +46,7 @@ def _polygon(fence: Fence) -> dict[str, Any]:
 
 
 def _simple_item(item: Item, number: int, mission: Mission) -> dict[str, Any]:
-    made: dict[str, Any] = {
+    command: dict[str, Any] = {
         "type": "SimpleItem",
         "autoContinue": True,
         "command": item.command,
@@ -57,5 +57,5 @@ def _simple_item(item: Item, number: int, mission: Mission) -> dict[str, Any]:
     if item.command in (TAKEOFF, WAYPOINT):
         altitude = float(item.params[6])
         mode = _ALTITUDE_MODE[mission.altitude]
-        made |= {"Altitude": altitude, "AltitudeMode": mode, "AMSLAltAboveTerrain": None}
-    return made
+        command |= {"Altitude": altitude, "AltitudeMode": mode, "AMSLAltAboveTerrain": None}
+    return command

@@ -129,7 +129,7 @@ class _File:
 
 def _items(rows: list[tuple[int, list[float]]]) -> _File:
     """Waypoints of MAVLink commands with their seven parameters."""
-    found = _File(np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0))
+    content = _File(np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0))
     places, speeds, holds, speed, every = [], [], [], np.nan, 0.0
     for command, params in rows:
         if command == _SPEED:
@@ -140,14 +140,14 @@ def _items(rows: list[tuple[int, list[float]]]) -> _File:
             holds.append(params[0])
         if command == _DISTANCE:
             every = params[0]
-            found.every.pop(len(places) - 1, None)
+            content.every.pop(len(places) - 1, None)
         if command in _PHOTOS:
-            found.photos.append((len(places) - 1, holds[-1]))
+            content.photos.append((len(places) - 1, holds[-1]))
         if every:
-            found.every[len(places) - 1] = every
-    found.places, found.speeds = np.array(places, float).reshape(-1, 3), np.array(speeds)
-    found.passing, found.holds = np.zeros(len(places)), np.array(holds)
-    return found
+            content.every[len(places) - 1] = every
+    content.places, content.speeds = np.array(places, float).reshape(-1, 3), np.array(speeds)
+    content.passing, content.holds = np.zeros(len(places)), np.array(holds)
+    return content
 
 
 def _qgc(content: bytes) -> _File:
@@ -167,7 +167,7 @@ def _dji(content: bytes) -> _File:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         root = ElementTree.fromstring(archive.read("wpmz/waylines.wpml"))
     places, speeds, passing, holds = [], [np.nan], [], []
-    found = _File(np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0))
+    parsed = _File(np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0))
     for at, mark in enumerate(root.iter(f"{_KML}Placemark")):
         lon, lat = (float(value) for value in mark.find(f".//{_KML}coordinates").text.split(","))
         places.append([lat, lon, float(mark.find(f"{_WPML}executeHeight").text)])
@@ -179,25 +179,25 @@ def _dji(content: bytes) -> _File:
         for group in mark.iter(f"{_WPML}actionGroup"):
             trigger = group.find(f"{_WPML}actionTrigger")
             if trigger.find(f"{_WPML}actionTriggerType").text == "multipleDistance":
-                found.every[at] = float(trigger.find(f"{_WPML}actionTriggerParam").text)
+                parsed.every[at] = float(trigger.find(f"{_WPML}actionTriggerParam").text)
                 continue
             for action in group.iter(f"{_WPML}action"):
                 name = action.find(f"{_WPML}actionActuatorFunc").text
                 if name == "hover":
                     stay += float(action.find(f".//{_WPML}hoverTime").text)
                 if name == "takePhoto":
-                    found.photos.append((at, stay))
+                    parsed.photos.append((at, stay))
         holds.append(stay)
-    found.places, found.speeds = np.array(places).reshape(-1, 3), np.array(speeds[:-1])
-    found.passing, found.holds = np.array(passing), np.array(holds)
-    return found
+    parsed.places, parsed.speeds = np.array(places).reshape(-1, 3), np.array(speeds[:-1])
+    parsed.passing, parsed.holds = np.array(passing), np.array(holds)
+    return parsed
 
 
 def _litchi(content: bytes) -> _File:
     rows = list(csv.DictReader(io.StringIO(content.decode("utf-8"))))
     places = [[float(r["latitude"]), float(r["longitude"]), float(r["altitude(m)"])] for r in rows]
     speeds = [np.nan, *(float(r["speed(m/s)"]) for r in rows)]
-    found = _File(np.array(places).reshape(-1, 3), np.array(speeds[:-1]), np.zeros(len(rows)), np.empty(0))
+    parsed = _File(np.array(places).reshape(-1, 3), np.array(speeds[:-1]), np.zeros(len(rows)), np.empty(0))
     holds = []
     for at, row in enumerate(rows):
         stay = 0.0
@@ -205,29 +205,29 @@ def _litchi(content: bytes) -> _File:
             action = row[f"actiontype{number}"]
             stay += float(row[f"actionparam{number}"]) * 1e-3 * (action == _LITCHI_STAYS)
             if action == _LITCHI_PHOTO:
-                found.photos.append((at, stay))
+                parsed.photos.append((at, stay))
         holds.append(stay)
         if float(row["photo_distinterval"]) > 0:
-            found.every[at] = float(row["photo_distinterval"])
-    found.holds = np.array(holds)
-    return found
+            parsed.every[at] = float(row["photo_distinterval"])
+    parsed.holds = np.array(holds)
+    return parsed
 
 
 def _kml(content: bytes) -> _File:
     root = ElementTree.fromstring(content)
     line = root.find(f".//{_KML}LineString/{_KML}coordinates").text.split()
-    found = _unsaid(np.array([[float(v) for v in place.split(",")] for place in line])[:, [1, 0, 2]])
+    parsed = _unsaid(np.array([[float(v) for v in place.split(",")] for place in line])[:, [1, 0, 2]])
     for mark in root.iter(f"{_KML}Placemark"):
         if (point := mark.find(f"{_KML}Point/{_KML}coordinates")) is not None:
-            found.photos.append((line.index(point.text), 0.0))
-            found.photo_s.append(float(mark.find(f".//{_KML}value").text))
-    return found
+            parsed.photos.append((line.index(point.text), 0.0))
+            parsed.photo_s.append(float(mark.find(f".//{_KML}value").text))
+    return parsed
 
 
 def _geojson(content: bytes) -> _File:
     line, *points = json.loads(content)["features"]
-    found = _unsaid(np.array(line["geometry"]["coordinates"], float)[:, [1, 0, 2]])
-    return _stated(found, [point["properties"] for point in points])
+    parsed = _unsaid(np.array(line["geometry"]["coordinates"], float)[:, [1, 0, 2]])
+    return _stated(parsed, [point["properties"] for point in points])
 
 
 def _csv(content: bytes) -> _File:
@@ -236,12 +236,12 @@ def _csv(content: bytes) -> _File:
     return _stated(_unsaid(np.array(places).reshape(-1, 3)), rows)
 
 
-def _stated(found: _File, rows: Sequence[Mapping[str, Any]]) -> _File:
+def _stated(content: _File, rows: Sequence[Mapping[str, Any]]) -> _File:
     """Speeds, holds and photos of waypoints, from rows that name them."""
-    found.speeds = np.array([float(row["speed_mps"]) for row in rows])
-    found.holds = np.array([float(row["hold_s"]) for row in rows])
-    found.photos = [(at, float(row["hold_s"])) for at, row in enumerate(rows) if int(row["photo"])]
-    return found
+    content.speeds = np.array([float(row["speed_mps"]) for row in rows])
+    content.holds = np.array([float(row["hold_s"]) for row in rows])
+    content.photos = [(at, float(row["hold_s"])) for at, row in enumerate(rows) if int(row["photo"])]
+    return content
 
 
 def _unsaid(places: Floats) -> _File:

@@ -66,12 +66,12 @@ class Mission(Record):
     @property
     def zooms_at(self) -> dict[int, float]:
         """The waypoints for which the camera is told to zoom, with the horizontal field of view, deg."""
-        told: dict[int, float] = {}
+        angles: dict[int, float] = {}
         last = float("nan")
         for at, angle in enumerate([] if self.fov_deg is None else self.fov_deg[:, 0].tolist()):
             if not abs(angle / last - 1) < SAME_ZOOM:
-                told[at] = last = angle
-        return told
+                angles[at] = last = angle
+        return angles
 
     @property
     def stops(self) -> list[range]:

@@ -49,10 +49,10 @@ class Cutter:
 
     def sorties(self) -> list[Sortie]:
         """As few as the greedy rule finds: each as long as it may be."""
-        found: list[Sortie] = []
-        while not found or found[-1].last < len(self.path) - 1:
-            found.append(self._longest_from(found[-1].last if found else 0))
-        return found
+        flights: list[Sortie] = []
+        while not flights or flights[-1].last < len(self.path) - 1:
+            flights.append(self._longest_from(flights[-1].last if flights else 0))
+        return flights
 
     def _longest_from(self, first: int) -> Sortie:
         there = self._way(first)

@@ -53,16 +53,16 @@ def thinned(
     metres, degrees = tolerances
     flown = path if zooms else replace(path, fov_deg=None)
     for _ in range(6):
-        kept = np.flatnonzero(_kept(path, fixed, metres, degrees))
-        coarse = flown.take(kept)
+        left = np.flatnonzero(_kept(path, fixed, metres, degrees))
+        coarse = flown.take(left)
         share = still_seen(path, coarse, scene, *seen, turning)
         if not airspace.broken(coarse.positions).any() and (np.isnan(share) or share >= _LEAST_SEEN):
             clear = path_clearance(scene, coarse.positions).distance_m
             view = "" if np.isnan(share) else f", {100 * share:.1f} % of what the plan sees stays in view"
             return (
-                kept,
+                left,
                 (
-                    f"{len(kept)} of {len(path)} waypoints remain within {metres:g} m and {degrees:g} deg: "
+                    f"{len(left)} of {len(path)} waypoints remain within {metres:g} m and {degrees:g} deg: "
                     f"clearance {clear:.2f} m (planned {planned:.2f} m){view}"
                 ),
                 share,
@@ -96,20 +96,20 @@ def still_seen(
 
 def _in_view(path: Trajectory, points: Floats, scene: Scene, camera: Camera) -> Bools:
     """Which points (N,) are in the frustum and range of any pose, with nothing between."""
-    found = np.zeros(len(points), bool)
+    shown = np.zeros(len(points), bool)
     fields = np.tile([camera.hfov_deg, camera.vfov_deg], (len(path), 1))
     fields = fields if path.fov_deg is None else path.fov_deg
     slopes = np.tan(np.radians(np.minimum(fields, 179.0)) / 2)
     for position, turn, slope in zip(path.positions, matrices(path.quat_xyzw), slopes, strict=True):
-        open_ = np.flatnonzero(~found)
+        open_ = np.flatnonzero(~shown)
         local = (points[open_] - position) @ turn
         reach = np.linalg.norm(local, axis=1)
         inside = (local[:, 0] > 0) & (np.abs(local[:, 1:]) <= local[:, :1] * slope).all(axis=1)
         inside &= (reach >= camera.min_range_m) & (reach <= camera.max_range_m)
         looked = open_[inside]
         if len(looked):
-            found[looked] = ~scene.occluded(np.broadcast_to(position, (len(looked), 3)), points[looked], 0.01)
-    return found
+            shown[looked] = ~scene.occluded(np.broadcast_to(position, (len(looked), 3)), points[looked], 0.01)
+    return shown
 
 
 def _kept(path: Trajectory, fixed: Bools, metres: float, degrees: float) -> Bools:

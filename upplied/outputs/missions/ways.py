@@ -87,7 +87,7 @@ class Transits:
         """
         place = self.inspection[at]
         high_m = max(self.low_z_m, float(place[2]))
-        found = []
+        candidates = []
         for height_m in sorted({self.low_z_m, (self.low_z_m + high_m) / 2, high_m}):
             above = self._above(height_m)
             if not self._climb_is_free(above):
@@ -95,8 +95,8 @@ class Transits:
             leg = np.stack([place, above])
             line = leg if not self.airspace.broken(leg)[0] else way(self._roads, place, above)
             if line is not None:
-                found.append(line)
-        shortest = min(found, key=lambda line: length(np.vstack([line, self.home])), default=None)
+                candidates.append(line)
+        shortest = min(candidates, key=lambda line: length(np.vstack([line, self.home])), default=None)
         return None if shortest is None else _distinct(shortest)
 
     @cached_property

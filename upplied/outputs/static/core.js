@@ -67,6 +67,16 @@ upplied.still = function () {
 // The minutes and seconds of a flight, as people say them.
 upplied.minutes = (seconds) => (Number.isFinite(seconds) ? upplied.duration(seconds) + " min" : "–");
 
+// An identifier as words: wind_turbine becomes wind turbine.
+upplied.words = (name) => String(name).replaceAll("_", " ");
+
+// The mark of a line or of a surface in a legend.
+upplied.mark = function (kind, colour) {
+  const mark = upplied.element("i", { class: kind });
+  mark.style.background = colour;
+  return mark;
+};
+
 upplied.megabytes = (value) => (value >= 1000 ? (value / 1000).toFixed(1) + " GB" : value.toFixed(0) + " MB");
 
 // A script of the package, loaded when it is first needed; a page in one file has it already.
@@ -80,12 +90,13 @@ upplied.facts = (pairs) => upplied.element("dl", {}, pairs.filter(([, value]) =>
   .flatMap(([name, value]) => [upplied.element("dt", {}, name), upplied.element("dd", {}, value)]));
 
 // table(caption, ["Column", ...], [[cell, ...], ...]): cells are text or elements; the first of a row is its head.
-upplied.table = function (caption, columns, rows) {
+// On a phone each row becomes a card, unless the columns are to be compared.
+upplied.table = function (caption, columns, rows, compared = false) {
   const { element } = upplied;
-  const kind = (at) => (rows.length && rows.every((cells) => typeof cells[at] === "string" && /^[-–\d]*[\d–]/.test(cells[at])) ? "number" : "text");
-  return element("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": caption }, element("table", { class: "figures" },
+  const kind = (at) => (rows.length && rows.every((cells) => typeof cells[at] === "string" && /^(–|[-−]?\d[\d.,:]*( ?[%°]| [a-z/²]+)?)$/.test(cells[at])) ? "number" : "text");
+  return element("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": caption }, element("table", { class: "figures" + (compared ? "" : " cards") },
     element("thead", {}, element("tr", {}, columns.map((name, at) => element("th", { scope: "col", class: kind(at) }, name)))),
-    element("tbody", {}, rows.map((cells) => element("tr", {}, cells.map((cell, at) => element(at ? "td" : "th", { scope: at ? null : "row", class: kind(at) }, cell)))))));
+    element("tbody", {}, rows.map((cells) => element("tr", {}, cells.map((cell, at) => element(at ? "td" : "th", { scope: at ? null : "row", class: kind(at), "data-label": at && typeof columns[at] === "string" ? columns[at] : null }, cell)))))));
 };
 
 // tabs([[name, panel, opened], ...]): `opened` runs once, when its panel is first shown.

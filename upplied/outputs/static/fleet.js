@@ -4,17 +4,17 @@
 (function () {
   const { element, badge, format, duration } = upplied;
   const COLUMNS = [
-    { key: "status", label: "Result", wide: "7.4rem" },
-    { key: "demonstration", label: "Demonstration", wide: "minmax(9.5rem,1.5fr)" },
-    { key: "target", label: "Structure", wide: "minmax(7.5rem,1.1fr)" },
-    { key: "state", label: "Plan", wide: "6.6rem", title: "Draft, reviewed, released or recalled" },
-    { key: "coverage", label: "Inspected", wide: "8.4rem", number: true, title: "Share of the inspected surface that the plan shows at least as well" },
+    { key: "target", label: "Structure", wide: "minmax(11.5rem,1.3fr)" },
+    { key: "demonstration", label: "Demonstration", wide: "minmax(9.5rem,1.2fr)" },
+    { key: "status", label: "Result", wide: "7.6rem" },
+    { key: "state", label: "Decision", wide: "6.4rem", title: "Draft, reviewed, released, rejected or recalled" },
+    { key: "coverage", label: "Inspected", wide: "6.6rem", number: true, title: "Share of the inspected surface that the plan shows at least as well" },
     { key: "gsd", label: "mm/px", wide: "4.2rem", number: true, title: "Size of a pixel on the surface, median" },
     { key: "clearance", label: "Clearance", wide: "5.8rem", number: true, title: "Smallest distance of the path from the structure" },
     { key: "duration", label: "Time", wide: "4.2rem", number: true, title: "Flight time of the inspection, minutes and seconds" },
+    { key: "battery_pct", label: "Battery", wide: "5rem", number: true, title: "Inspection time as a share of the endurance of one battery, without transit legs; set vehicle.endurance_s to see it" },
     { key: "age", label: "Last flown", wide: "6.4rem", title: "Age of the last imported flight of the structure" },
     { key: "change", label: "Change", wide: "minmax(6rem,.9fr)", title: "Difference from the previous plan" },
-    { key: "kind", label: "Kind", wide: "minmax(7.6rem,.7fr)" },
   ];
   const RESEARCH = [
     { key: "paper", label: "Paper", wide: "4.6rem", number: true, title: "Coverage of the method as published" },
@@ -39,6 +39,7 @@
     });
     const state = { sort: "order", down: false, shown: rows, search: "", status: "", kind: "", changed: false, warned: false };
     document.title = fleet.title;
+    upplied.thumbnails = fleet.thumbnails ? upplied.root + "thumbnails/" : "";
 
     const table = virtualTable(rows.some((row) => row.gsd !== null && row.gsd !== undefined));
     const count = element("span", { class: "count", "aria-live": "polite" });
@@ -69,10 +70,10 @@
     }
 
     const choice = (key, label, values) => element("select", { "aria-label": label, id: "filter-" + key, onchange: (event) => { state[key] = event.target.value; refresh(); } },
-      element("option", { value: "" }, label), values.map((value) => element("option", { value }, value)));
+      element("option", { value: "" }, label), values.map((value) => element("option", { value }, upplied.words(value))));
     upplied.fill(app,
       element("header", { class: "page" }, element("h1", {}, fleet.title), tiles(rows),
-        fleet.known > rows.length ? element("p", { class: "note", id: "more" }, "The " + rows.length + " plans of " + fleet.known + " that need attention first. transfers.parquet holds all.") : null),
+        fleet.known > rows.length ? element("p", { class: "note", id: "more" }, "This page shows the " + rows.length + " plans of " + fleet.known + " that need attention first. transfers.parquet holds all.") : null),
       element("div", { class: "tools" },
         element("input", { type: "search", id: "search", placeholder: "Search IDs, kinds, reasons", "aria-label": "Search", oninput: (event) => { state.search = event.target.value; refresh(); } }),
         choice("status", "Any result", ["ok", "recalled", "not flyable", "refused", "failed"].filter((status) => rows.some((row) => row.status === status))),
@@ -84,7 +85,7 @@
         count),
       upplied.places(fleet.structures || {}, rows), table.root,
       (fleet.findings || []).length ? element("section", {}, element("h2", {}, "Findings"), upplied.table("Findings", ["Kind", "Class", "Open", "Watched", "Repaired", "Dismissed"],
-        fleet.findings.map((row) => [row.kind, row.class, ...["open", "watched", "repaired", "dismissed"].map((state) => row[state] || 0)]))) : null);
+        fleet.findings.map((row) => [upplied.words(row.kind), row.class, ...["open", "watched", "repaired", "dismissed"].map((state) => String(row[state] || 0))]))) : null);
     heads();
     refresh();
     return table.leave;
@@ -111,14 +112,13 @@
 
   function cells(row, columns) {
     const planned = row.status === "ok" || row.status === "not flyable";
-    const bar = element("span", { class: "bar" }, element("i", {}));
-    bar.firstChild.style.width = Math.max(0, Math.min(100, row.coverage || 0)) + "%";
     const about = upplied.link("demonstrations", row.demonstration);
     const content = {
       status: () => [badge(row.status), warned(row.warnings || [])],
       demonstration: () => (about ? element("a", { href: about }, row.demonstration) : row.demonstration),
-      target: () => (row.page ? element("a", { href: upplied.link("transfers", row.pair) }, row.target) : element("span", { title: "This page could not be written." }, row.target)),
-      coverage: () => (planned ? [bar, element("span", { class: "share" }, format(row.coverage, 1, " %"))] : row.reason || "No reason was recorded."),
+      target: () => [thumbnail(row), element("div", {}, row.page ? element("a", { href: upplied.link("transfers", row.pair) }, row.target) : element("span", { title: "This page could not be written." }, row.target), element("div", { class: "kind" }, upplied.words(row.kind)))],
+      coverage: () => (planned ? format(row.coverage, 1, " %") : row.reason || "No reason was recorded."),
+      battery_pct: () => format(row.battery_pct, 0, " %"),
       gsd: () => format(row.gsd, 1), clearance: () => format(row.clearance, 1, " m"), duration: () => duration(row.duration),
       age: () => (row.flown ? ago(row.flown) : "never"), paper: () => format(row.paper, 1), baseline: () => format(row.baseline, 1),
       frechet: () => format(row.frechet, 2), length: () => format(row.length, 0, " m"),
@@ -127,6 +127,11 @@
       const reason = key === "coverage" && !planned;
       return element("div", { class: "cell " + key + (number && !reason ? " number" : "") + (reason ? " reason" : ""), role: "cell", title: reason ? row.reason : null }, key in content ? content[key]() : row[key]);
     });
+  }
+
+  // A small picture of the structure; a page in one file has none.
+  function thumbnail(row) {
+    return upplied.thumbnails && row.page ? element("img", { class: "thumbnail", src: upplied.thumbnails + row.target + ".png", alt: "", loading: "lazy", width: 64, height: 44 }) : null;
   }
 
   function warned(warnings) {
@@ -139,8 +144,9 @@
     let columns = COLUMNS.filter(({ key }) => key !== "gsd" || sized);
     const head = element("div", { class: "row head", role: "row" });
     const body = element("div", { class: "spacer", role: "rowgroup" });
-    const view = element("div", { class: "view", tabindex: "0", role: "presentation" }, element("div", { class: "sheet" }, head, body));
-    const root = element("div", { class: "fleet", role: "table", "aria-label": "Plans" }, view);
+    const view = element("div", { class: "view", tabindex: "0", role: "region", "aria-label": "Plans" });
+    const root = element("div", { class: "sheet", role: "table", "aria-label": "Plans" }, head, body);
+    view.append(root);
     const research = (wanted) => {
       columns = COLUMNS.filter(({ key }) => key !== "gsd" || sized).concat(wanted ? RESEARCH : []);
       view.style.setProperty("--grid", columns.map((column) => column.wide).join(" "));
@@ -152,7 +158,7 @@
     let drawn = "";
 
     function draw() {
-      const height = narrow.matches ? 84 : 36;
+      const height = narrow.matches ? 96 : 54;
       body.style.height = rows.length * height + "px";
       const first = Math.max(0, Math.floor((view.scrollTop - head.offsetHeight) / height) - 4);
       const last = Math.min(rows.length, first + Math.ceil(view.clientHeight / height) + 10);
@@ -170,7 +176,7 @@
     view.addEventListener("scroll", draw, { passive: true });
     window.addEventListener("resize", draw);
     return {
-      root, head, research, columns: () => columns,
+      root: element("div", { class: "fleet" }, view), head, research, columns: () => columns,
       show(list) { rows = list; drawn = ""; view.scrollTop = 0; root.setAttribute("aria-rowcount", rows.length + 1); draw(); },
       leave() { window.removeEventListener("resize", draw); },
     };

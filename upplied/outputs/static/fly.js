@@ -172,6 +172,13 @@
     return found;
   }
 
+  // Round values from low to high, at most so many steps apart.
+  function ticks(low, high, most) {
+    const step = STEPS_M.find((each) => high - low <= most * each) || STEPS_M[STEPS_M.length - 1];
+    const first = Math.ceil(low / step - 1e-6);
+    return Array.from({ length: Math.max(0, Math.floor(high / step + 1e-6) - first + 1) }, (_, at) => (first + at) * step);
+  }
+
   function drawHeights(pen, mission, flown, track) {
     const ground = Number.isFinite(mission.ground) ? mission.ground : Math.min(...rows(track.path.xyz).map((point) => point[2]));
     const zero = mission.home ? mission.home[2] : ground;
@@ -192,12 +199,10 @@
       pen.fillText(name + " " + (z - zero).toFixed(0) + " m", pen.wide - 150, at([0, z])[1] - 4);
     }
     drawn.forEach((sortie, k) => sortie.forEach((points, i) => line(pen, points.map(at), parts[k][i].inside ? SORTIES[k % SORTIES.length] : "#7a7a7a", 2)));
-    for (let k = 0; k <= 4; k++) {
-      const z = low + (k * (high - low)) / 4;
-      pen.fillText((z - zero).toFixed(0) + " m", 8, at([0, z])[1] + 4);
-      if (k % (pen.wide < 420 ? 2 : 1) !== 0) continue;
-      const label = ((k * total) / 4).toFixed(0) + " m", half = pen.measureText(label).width / 2;
-      pen.fillText(label, Math.min(at([(k * total) / 4, low])[0] - half, pen.wide - 4 - 2 * half), pen.high - 14);
+    for (const height of ticks(low - zero, high - zero, 5)) pen.fillText(height + " m", 8, at([0, zero + height])[1] + 4);
+    for (const far of ticks(0, total, pen.wide < 420 ? 3 : 6)) {
+      const half = pen.measureText(far + " m").width / 2;
+      pen.fillText(far + " m", Math.min(at([far, low])[0] - half, pen.wide - 4 - 2 * half), pen.high - 14);
     }
   }
 })();

@@ -153,14 +153,49 @@
         if (aboard && poses[chosen]) await Plotly.relayout(root, { "scene.camera": aboardCamera(poses[chosen]) });
         return poses;
       },
-      // The view from where a pose is, farther off; or as its camera sees.
+      // The view from where a pose is, so far off that all is in view; or as its camera sees.
       async face(pose, aboard) {
         await ready;
         await preview(aboard);
         if (aboard) return Plotly.relayout(root, { "scene.camera": aboardCamera(pose) });
         const [ahead, aside] = [0, 1].map((axis) => pose.xyz[axis] - focus[axis]), flat = Math.hypot(ahead, aside) || 1;
-        const eye = center.map((value, axis) => value + far * [0.9 * ahead / flat, 0.9 * aside / flat, 0.436][axis]);
+        const back = [0.9 * ahead / flat, 0.9 * aside / flat, 0.436];
+        const off = 1.04 * distance(structure, tracks, focus, longest, back, root.clientWidth / Math.max(root.clientHeight, 1));
+        const eye = center.map((value, axis) => value + off * back[axis]);
         return Plotly.relayout(root, { "scene.camera": { eye: point(eye), center: point(center), up: home.up } });
+      },
+      // The pointer takes a place, in metres, along in the plane of the screen. `held` tells whether the place number
+      // `at` may be taken; `moved` hears of each step, `dropped` of the last; a click near another is `clicked`.
+      drags({ places, held, moved, dropped, clicked }) {
+        let drag = null, down = null;
+        const local = (event) => { const box = root.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; };
+        const nearest = (spot, most) => {
+          const seen = places().map((place) => onScreen(place)).map(([x, y, depth], at) => [depth > 0 ? Math.hypot(x - spot[0], y - spot[1]) : Infinity, at]);
+          return seen.reduce((best, each) => (each[0] < best[0] ? each : best), [most, -1])[1];
+        };
+        root.addEventListener("pointerdown", (event) => {
+          down = local(event);
+          const at = event.button ? -1 : places().findIndex((place, at) => { const [x, y, depth] = onScreen(place); return held(at) && depth > 0 && Math.hypot(x - down[0], y - down[1]) < 16; });
+          if (at < 0) return;
+          event.preventDefault(); event.stopPropagation();
+          root.setPointerCapture(event.pointerId);
+          drag = { at, from: down, place: places()[at], to: null };
+        }, true);
+        root.addEventListener("pointermove", (event) => {
+          const spot = local(event);
+          if (!drag) { const at = event.buttons ? -1 : nearest(spot, 16); root.style.cursor = at < 0 ? "" : held(at) ? "grab" : "pointer"; return; }
+          event.stopPropagation();
+          drag.to = byScreen(drag.place, spot[0] - drag.from[0], spot[1] - drag.from[1]);
+          moved(drag.at, drag.to);
+        }, true);
+        root.addEventListener("pointerup", (event) => {
+          const spot = local(event), end = drag;
+          drag = null;
+          if (end) { event.stopPropagation(); if (end.to) dropped(end.at, end.to); return; }
+          const at = down && Math.hypot(spot[0] - down[0], spot[1] - down[1]) < 4 ? nearest(spot, 12) : -1;
+          if (at >= 0) clicked(at);
+        }, true);
+        for (const name of ["mousedown", "mousemove", "mouseup", "touchstart", "touchmove"]) root.addEventListener(name, (event) => { if (drag) event.stopPropagation(); }, true);
       },
       async home() { await ready; await preview(false); await Plotly.relayout(root, { "scene.camera": home }); },
       async visible(at, path, frusta) {
@@ -221,6 +256,28 @@
       },
       purge() { Plotly.purge(root); },
     };
+
+    // The eye as it stands: its directions, and how many pixels a unit takes at depth 1.
+    function lookout() {
+      const plot = root._fullLayout && root._fullLayout.scene && root._fullLayout.scene._scene;
+      const camera = plot ? plot.getCamera() : home;
+      const [eye, at, up] = [camera.eye, camera.center, camera.up].map(({ x, y, z }) => [x, y, z]);
+      const unit = (v) => v.map((value) => value / (Math.hypot(...v) || 1)), cross = (a, b) => [0, 1, 2].map((k) => a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3]);
+      const ahead = unit(at.map((value, axis) => value - eye[axis])), right = unit(cross(ahead, up));
+      return { eye, ahead, right, above: cross(right, ahead), scale: root.clientHeight / 2 / Math.tan(FOV / 2) };
+    }
+    function dot(a, b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+    // Where a place in metres is drawn, px from the upper left, and its depth.
+    function onScreen(place) {
+      const { eye, ahead, right, above, scale } = lookout();
+      const from = place.map((value, axis) => (value - middle[axis]) / longest - eye[axis]), depth = dot(from, ahead);
+      return [root.clientWidth / 2 + (scale * dot(from, right)) / depth, root.clientHeight / 2 - (scale * dot(from, above)) / depth, depth];
+    }
+    // The place that lies so many pixels to the right and down of another, at the same depth.
+    function byScreen(place, across, down) {
+      const { right, above, scale } = lookout(), depth = onScreen(place)[2];
+      return place.map((value, axis) => value + (longest * depth * (across * right[axis] - down * above[axis])) / scale);
+    }
 
     function inside() {
       const scene = root._fullLayout && root._fullLayout.scene && root._fullLayout.scene._scene;

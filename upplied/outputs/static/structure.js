@@ -43,10 +43,10 @@ upplied.pages.structure = function (app, data) {
       ? table("Required zones", ["Zone", "Planned", "Flown", "Required by"], data.zones.map((row) => [row.zone, zone(row, "planned"), zone(row, "flown"), row.asked_by + ", set " + row.set + ", version " + row.version]))
       : element("p", { class: "note" }, "No zones are required.")),
     findings(app, data),
-    (data.marks || []).length ? section("Findings", table("Findings", ["Finding", "Class", "Severity", "State", "Place, m", "May be off", "Length", "Photo", "By"],
+    (data.marks || []).length ? section("Findings", table("Findings", ["Finding", "Class", "Severity", "State", "Place, m", "Error", "Length", "Photo", "By"],
       data.marks.map((row) => [row.finding, row.class, row.severity, row.state, row.place, format(row.error, 2, " m"), format(row.length, 0, " mm"), row.photo, row.by]))) : null,
-    data.map ? null : section("Plans", table("Plans", ["Plan", "Result", "Decision", "Inspected", "mm/px", "Clearance", "Time", "Planned"], data.plans.map((plan) => [
-      element("a", { href: upplied.link("transfers", plan.pair) }, plan.demonstration + ", " + plan.preset), badge(plan.status), plan.state,
+    data.map ? null : section("Plans", table("Plans", ["Demonstration", "Result", "Decision", "Inspected", "mm/px", "Clearance", "Time", "Planned"], data.plans.map((plan) => [
+      element("a", { href: upplied.link("transfers", plan.pair) }, plan.demonstration + (plan.preset === "recommended" ? "" : ", " + plan.preset)), badge(plan.status), plan.state,
       format(plan.coverage, 1, " %"), format(plan.gsd, 1), format(plan.clearance, 1, " m"), minutes(plan.duration), plan.planned]))),
     data.map ? null : section("Flights", data.flights.length
       ? table("Flights", ["Flown", "Plan", "Operator", "Share of the plan", "Clearance", "Findings"], data.flights.map((row) => [row.when, row.plan, row.operator, format(row.share, 0, " %"), format(row.clearance, 1, " m"), row.findings]))

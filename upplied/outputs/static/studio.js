@@ -31,7 +31,7 @@
 
   // The changes so far; every step can be undone.
   let state = { base: 0, viewpoints: plan.viewpoints.map((each) => ({ ...each })), deleted: [], fixed: [], boxes: [], clearance_m: plan.usual_m };
-  let chosen = 0, busy = false, unkept = false, draft = plan.id, number = 0, asking = false, following = null, again = false;
+  let chosen = 0, busy = false, unkept = false, draft = plan.id, number = 0, asking = false, following = null, again = false, held = null;
   const past = [], future = [];
   const changes = () => JSON.stringify(state);
   function change(alter) {
@@ -57,12 +57,13 @@
   const verdict = element("section", { class: "verdict", id: "verdict", "aria-live": "polite" });
   const message = element("p", { class: "message", id: "message", role: "status" });
   const pane = element("div", { class: "canvas", id: "view", tabindex: 0, role: "img", "aria-label": "the plan round " + plan.target + ". Arrow keys turn the view, plus and minus zoom, Home resets." });
+  const picture = element("div", { class: "canvas", id: "picture", role: "img", "aria-label": "the picture of the camera at the selected viewpoint" });
   const list = element("div", { class: "viewpoints", id: "viewpoints", role: "listbox", tabindex: 0, "aria-label": "Viewpoints in the order of flight", "aria-describedby": "keys" });
   const labelled = (label, input) => element("label", { class: "field" }, element("span", {}, label), input);
   const numeric = (id, value, step) => element("input", { type: "number", id, step, value });
   const button = (id, label, onclick, key) => element("button", { type: "button", id, onclick, "aria-keyshortcuts": key || null }, label + (key ? " (" + key + ")" : ""));
   const step = element("select", { id: "step" }, STEPS.map((each) => element("option", { value: each, selected: each === 0.25 }, each + " m")));
-  const looks = element("select", { id: "looks" }, [["follow", "from behind the viewpoint"], ["aboard", "picture of its camera"], ["free", "free"]].map(([value, label]) => element("option", { value }, label)));
+  const looks = element("select", { id: "looks" }, [["follow", "from behind the viewpoint"], ["free", "free"]].map(([value, label]) => element("option", { value }, label)));
   const turn = element("select", { id: "turn" }, TURNS.map((each) => element("option", { value: each, selected: each === 2 }, each + "°")));
   const fields = FIELDS.map(([name, label]) => [name, label, numeric("at-" + name, 0, 0.01)]);
   fields.forEach(([name, , input]) => input.addEventListener("change", () => { if (input.value !== "" && Number.isFinite(Number(input.value))) change((now) => { now.viewpoints[chosen][name] = name === "yaw_deg" ? turned(Number(input.value)) : Number(input.value); }); }));
@@ -81,21 +82,22 @@
 
   app.replaceChildren();
   fill(app,
+    element("nav", { "aria-label": "Pages" }, element("a", { href: "/index.html" }, "All plans"), " · ", element("a", { href: "/transfers/" + plan.pair + ".html" }, "Page of this plan")),
     element("h1", {}, plan.demonstration + " → " + plan.target), element("p", { class: "sub" }, "Plan " + plan.id + (plan.state ? ". Status: " + plan.state : "") + "."),
     verdict, message,
     element("div", { class: "studio" },
-      element("div", { class: "drawn" }, pane,
-        element("p", { class: "legend" }, [["as changed", COLOURS.recommended], ["as opened", COLOURS.baseline], ...(plan.in_force ? [["in force", COLOURS.demonstration]] : []), ["a zone", "#b000b0"]].map(([name, colour]) => element("span", { class: "check" }, swatch(colour), name)),
-          STATES.slice(0, 5).map(([name, colour]) => element("span", { class: "check" }, swatch(colour), name))), figures),
+      element("div", { class: "drawn" }, pane, picture,
+        element("p", { class: "legend" }, [["as changed", COLOURS.recommended], ["as opened", COLOURS.baseline], ...(plan.in_force ? [["in force", COLOURS.demonstration]] : []), ["a zone", "#b000b0"]].map(([name, colour]) => element("span", { class: "check" }, upplied.mark("swatch", colour), name)),
+          STATES.slice(0, 5).map(([name, colour]) => element("span", { class: "check" }, upplied.mark("swatch", colour), name))), figures),
       element("div", { class: "tools-column" },
         group("Viewpoints", list,
-          element("p", { class: "note", id: "keys" }, "Up and down select a viewpoint. W A S D R F move it, Q E T G turn it, Delete removes or restores it, X fixes it, P paints a zone, Ctrl+Z undoes."),
+          element("p", { class: "note", id: "keys" }, "Click a viewpoint in the view to select it, and drag it by its dot. Up and down select in this list; W A S D R F move, Q E T G turn, Delete removes or restores, X fixes, P paints a zone, Ctrl+Z undoes."),
           element("div", { class: "fields" }, fields.map(([, label, input]) => labelled(label, input))),
           element("div", { class: "fields" }, labelled("step", step), labelled("turn", turn), labelled("view", looks)),
           element("div", { class: "buttons" }, MOVES.map(([key, label, by]) => button("move-" + key, label, () => move(by), key.toUpperCase()))),
           element("div", { class: "buttons" }, button("leave", "Remove or restore", leave, "Delete"), button("fix", "Fix or unfix", fix, "X"), button("undo", "Undo", () => back(past, future), "Control+Z"), button("redo", "Redo", () => back(future, past), "Control+Y"))),
         group("Airspace", labelled("clearance limit, m", clearance), boxes,
-          element("div", { class: "buttons" }, button("forbid", "Add a keep-out box here", forbid)), element("p", { class: "note" }, "Two corners each, in metres, in the structure's frame.")),
+          element("div", { class: "buttons" }, button("forbid", "Add a keep-out box here", forbid)), element("p", { class: "note" }, "Each box has two corners, in metres, in the structure's frame.")),
         group("Plan again", element("div", { class: "buttons" }, button("replan", "Plan the other viewpoints again", replan)), element("p", { class: "note" }, "Changed and fixed viewpoints stay. The others are planned for the airspace above.")),
         group("Decide", element("div", { class: "fields" }, labelled("your name", by), labelled("note", note)),
           element("div", { class: "buttons" }, button("keep", "Store as draft", keep), button("reviewed", "Mark as reviewed", () => decide("reviewed")), button("release", "Release", () => decide("released")), button("reject", "Reject", () => decide("rejected")))),
@@ -112,15 +114,21 @@
   const draws = upplied.draws3d();
   const reach = Math.max(5, 0.15 * Math.max(...plan.structure.size_m));
   const scene = draws ? upplied.scene(pane, plan.structure, plan.camera, tracks, reach) : null;
-  if (scene) { await scene.ready; for (let at = 1; at < tracks.length; at++) await scene.point(at, null); }
-  else pane.replaceChildren(element("p", { class: "note", id: "no-3d" }, "This browser draws no 3-D views because WebGL is off. Everything else works."));
+  const eye = draws ? upplied.scene(picture, plan.structure, plan.camera, [], reach) : null;
+  if (scene) { await Promise.all([scene.ready, eye.ready]); for (let at = 1; at < tracks.length; at++) await scene.point(at, null); }
+  else picture.remove(), pane.replaceChildren(element("p", { class: "note", id: "no-3d" }, "This browser draws no 3-D views because WebGL is off. Everything else works."));
   paint.addEventListener("change", () => scene && scene.clicks(paint.checked, (place) => ball(place.map((value, at) => value + plan.structure.origin[at]))));
+  if (scene) {
+    const moved = (at, place) => ({ ...state.viewpoints[at], ...Object.fromEntries(["x_m", "y_m", "z_m"].map((name, axis) => [name, Number((place[axis] + plan.structure.origin[axis]).toFixed(3))])) });
+    scene.drags({ places: () => state.viewpoints.map((view) => pose(view).xyz), held: (at) => at === chosen && !busy,
+      moved: (at, place) => follow(moved(at, place)), dropped: (at, place) => change((now) => { now.viewpoints[at] = moved(at, place); }), clicked: (at) => { if (!paint.checked) choose(at); } });
+  }
   shown(); await tell(plan);
   ask("zones").then((answer) => answer.zones && !unkept && showZones(answer.zones));
   app.setAttribute("data-ready", "true");
   window.addEventListener("beforeunload", (event) => { if (unkept) event.preventDefault(); });
   list.addEventListener("keydown", keyed);
-  looks.addEventListener("change", async () => { if (scene && looks.value === "free") await scene.home(); follow(); });
+  looks.addEventListener("change", () => follow());
   document.addEventListener("keydown", (event) => {
     if (!(event.ctrlKey || event.metaKey) || event.target.matches("input, textarea")) return;
     if (event.key.toLowerCase() === "z") { event.preventDefault(); back(past, future); }
@@ -142,21 +150,26 @@
     const heading = compass ? POINTS[Math.round(angle / 45) % 8] + " " + String(Math.round(angle) % 360).padStart(3, "0") + "°" : "yaw " + angle.toFixed(0) + "°";
     return "V" + at + " · z " + view.z_m.toFixed(1) + " m · looks " + heading + ", " + (view.pitch_deg < -1 ? "down " : view.pitch_deg > 1 ? "up " : "level ") + Math.abs(view.pitch_deg).toFixed(0) + "°";
   }
-  // Numbers of viewpoints by pass: another begins where the flight turns back on itself.
+  // Numbers of viewpoints by pass: another begins where the flight turns back on itself, or has been once round.
   function passes() {
     const found = [[]];
-    let ahead = null;
+    let ahead = null, round = 0;
     state.viewpoints.forEach((view, at) => {
       if (at) {
         const before = state.viewpoints[at - 1];
         const step = ["x_m", "y_m", "z_m"].map((name) => view[name] - before[name]);
         const along = ahead ? step.reduce((sum, value, axis) => sum + value * ahead[axis], 0) : 1;
-        if (along < 0 && found[found.length - 1].length > 2) { found.push([]); ahead = null; }
+        if (ahead) round += Math.atan2(ahead[0] * step[1] - ahead[1] * step[0], ahead[0] * step[0] + ahead[1] * step[1]);
+        if ((along < 0 && found[found.length - 1].length > 2) || Math.abs(round) >= 2 * Math.PI) { found.push([]); ahead = null; round = 0; }
         else ahead = ahead ? ahead.map((value, axis) => 0.5 * value + step[axis]) : step;
       }
       found[found.length - 1].push(at);
     });
     return found;
+  }
+  function passName(own, at) {
+    const heights = own.map((each) => state.viewpoints[each].z_m), [low, high] = [Math.min(...heights), Math.max(...heights)].map((value) => value.toFixed(0));
+    return "Pass " + (at + 1) + ": viewpoints " + own[0] + " to " + own[own.length - 1] + ", z " + (low === high ? low : low + " to " + high) + " m";
   }
   function shown() {
     const rows = state.viewpoints.map((view, at) => {
@@ -165,7 +178,7 @@
         named(view, at) + (marks ? " · " + marks : ""));
     });
     list.replaceChildren(...passes().map((own, at) => element("div", { role: "group", "aria-label": "Pass " + (at + 1) },
-      element("div", { class: "pass", "aria-hidden": "true" }, "Pass " + (at + 1) + ": viewpoints " + own[0] + " to " + own[own.length - 1]), own.map((each) => rows[each]))));
+      element("div", { class: "pass", "aria-hidden": "true" }, passName(own, at)), own.map((each) => rows[each]))));
     choose(chosen);
     clearance.value = state.clearance_m;
     boxes.replaceChildren(...state.boxes.map((box, at) => element("div", { class: "box" },
@@ -184,16 +197,18 @@
     follow();
   }
   // One drawing at a time: the last viewpoint that was chosen counts.
-  function follow() {
+  function follow(dragged) {
     if (!scene) return;
-    again = true;
+    again = true; held = dragged;
     if (following) return;
     following = (async () => {
       while (again) {
         again = false;
-        const at = pose(state.viewpoints[chosen]);
+        const taken = held, at = pose(taken || state.viewpoints[chosen]);
         await scene.point(0, at);
-        if (looks.value !== "free") await scene.face(at, looks.value === "aboard");
+        await scene.overlay("handle", { x: [at.xyz[0]], y: [at.xyz[1]], z: [at.xyz[2]] }, { mode: "markers", marker: { size: 6, color: upplied.colour("--red") } });
+        if (looks.value !== "free" && !taken) await scene.face(at, false);
+        await eye.face(at, true);
       }
       following = null;
     })();
@@ -245,7 +260,7 @@
     if (answer.zones) showZones(answer.zones);
     if (scene) {
       await scene.redraw(0, upplied.path(answer.path), poses());
-      if (answer.states) await scene.coloured(unpack(answer.states));
+      if (answer.states) await Promise.all([scene, eye].map((each) => each.coloured(unpack(answer.states))));
     }
     verdict.setAttribute("data-judged", String(number));
   }
@@ -349,5 +364,4 @@
     const answer = said && await working("Storing", "require", said);
     if (answer && answer.message && !answer.refused) judge();
   }
-  function swatch(colour) { const made = element("i", { class: "swatch" }); made.style.background = colour; return made; }
 })();

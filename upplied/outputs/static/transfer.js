@@ -10,7 +10,7 @@
     ["coverage_of_target_pct", "Target surface covered", 1, " %", "Share of the target's corresponding surface that is shown as well"],
     ["coverage_context_pct", "Surroundings covered", 1, " %", "Share of the other surface in the demonstration's pictures that the plan sees"],
     ["acceptance_probability", "Probability of a good transfer", 2, "", "Forecast before planning"],
-    ["counterpart_probability", "Probability of the right part", 2, "", "Of the least certain part"],
+    ["counterpart_probability", "Probability of the right part", 2, "", "Probability of the least certain part"],
     ["fidelity_resolution_p50", "Resolution / required resolution, median", 2, "", "Best resolution of each patch"],
     ["fidelity_resolution_p05", "Resolution / required resolution, 5th percentile", 2, "", "0 where a patch has no sharp view"],
     ["fidelity_looks_kept_pct", "Repeated views kept", 0, " %", "Share of the demonstrated viewing directions"],
@@ -22,16 +22,16 @@
     ["gsd_mm_p95", "Ground sample distance, 95th percentile", 1, " mm/px", ""],
     ["gsd_demonstrated_mm_p50", "Demonstrated ground sample distance, median", 1, " mm/px", ""],
     ["gsd_demonstrated_mm_p95", "Demonstrated ground sample distance, 95th percentile", 1, " mm/px", ""],
-    ["blur_px_p50", "Motion blur, median", 2, " px", "In that view, during the exposure"],
+    ["blur_px_p50", "Motion blur, median", 2, " px", "In the finest sharp view, during the exposure"],
     ["blur_px_p99", "Motion blur, 99th percentile", 2, " px", ""],
     ["defocus_px_p95", "Defocus, 95th percentile", 2, " px", "With the camera focused on the middle depth of its picture"],
     ["camera_turn_ratio", "Camera rotation / demonstrated", 1, "", ""],
     ["path_turn_ratio", "Path curvature / demonstrated", 1, "", ""],
     ["pan_fast_pct", "Time with motion blur", 0, " %", "Share of the flight in which the picture moves too fast to be sharp"],
     ["coverage_seen_pct", "Demonstrated surface seen", 1, " %", "In view and in range, not occluded, not too oblique"],
-    ["coverage_attainable_pct", "Attainable coverage", 1, " %", "What any free viewpoint could see"],
+    ["coverage_attainable_pct", "Attainable coverage", 1, " %", "Share that any free viewpoint could see"],
     ["coverage_paper_pct", "Coverage as in the paper", 1, " %", "By the camera's frustum alone, without occlusion"],
-    ["min_clearance_m", "Minimum clearance", 2, " m", "Of the whole path from the structure"],
+    ["min_clearance_m", "Minimum clearance", 2, " m", "Smallest distance of the whole path from the structure"],
     ["never_scanned_m2", "Never scanned", 0, " m\u00b2", "Surface that the target must have where its scan is open; the path keeps clear of it"],
     ["surface_error_m", "Surface error of the scan", 2, " m", "The path keeps this distance in addition to the clearance"],
     ["margin", "Clearance above the limit", 2, " m", "Minimum clearance less the required one"],
@@ -81,7 +81,7 @@
       element("header", { class: "page" },
         element("a", { class: "back", href: upplied.home }, "All plans"),
         element("h1", {}, demonstration.id, element("span", { class: "arrow" }, " → "), structure ? element("a", { href: structure }, data.target) : data.target, " ", badge(plan.status)),
-        element("p", { class: "sub" }, data.kind + ", demonstrated on " + data.source + (demonstration.operator ? " by " + demonstration.operator : "") + (demonstration.site ? ", " + demonstration.site : "") + ". ",
+        element("p", { class: "sub" }, upplied.words(data.kind) + ", demonstrated on " + data.source + (demonstration.operator ? " by " + demonstration.operator : "") + (demonstration.site ? ", " + demonstration.site : "") + ". ",
           plan.decided ? element("span", { class: "decided" }, element("b", {}, "Status: "), plan.decided + ".") : null)),
       upplied.verdicts([plan, ...data.plans.filter((each) => each.preset === "newer draft")]),
       data.plans.filter((each) => each.overruled && each.overruled.length).map((each) => element("section", { class: "verdict not-flyable" },
@@ -117,17 +117,19 @@
       planned.map((track, at) => (track.states ? element("option", { value: at, selected: at === 0 }, "views of " + track.name) : null)),
       (data.quality || []).map((each, at) => element("option", { value: "quality " + at }, each.name + " of " + main.preset)));
 
-    const content = element("div", {},
+    const shades = new Set(); // states that some view shows
+    for (const each of [...planned.map((track) => track.states), demonstration.states && upplied.unpack(demonstration.states)]) (each || []).forEach((code) => shades.add(code));
+    const content = element("div", { class: "player" },
       data.picture ? element("img", { class: "printed", src: data.picture, loading: "lazy", alt: "demonstrated on " + data.source + ", planned for " + data.target }) : null,
-      element("section", { class: "views" },
-        element("figure", {}, element("figcaption", {}, line(COLOURS.demonstration), "demonstrated on " + data.source), panes[0], readouts[0]),
-        element("figure", { class: "planned" }, element("figcaption", {}, "planned for " + data.target, planned.map((track, at) => element("label", { class: "check" }, toggles[at], line(track.colour), track.name))), panes[1], readouts[1])),
       element("div", { class: "flight" }, play, slider, clock,
         element("label", { class: "check" }, aboard, "camera preview"),
         element("label", { class: "check" }, frusta, "viewpoints"),
         planned.some((track) => track.states) ? colourBy : null,
         element("button", { type: "button", id: "save-picture", onclick: () => upplied.picture(data.pair, panes) }, "Picture (PNG)")),
-      planned.some((track) => track.states) ? element("p", { class: "legend" }, STATES.map(([name, colour]) => element("span", { class: "check" }, swatch(colour), name))) : null,
+      element("section", { class: "views" },
+        element("figure", {}, element("figcaption", {}, line(COLOURS.demonstration), "demonstrated on " + data.source), panes[0], readouts[0]),
+        element("figure", { class: "planned" }, element("figcaption", {}, "planned for " + data.target, planned.map((track, at) => element("label", { class: "check" }, toggles[at], line(track.colour), track.name))), panes[1], readouts[1])),
+      shades.size ? element("p", { class: "legend" }, STATES.filter((_, code) => shades.has(code)).map(([name, colour]) => element("span", { class: "check" }, swatch(colour), name))) : null,
       charts);
     panel.prepend(content);
 
@@ -187,8 +189,7 @@
   function reading(pose) {
     return pose.time.toFixed(1) + " s · " + format(pose.speed, 1, " m/s") + " · clearance " + format(pose.clearance, 1, " m") + " · surface in picture at " + format(pose.standoff, 1, " m");
   }
-  const line = (colour) => { const made = element("i", { class: "line" }); made.style.background = colour; return made; };
-  const swatch = (colour) => { const made = element("i", { class: "swatch" }); made.style.background = colour; return made; };
+  const line = (colour) => upplied.mark("line", colour), swatch = (colour) => upplied.mark("swatch", colour);
 
   function every(path, most) {
     const count = Math.min(most, path.count);
@@ -231,7 +232,7 @@
     const rows = RESEARCH.filter(([key]) => columns.some(({ values }) => Number.isFinite(values[key])));
     return element("section", {}, element("h2", {}, "All measures"), upplied.table("All measures",
       ["Measure", ...columns.map(({ name, colour, status }) => [line(colour || "#888888"), name + " ", status])],
-      [...rows.map(([key, label, digits, unit, help]) => [element("span", { title: help || null }, label), ...columns.map(({ values }) => format(values[key], digits, unit))])]));
+      [...rows.map(([key, label, digits, unit, help]) => [element("span", { title: help || null }, label), ...columns.map(({ values }) => format(values[key], digits, unit))])], true));
   }
 
   function figures(plan) {

@@ -26,7 +26,7 @@
     const id = plan.provenance.transfer_id, released = plan.state === "released";
     const files = Object.entries(data.missions || {}).map(([label, where]) => where.startsWith("../")
       ? element("a", { class: "take", href: where, download: where.endsWith("/brief") ? null : "" }, label) : element("span", { class: "why" }, label + ": " + where));
-    return element("section", { class: "downloads" }, element("h2", {}, "Take along"),
+    return element("section", { class: "downloads" }, element("h2", {}, "Downloads"),
       element("div", { class: "tools" }, files, upplied.live ? element("a", { class: "take", href: "../studio/" + id }, "Edit in the studio") : null,
         element("button", { type: "button", id: "save-path", onclick: () => save(data.pair + ".csv", "text/csv", csv(plan)) }, "Path (CSV)")),
       released || files.length > 1 ? null : element("p", { class: "note" }, "Mission files are available once a person releases the plan."),
