@@ -158,6 +158,7 @@ def test_a_drag_and_the_keyboard_alone_change_store_and_release_a_plan(server, c
     with sync_api.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=BROWSER, args=FLAGS)
         page, errors, urls = browser.new_page(viewport={"width": 1300, "height": 900}), [], []
+        page.set_default_timeout(240_000)
         page.on(
             "console",
             lambda said: said.type == "error" and "401" not in said.text and errors.append(said.text),
@@ -167,7 +168,7 @@ def test_a_drag_and_the_keyboard_alone_change_store_and_release_a_plan(server, c
         answers: list[dict[str, Any]] = []
         page.on("response", lambda got: got.url.endswith("/judge") and answers.append(got.json()))
         page.goto(server.address(f"studio/{KEY[:20]}"))
-        page.wait_for_selector("#app[data-ready=true]", timeout=120_000)
+        page.wait_for_selector("#app[data-ready=true]", timeout=240_000)
         assert "#" not in page.url and "flyable" in page.locator("#verdict").inner_text()
         # every control has a name
         unnamed = (
@@ -184,7 +185,7 @@ def test_a_drag_and_the_keyboard_alone_change_store_and_release_a_plan(server, c
         judged(page, "Changes: viewpoint 0 changed.")
         assert page.locator("#picture .frame").count() == 1
         page.keyboard.press("Control+z")
-        page.wait_for_selector("#verdict:not([aria-busy]):has-text('As opened')", timeout=60_000)
+        page.wait_for_selector("#verdict:not([aria-busy]):has-text('As opened')", timeout=240_000)
         reach(page, "viewpoints")
         for key in ("ArrowDown", "ArrowDown", "ArrowDown", "r", "r", "s"):
             page.keyboard.press(key)
@@ -237,9 +238,9 @@ def reach(page: Any, wanted: str) -> None:
 
 def judged(page: Any, words: str) -> str:
     """The verdict once it tells of a change."""
-    page.wait_for_selector(f"#verdict:not([aria-busy]):has-text('{words}')", timeout=60_000)
+    page.wait_for_selector(f"#verdict:not([aria-busy]):has-text('{words}')", timeout=240_000)
     return str(page.locator("#verdict").inner_text())
 
 
 def told(page: Any, words: str) -> None:
-    page.wait_for_selector(f"#message:has-text('{words}')", timeout=60_000)
+    page.wait_for_selector(f"#message:has-text('{words}')", timeout=240_000)
