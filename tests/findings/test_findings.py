@@ -347,6 +347,25 @@ def test_questions_over_the_fleet(filled):
     assert fleet_findings(catalog) == [{"kind": CUBE.kind, "class": "crack", "open": 1}]
 
 
+def test_findings_of_several_structures_stand_in_their_order_on_one(catalog, tmp_path):
+    other = open_catalog(tmp_path / "catalog")
+    other.add_structures([CUBE, CUBOID])
+    top = CUBOID.vertices[:, 2].max()
+    places = {
+        "cube-v1": [(HIGH[0], 1.0, 4.0), (HIGH[0], -2.0, 7.0)],
+        "cuboid-v1": [(1.0, 2.0, top), (-3.0, 0.0, top)],
+    }
+    for at in (1, 0):
+        marks = [Mark("it", place=places[name][at], structure=name) for name in ("cuboid-v1", "cube-v1")]
+        assert add_marks(other, marks, "Ada").new == 2
+    on = by_reference(other, "cube-v1")
+    assert list(on["target_id"]) == ["cuboid-v1", "cube-v1"] * 2 and not on["reference_doubtful"].any()
+    placed = on[["reference_x_m", "reference_y_m", "reference_z_m"]].to_numpy()
+    assert placed[[1, 3]] == pytest.approx(np.array(places["cube-v1"])[::-1], abs=1e-6)
+    truth = true_counterparts("cuboid-v1", "cube-v1", np.array(places["cuboid-v1"]))
+    assert placed[[0, 2]] == pytest.approx(truth[::-1], abs=0.3)
+
+
 def test_a_look_counts_on_the_side_that_it_saw_and_as_finely_as_asked(tmp_path):
     catalog = open_catalog(tmp_path / "catalog")
     plate = replace(CUBE, vertices=CUBE.vertices * [0.01, 1.0, 1.0], sha256="ef" * 32)  # 12 cm thick

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError
 from upplied.findings.marks import Mark
-from upplied.findings.photos import Flown, flight_of, registered, with_size
+from upplied.findings.photos import flight_of, registered, with_size
 from upplied.findings.place import Errors, located
 from upplied.findings.rays import size_px
 from upplied.records import Floats, Structure
@@ -28,6 +29,7 @@ _DIGITS = 12  # of a finding's id
 _MOST_OUTLINE = 64
 _WAYS = sphere(64)
 _CLEARLY = 0.05  # share of rays, by which more escape from one side than from the other
+_PHOTO = {"photo": "name", "photo_path": "path", "photo_sha256": "sha256"}  # columns of findings and photos
 _OFF_SURFACE = 0.02  # of the diagonal, that a stated place may be off the surface
 
 
@@ -54,8 +56,8 @@ class Placing:
 
     def __init__(self, catalog: Catalog, errors: Errors | None = None, pose_m: float | None = None) -> None:
         self.catalog, self.errors, self.pose_m = catalog, errors or Errors(), pose_m
-        self._flights: dict[str, Flown] = {}
-        self._structures: dict[str, tuple[Structure, Scene]] = {}
+        self._flight = cache(lambda name: flight_of(catalog, name))
+        self._structure = cache(lambda name: catalog.structure(check_id(name, "structure")))
 
     def row(self, mark: Mark) -> dict[str, Any]:
         """A mark as a row of `findings`, without author and commit.
@@ -69,27 +71,15 @@ class Placing:
         said |= {"file": mark.file, "file_sha256": mark.file_sha256}
         return said | (self._stated(mark) if mark.place is not None else self._seen(mark))
 
-    def structure(self, structure_id: str) -> tuple[Structure, Scene]:
-        """A structure and its scene."""
-        if structure_id not in self._structures:
-            found = self.catalog.structure(check_id(structure_id, "structure"))
-            self._structures[structure_id] = found, scene_of(found)
-        return self._structures[structure_id]
-
-    def _flight(self, name: str) -> Flown:
-        if name not in self._flights:
-            self._flights[name] = flight_of(self.catalog, name)
-        return self._flights[name]
-
     def _stated(self, mark: Mark) -> dict[str, Any]:
         assert mark.place is not None
-        structure, scene = self.structure(mark.structure)
+        structure = self._structure(mark.structure)
         stated = np.array(mark.place, float)[None]
         if not np.isfinite(stated).all():
             raise RefusedError(
                 mark.what, f"is at {mark.place}", "three coordinates, m, frame of the structure"
             )
-        (place,), (normal,) = on_surface(scene, stated)
+        (place,), (normal,) = on_surface(scene_of(structure), stated)
         off = float(np.linalg.norm(place - stated[0]))
         if off > _OFF_SURFACE * structure.diagonal_m:
             found = f"is {off:.2f} m off the surface of {structure.structure_id}"
@@ -122,7 +112,7 @@ class Placing:
         if not len(corners) or (corners < 0).any() or (corners > limits).any():
             rule = f"0 to {limits[0]} and 0 to {limits[1]} px"
             raise RefusedError(mark.what, "lies outside of its photo", rule, "check the pixels and the photo")
-        structure, scene = self.structure(flight.target_id)
+        structure = self._structure(flight.target_id)
         pose = flight.at(np.array([t_s]))
         stated = flight.pose_error_m if self.pose_m is None else self.pose_m
         errors = replace(
@@ -131,56 +121,40 @@ class Placing:
             mesh_m=self.errors.mesh_m or surface_error_m(structure),
         )
         seen = pose.positions[0], pose.quat_xyzw[0]
-        found = located(mark.what, scene, camera, *seen, corners, errors)
-        outline = found.outline[
-            np.linspace(0, len(found.outline) - 1, min(_MOST_OUTLINE, len(found.outline))).astype(int)
+        spot = located(mark.what, scene_of(structure), camera, *seen, corners, errors)
+        outline = spot.outline[
+            np.linspace(0, len(spot.outline) - 1, min(_MOST_OUTLINE, len(spot.outline))).astype(int)
         ]
-        names = ("length", "length_error")
-        return self._about(mark, structure, found.place, found.normal, flight.flight_id) | {
-            "place_error_m": found.error_m,
-            "pose_error_m": found.pose_error_m,
-            "pixel_error_m": found.pixel_error_m,
-            "mesh_error_m": found.mesh_error_m,
-            **{f"{name}_mm": 1e3 * getattr(found, f"{name}_m") for name in names},
-            "area_mm2": 1e6 * found.area_m2,
-            "area_error_mm2": 1e6 * found.area_error_m2,
+        return self._about(mark, structure, spot.place, spot.normal, flight.flight_id) | {
+            "place_error_m": spot.error_m,
+            **{f"{name}_error_m": getattr(spot, f"{name}_error_m") for name in ("pose", "pixel", "mesh")},
+            **{f"{name}_mm": 1e3 * getattr(spot, f"{name}_m") for name in ("length", "length_error")},
+            "area_mm2": 1e6 * spot.area_m2,
+            "area_error_mm2": 1e6 * spot.area_error_m2,
             "outline_json": _json(outline) if len(corners) > 1 else "",
             "flight_id": flight.flight_id,
-            "photo": photo.get("name", ""),
-            "photo_path": photo.get("path", ""),
-            "photo_sha256": photo.get("sha256", ""),
+            **{key: photo.get(name, "") for key, name in _PHOTO.items()},
             "photo_s": t_s,
             "photo_at": flight.moment(t_s),
             "pixels_json": json.dumps(corners[:1000].round(2).tolist()),
-            "width_px": camera.width_px,
-            "height_px": camera.height_px,
-            "hfov_deg": camera.hfov_deg,
-            "vfov_deg": camera.vfov_deg,
+            **{name: getattr(camera, name) for name in ("width_px", "height_px", "hfov_deg", "vfov_deg")},
             "camera_json": _json(np.concatenate(seen), 7),
-            "distance_m": found.distance_m,
-            "incidence_deg": found.incidence_deg,
-            "gsd_mm": found.mm_px,
+            "distance_m": spot.distance_m,
+            "incidence_deg": spot.incidence_deg,
+            "gsd_mm": spot.mm_px,
         }
 
     def _about(
         self, mark: Mark, structure: Structure, place: Any, normal: Any, seen_by: str
     ) -> dict[str, Any]:
-        key: list[Any] = [
-            structure.structure_id,
-            seen_by,
-            Path(mark.photo).name,
-            mark.t_s,
-            mark.pixels,
-            mark.class_name,
-        ]
+        photo = Path(mark.photo).name
+        key: list[Any] = [structure.structure_id, seen_by, photo, mark.t_s, mark.pixels, mark.class_name]
         key += [] if mark.place is None else [list(mark.place)]
         return {
             "finding_id": digest(key)[:_DIGITS],
             "target_id": structure.structure_id,
             "kind": structure.kind,
-            "x_m": float(place[0]),
-            "y_m": float(place[1]),
-            "z_m": float(place[2]),
+            **dict(zip(("x_m", "y_m", "z_m"), map(float, place), strict=True)),
             "normal_json": _json(normal, 6),
             "structure_sha256": structure.sha256,
         }

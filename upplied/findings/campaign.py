@@ -57,28 +57,24 @@ def plan_campaign(
     list of dict
         Of each structure its id, status (seen, draft, refused) and, in words, the look, the draft or why not.
     """
-    carrying, done = Carrying(catalog), []
+    carrying, results = Carrying(catalog), []
     names = ",".join(carrying.targets(str(row["target_id"]), to))
     if not names:
         raise RefusedError(f"finding {row['finding_id']}", "is on the only structure of its kind", "others")
     for there in photographed(catalog, row, names, mm_px, since, carrying=carrying).to_dict("records"):
         name = str(there["structure_id"])
-        planned = _planned(catalog, name, purpose_of([str(row["finding_id"])], mm_px))
         if not pd.isna(there["looked_at"]):
-            words = f"{there['looked_at']:%Y-%m-%d} at {there['mm_px']:.2f} mm/px"
-            done.append({"structure_id": name, "status": "seen", "words": words})
-            continue
-        if planned:
-            done.append({"structure_id": name, "status": "draft", "words": f"{planned}; planned before"})
-            continue
-        try:
-            made = plan_reshoot(catalog, [row], name, mm_px, carrying)
-            done.append(
-                {"structure_id": name, "status": "draft", "words": f"{made.transfer_id}; {made.words[1]}"}
-            )
-        except UppliedError as error:
-            done.append({"structure_id": name, "status": "refused", "words": str(error)})
-    return done
+            status, words = "seen", f"{there['looked_at']:%Y-%m-%d} at {there['mm_px']:.2f} mm/px"
+        elif planned := _planned(catalog, name, purpose_of([str(row["finding_id"])], mm_px)):
+            status, words = "draft", f"{planned}; planned before"
+        else:
+            try:
+                made = plan_reshoot(catalog, [row], name, mm_px, carrying)
+                status, words = "draft", f"{made.transfer_id}; {made.words[1]}"
+            except UppliedError as error:
+                status, words = "refused", str(error)
+        results.append({"structure_id": name, "status": status, "words": words})
+    return results
 
 
 def plan_campaigns(catalog: Catalog, findings: Sequence[str], mm_px: float) -> list[str]:

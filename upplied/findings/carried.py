@@ -49,9 +49,6 @@ class Counterparts(Rows):
     error_m: Floats  # (N,) how far off it may be in 95 % of cases
     doubtful: Bools  # (N,)
 
-    def __len__(self) -> int:
-        return len(self.part)
-
     def doubt(self, at: int) -> str:
         """Why a counterpart is not certain, in words; empty where it is."""
         if not np.isfinite(self.place[at, 0]):

@@ -48,71 +48,59 @@ def ways_of_carrying(pair: Pair) -> Floats:
 
 def facing_boxes(some: Patch, boxed: Patch, fixed: Patch) -> Floats:
     """Where the boxes of what faces alike carry some of the samples of aligned parts (N, 6, 3), m."""
-    number = 1 + int(max(boxed.label.max(initial=-1), fixed.label.max(initial=-1)))
-    extent = np.zeros((max(number, 1), 3))
-    for label in range(number):
-        theirs = fixed.points[fixed.label == label]
-        extent[label] = np.ptp(theirs, axis=0) if len(theirs) else 0.0
-    arrays = [np.ascontiguousarray(each) for one in (some, boxed, fixed)
-              for each in (one.points, one.normals, one.label)]  # fmt: skip
-    return np.asarray(_facing_boxes(*arrays, _SLAB * extent))
+    extent = np.zeros((1 + int(max(boxed.label.max(initial=0), fixed.label.max(initial=0))), 3))
+    for label in np.unique(fixed.label[fixed.label >= 0]):
+        extent[label] = np.ptp(fixed.points[fixed.label == label], axis=0)
+    sides = [(np.hstack([one.points, one.normals]), np.ascontiguousarray(one.label))
+             for one in (some, boxed, fixed)]  # fmt: skip
+    return np.asarray(_facing_boxes(*sides[0], *sides[1], *sides[2], _SLAB * extent))
 
 
 @njit(cache=True)
 def _facing_boxes(
-    points: Floats,
-    normals: Floats,
-    label: Ints,
-    own: Floats,
-    own_normals: Floats,
-    own_label: Ints,
-    others: Floats,
-    others_normals: Floats,
-    others_label: Ints,
-    slab: Floats,
+    some: Floats, label: Ints, own: Floats, own_label: Ints, others: Floats, others_label: Ints, slab: Floats
 ) -> Floats:
+    """The same of samples with their normals (N, 6)."""
     number = len(_CONES) + 3
-    places = np.empty((len(points), number, 3))
-    for at in range(len(points)):
-        mine = points[at], normals[at], label[at]
-        here = _boxes(*mine, own, own_normals, own_label, slab)
-        there = _boxes(*mine, others, others_normals, others_label, slab)
+    places = np.empty((len(some), number, 3))
+    for at in range(len(some)):
+        here = _boxes(some[at], label[at], own, own_label, slab)
+        there = _boxes(some[at], label[at], others, others_label, slab)
         for way in range(number):
             known = min(here[way, 6], there[way, 6]) >= _FEWEST
             for axis in range(3):
-                places[at, way, axis] = points[at, axis]
+                places[at, way, axis] = some[at, axis]
                 if known:
                     low, high = here[way, axis], here[way, 3 + axis]
                     other_low, other_high = there[way, axis], there[way, 3 + axis]
                     scale = (other_high - other_low) / max(high - low, 1e-9)
                     scale = min(max(scale, 1 / _STRETCH), _STRETCH)
-                    offset = points[at, axis] - (low + high) / 2
+                    offset = some[at, axis] - (low + high) / 2
                     places[at, way, axis] = (other_low + other_high) / 2 + scale * offset
     return places
 
 
 @njit(cache=True)
-def _boxes(
-    point: Floats, normal: Floats, label: int, points: Floats, normals: Floats, labels: Ints, slab: Floats
-) -> Floats:
+def _boxes(sample: Floats, label: int, samples: Floats, labels: Ints, slab: Floats) -> Floats:
     """Boxes (6, 7) of the samples of a class that face alike: low, high, and how many they are."""
     cones = len(_CONES)
     boxes = np.zeros((cones + 3, 7))
     boxes[:, :3], boxes[:, 3:6] = np.inf, -np.inf
-    for row in range(len(points)):
+    for row in range(len(samples)):
         if labels[row] != label or label < 0:
             continue
-        cosine = normal[0] * normals[row, 0] + normal[1] * normals[row, 1] + normal[2] * normals[row, 2]
+        other = samples[row]
+        cosine = sample[3] * other[3] + sample[4] * other[4] + sample[5] * other[5]
         if cosine <= _SLAB_CONE:
             continue
         for way in range(cones + 3):
             if way < cones:
                 if cosine <= _CONES[way]:
                     continue
-            elif abs(points[row, way - cones] - point[way - cones]) >= slab[label, way - cones]:
+            elif abs(other[way - cones] - sample[way - cones]) >= slab[label, way - cones]:
                 continue
             boxes[way, 6] += 1
             for axis in range(3):
-                boxes[way, axis] = min(boxes[way, axis], points[row, axis])
-                boxes[way, 3 + axis] = max(boxes[way, 3 + axis], points[row, axis])
+                boxes[way, axis] = min(boxes[way, axis], other[axis])
+                boxes[way, 3 + axis] = max(boxes[way, 3 + axis], other[axis])
     return boxes

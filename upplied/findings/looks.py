@@ -6,6 +6,7 @@ one by one; of a flight without any, its camera is taken to see all the time, an
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -70,7 +71,10 @@ def spot_at(
 
 def spot_of(row: dict[str, Any]) -> Spot:
     """The spot of a finding's row: what was marked, and about it as far as the place may be off."""
-    place, normal = np.array([row["x_m"], row["y_m"], row["z_m"]]), np.array(_numbers(row["normal_json"]))
+    place, normal = (
+        np.array([row["x_m"], row["y_m"], row["z_m"]]),
+        np.array(json.loads(row["normal_json"]), float),
+    )
     error = row.get("place_error_m")
     radius = max(_LEAST_M, float(error) if error is not None and error == error else 0.0)
     corners = np.concatenate([outline_of(row), _around(place, normal, radius)])
@@ -160,9 +164,3 @@ def plane_axes(normal: Floats) -> tuple[Floats, Floats]:
     up = up - (up @ normal) * normal
     up = up / np.linalg.norm(up)
     return np.cross(up, normal), up
-
-
-def _numbers(text: str) -> list[float]:
-    import json
-
-    return [float(value) for value in json.loads(text)]

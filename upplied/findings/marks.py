@@ -86,22 +86,16 @@ def _coco(path: Path, content: Mapping[str, Any], about: Mapping[str, str]) -> I
     for one in content["annotations"]:
         image, parts = images[one["image_id"]], one.get("segmentation")
         flat = max(parts, key=len) if isinstance(parts, list) and parts else None
-        yield Mark(
-            what=f"{path.name}, annotation {one.get('id', '?')}",
-            photo=str(image["file_name"]),
-            pixels=corners_of(flat) if flat is not None else _finite(box_corners(*map(float, one["bbox"]))),
-            class_name=names.get(one.get("category_id"), ""),
-            severity=_text(one.get("severity")),
-            note=_text(one.get("note")),
-            size_px=(int(image.get("width") or 0), int(image.get("height") or 0)),
-            file=about["file"],
-            file_sha256=about["file_sha256"],
-        )
+        pixels = corners_of(flat) if flat is not None else _finite(box_corners(*map(float, one["bbox"])))
+        size = int(image.get("width") or 0), int(image.get("height") or 0)
+        stated = {"photo": image["file_name"], "class": names.get(one.get("category_id"), "")}
+        stated |= {name: one.get(name) for name in ("severity", "note")}
+        yield _mark(f"{path.name}, annotation {one.get('id', '?')}", stated, about, pixels, size_px=size)
 
 
 def _geojson(path: Path, content: Mapping[str, Any], about: Mapping[str, str]) -> Iterator[Mark]:
     for number, feature in enumerate(content["features"], 1):
-        said, shape = feature.get("properties") or {}, feature["geometry"]
+        stated, shape = dict(feature.get("properties") or {}), feature["geometry"]
         places = shape["coordinates"]
         if shape["type"] == "Polygon":
             places = places[0][:-1] if places[0][0] == places[0][-1] else places[0]
@@ -109,27 +103,18 @@ def _geojson(path: Path, content: Mapping[str, Any], about: Mapping[str, str]) -
             places = [places]
         elif shape["type"] not in ("LineString", "MultiPoint"):
             raise ValueError(f"geometry {str(shape['type'])[:40]}")
-        photo = next((said[name] for name in ("photo", "file_name", "image") if said.get(name)), "")
-        yield Mark(
-            what=f"{path.name}, feature {number}",
-            photo=str(photo),
-            pixels=corners_of([value for place in places for value in place[:2]]),
-            flight=_text(said.get("flight")),
-            t_s=_number(said.get("t_s")),
-            class_name=_text(said.get("class")),
-            severity=_text(said.get("severity")),
-            note=_text(said.get("note")),
-            file=about["file"],
-            file_sha256=about["file_sha256"],
+        stated["photo"] = next(
+            (stated[name] for name in ("photo", "file_name", "image") if stated.get(name)), ""
         )
+        pixels = corners_of([value for place in places for value in place[:2]])
+        yield _mark(f"{path.name}, feature {number}", stated, about, pixels)
 
 
 def _csv(path: Path, text: str, about: Mapping[str, str]) -> Iterator[Mark]:
     lines = csv.DictReader(io.StringIO(text))
     known = set(lines.fieldnames or ())
-    if not (
-        {"x_px", "y_px"} <= known or "outline_px" in known or {"structure", "x_m", "y_m", "z_m"} <= known
-    ):
+    ways = ({"x_px", "y_px"}, {"outline_px"}, {"structure", "x_m", "y_m", "z_m"})
+    if not any(way <= known for way in ways):
         raise ValueError(f"columns {', '.join(sorted(map(str, known)))[:200]}")
     for number, line in enumerate(lines, 2):
         place: tuple[float, float, float] | None = None
@@ -141,23 +126,24 @@ def _csv(path: Path, text: str, about: Mapping[str, str]) -> Iterator[Mark]:
         else:
             x, y = float(line["x_px"]), float(line["y_px"])
             wide = line.get("width_px") and line.get("height_px")
-            pixels = _finite(
-                box_corners(x, y, float(line["width_px"]), float(line["height_px"])) if wide else ((x, y),)
-            )
-        yield Mark(
-            what=f"{path.name}, line {number}",
-            photo=_text(line.get("photo")),
-            pixels=pixels,
-            place=place,
-            structure=_text(line.get("structure")),
-            flight=_text(line.get("flight")),
-            t_s=_number(line.get("t_s")),
-            class_name=_text(line.get("class")),
-            severity=_text(line.get("severity")),
-            note=_text(line.get("note")),
-            file=about["file"],
-            file_sha256=about["file_sha256"],
-        )
+            box = box_corners(x, y, float(line["width_px"]), float(line["height_px"])) if wide else ((x, y),)
+            pixels = _finite(box)
+        yield _mark(f"{path.name}, line {number}", line, about, pixels, place=place)
+
+
+def _mark(
+    what: str,
+    stated: Mapping[str, Any],
+    about: Mapping[str, str],
+    pixels: tuple[tuple[float, float], ...],
+    **more: Any,
+) -> Mark:
+    words: dict[str, Any] = {
+        name: _text(stated.get(name)) for name in ("photo", "structure", "flight", "severity", "note")
+    }
+    t_s = float(stated["t_s"]) if stated.get("t_s") not in (None, "") else None
+    words |= {"class_name": _text(stated.get("class")), **about, **more}
+    return Mark(what, pixels=pixels, t_s=t_s, **words)
 
 
 def corners_of(flat: Any) -> tuple[tuple[float, float], ...]:
@@ -177,7 +163,3 @@ def _finite(pixels: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float
 
 def _text(value: Any) -> str:
     return "" if value is None else str(value).strip()
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if value not in (None, "") else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import hashlib
 import io
@@ -148,20 +149,18 @@ def register_photos(
         raise InputError(str(folder), f"holds {len(files)} photos", f"1 to {_MOST_PHOTOS}")
     stated = {} if times is None else _stated(times, flight)
     rows, refused = [], []
+    by_order = len(files) == len(flight.path)
     for number, path in enumerate(files):
         try:
             data = read_regular(path, MOST_BYTES)
-            row = _photo_row(
-                flight, path, data, stated, clock_s, number if len(files) == len(flight.path) else -1
-            )
-            rows.append(row)
+            rows.append(_photo_row(flight, path, data, stated, clock_s, number if by_order else -1))
         except UppliedError as error:
             refused.append(str(error))
     return catalog.add_flight_photos(rows, by), refused
 
 
 def _photo_row(
-    flight: Flown, path: Path, data: bytes, stated: dict[str, float] | Any, clock_s: float, number: int
+    flight: Flown, path: Path, data: bytes, stated: dict[str, float], clock_s: float, number: int
 ) -> dict[str, Any]:
     from upplied.inputs.sources.photo_tags import head_of
 
@@ -185,9 +184,14 @@ def _photo_row(
             str(path), found, "within the flight", "state what its clock was behind: --clock SECONDS"
         )
     sha256, t_s = hashlib.sha256(data).hexdigest(), min(max(t_s, 0.0), end)
-    size = {name: int(head[name]) if math.isfinite(head[name]) else 0 for name in ("width", "height")}
-    if not all(size.values()):
-        size = dict(zip(("width", "height"), _size(data, path), strict=True))
+    size = tuple(int(head[name]) if math.isfinite(head[name]) else 0 for name in ("width", "height"))
+    if not all(size):
+        with contextlib.suppress(
+            InputError
+        ):  # of one that cannot be read here, as a raw one, it is not known
+            from upplied.findings.pictures import size_of
+
+            size = size_of(data, str(path))
     return {
         "photo_id": digest([flight.flight_id, sha256, round(t_s, 3)]),
         "flight_id": flight.flight_id,
@@ -196,19 +200,9 @@ def _photo_row(
         "path": str(path.resolve()),
         "sha256": sha256,
         "t_s": t_s,
-        "width_px": size["width"],
-        "height_px": size["height"],
+        "width_px": size[0],
+        "height_px": size[1],
     }
-
-
-def _size(data: bytes, path: Path) -> tuple[int, int]:
-    """Width and height of a photo, px; 0 where it cannot be read here, as of a raw one."""
-    try:
-        from upplied.findings.pictures import size_of
-
-        return size_of(data, str(path))
-    except InputError:
-        return 0, 0
 
 
 def _stated(path: Path, flight: Flown) -> dict[str, float]:

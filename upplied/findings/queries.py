@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -11,21 +11,10 @@ import pandas as pd
 from upplied.catalog import Catalog
 from upplied.catalog.verbs.queries import When, moment
 from upplied.errors import CatalogError
-from upplied.findings.carried import Carrying
+from upplied.findings.carried import Carrying, Counterparts
 from upplied.findings.looks import Spot, spot_of
 from upplied.findings.rays import focal_of
-from upplied.records import Bools, Camera, Floats, Ints, Rows
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Mapped(Rows):
-    """Findings on a reference structure."""
-
-    place: Floats  # (N, 3) m
-    probability: Floats  # (N,)
-    error_m: Floats  # (N,)
-    doubtful: Bools  # (N,)
-    row: Ints  # (N,) of the findings that were asked
+from upplied.records import Camera
 
 
 def photographed(
@@ -119,27 +108,21 @@ def by_reference(
         raise CatalogError(f"structure {reference_id}", "is not in the catalog")
     rows = catalog.findings(kind=carrying.kinds[reference_id], class_name=class_name, state=state)
     key = [reference_id, class_name, state, carrying.named(reference_id), rows["entry_id"].tolist()]
-
-    def placed() -> Mapped:
-        parts = [_mapped(group, carrying, reference_id) for _, group in rows.groupby("target_id", sort=True)]
-        return Mapped.stacked(parts)
-
+    columns = [f"reference_{name}" for name in ("x_m", "y_m", "z_m", "probability", "error_m", "doubtful")]
     if rows.empty:
-        mapped = Mapped(np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0, bool), np.empty(0, np.int64))
-    else:
-        mapped = carrying.remembered("findings-on-reference", Mapped, key, placed)
-    rows = rows.iloc[mapped.row].copy()
-    rows[["reference_x_m", "reference_y_m", "reference_z_m"]] = mapped.place
-    rows["reference_probability"], rows["reference_error_m"] = mapped.probability, mapped.error_m
-    rows["reference_doubtful"] = mapped.doubtful
-    return rows.sort_index().reset_index(drop=True)
+        return rows.reindex(columns=[*rows.columns, *columns])
+    order = np.argsort(rows["target_id"].to_numpy(str), kind="stable")
 
+    def placed() -> Counterparts:
+        own: dict[str, list[Spot]] = {}
+        for row in rows.iloc[order].to_dict("records"):
+            own.setdefault(row["target_id"], []).append(spot_of({str(name): row[name] for name in row}))
+        return Counterparts.stacked([carrying.to(spots, reference_id) for spots in own.values()])
 
-def _mapped(rows: pd.DataFrame, carrying: Carrying, reference_id: str) -> Mapped:
-    spots = [spot_of({str(key): value for key, value in row.items()}) for row in rows.to_dict("records")]
-    there = carrying.to(spots, reference_id)
-    index = rows.index.to_numpy(np.int64)
-    return Mapped(there.place, there.probability, there.error_m, there.doubtful, index)
+    there = carrying.remembered("findings-on-reference", Counterparts, key, placed)
+    values = np.column_stack([there.place, there.probability, there.error_m])[np.argsort(order)]
+    rows[columns[:5]], rows[columns[5]] = values, there.doubtful[np.argsort(order)]
+    return rows
 
 
 def _seen(
@@ -163,13 +146,10 @@ def _seen(
 
 def _focals(catalog: Catalog) -> dict[str, float]:
     """Pixels per radian of the camera of each demonstration."""
-    names = [item.name for item in fields(Camera)]
-    found = {}
-    for row in catalog.demonstrations(every=True).to_dict("records"):
-        values = {
-            name: row[name]
-            for name in names
-            if name in row and row[name] == row[name] and row[name] is not None
-        }
-        found[str(row["demonstration_id"])] = focal_of(Camera(**values))[0]
-    return found
+    rows = catalog.demonstrations(every=True)
+    names = [item.name for item in fields(Camera) if item.name in rows]
+    focals = {}
+    for row in rows[["demonstration_id", *names]].to_dict("records"):
+        values = {name: row[name] for name in names if row[name] == row[name] and row[name] is not None}
+        focals[str(row["demonstration_id"])] = focal_of(Camera(**values))[0]
+    return focals
