@@ -109,7 +109,7 @@ class Place:
         known = flight.photo_s[_recorded(flight.log, flight.photo_s)]
         at = np.clip(np.round(known / BEAT_S).astype(int), 0, len(flight.truth) - 1)
         seen = truly_seen(self.structure, flight.truth.take(at), self.surface, self.camera)
-        least, true, most = (self._inspected(flight.truth, known, sign) for sign in (-1, 0, 1))
+        least, true, most = (self.inspected(flight.truth, known, sign) for sign in (-1, 0, 1))
         claimed, view = said.looks.inspected, said.looks.seen
         assert claimed is not None
         corrected = said.looks.inspected_if_corrected
@@ -128,7 +128,7 @@ class Place:
             said.clearance_m - least_distance(self.structure, recorded),
         )
 
-    def _inspected(self, truth: Trajectory, moments: Floats, sign: int) -> Bools:
+    def inspected(self, truth: Trajectory, moments: Floats, sign: int) -> Bools:
         """Which samples (N,) were truly inspected as asked: 1 adds the tolerances, -1 takes them off."""
         by_rule, asked_m = self.asked[sign]
         limit = _AS_FINE * _GSD_TOLERANCE**sign * asked_m
@@ -178,17 +178,21 @@ def main() -> None:
 
 def outcomes(only: str, manner: str, seeds: int) -> Iterator[Outcome]:
     """What comes of flights of the sample fleet's paths whose names and manners contain some words."""
-    structures = {structure.structure_id: structure for structure in sample_structures()}
-    for demonstration in sample_demonstrations():
-        if only not in demonstration.demonstration_id:
-            continue
-        path = demonstration.trajectory
-        times = np.arange(0.0, min(path.t_s[-1], _LONGEST_S), 0.5)
-        about = structures[demonstration.structure_id], _thinned(path, times), demonstration.camera
-        place = Place(demonstration.demonstration_id, *about)
+    for place in places(only):
         for name, how in MANNERS.items():
             for seed in range(seeds) if manner in name else ():
                 yield place.judged(name, flown(place.plan, how, seed))
+
+
+def places(only: str) -> Iterator[Place]:
+    """The inspections of the sample fleet whose names contain some words."""
+    structures = {structure.structure_id: structure for structure in sample_structures()}
+    for demonstration in sample_demonstrations():
+        if only in demonstration.demonstration_id:
+            path = demonstration.trajectory
+            plan = _thinned(path, np.arange(0.0, min(path.t_s[-1], _LONGEST_S), 0.5))
+            about = structures[demonstration.structure_id], plan, demonstration.camera
+            yield Place(demonstration.demonstration_id, *about)
 
 
 def _thinned(path: Trajectory, times: Floats) -> Trajectory:

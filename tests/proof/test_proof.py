@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from upplied.config import CloudSettings, settings_for
+from upplied.config import CloudSettings, InspectionSettings, settings_for
 from upplied.errors import RefusedError
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import roadmap
@@ -17,12 +17,14 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.observations import TRULY, stations
+from upplied.planning.visibility.pictures import pictures
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.proof.align import align
 from upplied.proof.as_flown import AsFlown, as_flown, looks_of
 from upplied.proof.bound import bound_m
 from upplied.proof.camera import camera_offset
 from upplied.proof.gap import gap_flight, safe_lengths
+from upplied.proof.inspected import looks_at, planned_looks, views_from
 from upplied.proof.tour import short_tour
 from upplied.records import Camera, Floats, Trajectory
 from upplied.samples.fleet import member
@@ -353,10 +355,30 @@ def test_the_flight_that_closes_a_gap_shows_it_safely_and_is_short(plan, flown, 
     assert part.sum() > 0.97 * missing.sum()
     assert (again.distance_m[part] <= 1.1 * wanted.distance_m[part] + 0.2).mean() > 0.98
     assert (again.frontal[0][1][part] <= wanted.frontal[0][1][part] + 7).mean() > 0.98
+    # and so that photos at its viewpoints inspect it as asked
+    shots = looks_at(found.trajectory, found.trajectory.t_s[found.is_viewpoint])
+    asked = planned_looks(plan, SURFACE, CAMERA, SCENE, InspectionSettings())
+    as_asked = asked.matched(views_from(shots.poses, SURFACE, CAMERA, SCENE), shots, SURFACE, CAMERA)
+    assert as_asked[part].mean() > 0.97
     assert (found.shows <= missing).all() and not (found.shows & found.unattainable).any()
     assert path_clearance(SCENE, found.trajectory.positions).distance_m >= 1.49
     assert found.bound_m <= found.length_m < np.linalg.norm(np.diff(plan.positions, axis=0), axis=1).sum()
     assert found.is_viewpoint.any() and (np.diff(found.trajectory.t_s) > 0).all()
+
+
+def test_a_gap_is_flown_slowly_enough_for_sharp_pictures(plan, graph):
+    """By an exposure of a fiftieth of a second the plan's own pace would blur them."""
+    rule, limits = replace(InspectionSettings(), exposure_s=1 / 50), settings_for("recommended").retime
+    missing = looks_of(plan, SURFACE, CAMERA, SCENE).seen & (SURFACE.points[:, 2] > 4)
+    sharp = []
+    for asked in (rule, InspectionSettings()):
+        found = gap_flight(plan, SURFACE, missing, CAMERA, graph, limits, rule=asked)
+        shots = looks_at(found.trajectory, found.trajectory.t_s[found.is_viewpoint])
+        shown = views_from(shots.poses, SURFACE, CAMERA, SCENE)
+        motion = rule.sharp_radps(CAMERA.hfov_deg), np.cos(np.radians(75))
+        seen = pictures(shots, shown, SURFACE, CAMERA, *motion).looks > 0
+        sharp.append(seen[missing & found.shows].mean())
+    assert sharp[0] > 0.99 > 0.9 > sharp[1]
 
 
 def test_nothing_missing_and_nothing_to_see_it_from_are_refused(plan, graph):

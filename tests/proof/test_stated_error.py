@@ -8,10 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from upplied.config import CloudSettings
+from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.surface.samples import surface_samples
 from upplied.poses import interpolate
 from upplied.proof.align import align
-from upplied.records import Trajectory
-from upplied.samples.fleet import sample_demonstrations
+from upplied.proof.as_flown import as_flown
+from upplied.records import Camera, Trajectory
+from upplied.samples.fleet import member, sample_demonstrations
+from upplied.scene import scene_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
 from proof_flights import Flight, Manner, flown
@@ -64,3 +69,16 @@ def test_what_a_log_states_of_its_accuracy_bounds_the_error():
     log = flown(tower, Manner(), 1).log
     assert align(tower, log, accuracy_m=0.05).place_error_m == pytest.approx(0.1)
     assert 0.2 < align(tower, log).place_error_m < 1.0
+
+
+def test_the_clearance_of_a_corrected_log_is_not_more_than_the_true_one():
+    """The true path is neither the logged nor the corrected one, and may come nearer than both."""
+    plan, structure = PLANS["a320-engine-left-v1"], member("a320-v1").structure
+    scene, camera = scene_of(structure), Camera(70.0, 55.0, 1.0, 25.0)
+    surface = surface_samples(structure, scene, CloudSettings(surface_samples=50))
+    for seed in range(3):
+        flight = flown(plan, Manner(off_m=(0.4, 0.3, 0.0), off_deg=1.0), seed)
+        found = align(plan, flight.log)
+        said = as_flown(plan, np.empty(0), found, flight.log, surface, camera, scene)
+        truth_m = path_clearance(scene, flight.truth.positions).distance_m
+        assert found.corrected and truth_m - 1.5 < said.clearance_m <= truth_m

@@ -84,7 +84,8 @@ def plan_gap(catalog: Catalog, start: str) -> str:
         around = replace(airspace, clearance_m=clearance_m)
         every = max(1, len(path) // _PLACES)
         graph = roadmap(around, obstacle(surface, flown.supposed), path.positions[::every])
-        return gap_flight(path, surface, missing, camera, graph, made_from.settings.retime, zone_gaps)
+        asked = made_from.settings
+        return gap_flight(path, surface, missing, camera, graph, asked.retime, zone_gaps, asked.inspection)
 
     flight, clearance_words = _as_far(flown, airspace, flight_at)
     broken = place_breaches(flight.trajectory, target, flown.supposed, clearance)

@@ -65,7 +65,7 @@ class AsFlown(Record):
 
     looks: Looks
     flown_pct: float  # of the plan's length, the share that was flown
-    clearance_m: float  # that the path kept while it was recorded, as logged and as corrected
+    clearance_m: float  # that the path kept for certain while it was recorded, as logged and as corrected
     silent_s: float  # how long nothing is known of it
     cross_track_p95_m: float  # from the planned path, of the poses that belong to it
     frechet_m: float  # between the flown path and the part of the plan that was flown
@@ -116,10 +116,8 @@ def as_flown(
         plan, surface, planned_with or camera, scene, rule or InspectionSettings(), planned_photos
     )
     looks = looks_of(flown, surface, camera, scene, photo_s, passed, wanted=wanted)
-    paths = [logged.positions]
     if aligned.corrected:
         looks = _certain(looks, looks_of(logged, surface, camera, scene, photo_s, passed, wanted=wanted))
-        paths.append(flown.positions)
     covered = np.sort(aligned.planned_s[near])
     share = _flown_share(plan, covered, silence_s(flown))
     unphotographed, photos = 0, "no photo times are known: the camera is taken to see all the time"
@@ -132,13 +130,23 @@ def as_flown(
     return AsFlown(
         looks=looks,
         flown_pct=share,
-        clearance_m=min(clearance_kept(scene, replace(flown, positions=path)) for path in paths),
+        clearance_m=_clearance(scene, aligned, logged),
         silent_s=float(sum(length for _, length in silences(flown))),
         cross_track_p95_m=_cross_track(plan, logged, aligned),
         frechet_m=_frechet(plan, flown, near, covered),
         photos_missing=unphotographed,
         findings=(*findings(plan, aligned, share), *filter(None, [photos])),
     )
+
+
+def _clearance(scene: Scene, aligned: Alignment, logged: Trajectory) -> float:
+    """The lesser of both paths; where positions were corrected, less what the correction may be off by."""
+    flown = aligned.flown
+    kept = clearance_kept(scene, replace(flown, positions=logged.positions))
+    moved_m = float(np.linalg.norm(flown.positions - logged.positions, axis=1).max())
+    if not moved_m:
+        return kept
+    return max(min(kept, clearance_kept(scene, flown)) - (aligned.place_error_m - moved_m), 0.0)
 
 
 def clearance_kept(scene: Scene, flown: Trajectory) -> float:

@@ -17,13 +17,13 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from upplied.records import Bools, Floats, Ints
 
-_ROUNDS = 60
+_ROUNDS = 120
 _NEAREST = 8  # legs of each pose to begin with
 _NEW_LEGS = 600  # in a round, at most
 _MOST_CUTS = 150  # in a round; those that bind no more go when there are so many
 _WHOLE = 10**6  # of one unit of flow
 _SLACK = 1e-4
-_ENOUGH, _PATIENCE = 1e-3, 6  # of the bound: what some of so many rounds must raise it by
+_ENOUGH, _PATIENCE = 1e-3, 10  # of the bound: what some of so many rounds must raise it by
 _CLOSE = 0.99  # of a known way's length: a bound so near to it says that the way is short
 
 

@@ -1,8 +1,8 @@
 """The shortest safe flight that shows what a flight left out, from viewpoints of its own plan.
 
-Viewpoints are chosen among the poses of the plan, those that look from as near and as frontally as the plan
-itself did at each place, and put in the order of a short way (`tour`) by the safe legs that join them. Zone
-surface that those poses do not show as it is asked for has poses of its own (`zone_gap`).
+Viewpoints are chosen among the poses of the plan, those that look from as near, as frontally and as finely as
+the plan itself did at each place, and put in the order of a short way (`tour`) by the safe legs that join
+them. Zone surface that those poses do not show as it is asked for has poses of its own (`zone_gap`).
 """
 
 from __future__ import annotations
@@ -16,14 +16,16 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
-from upplied.config import RetimeSettings
+from upplied.config import InspectionSettings, RetimeSettings
 from upplied.errors import RefusedError
 from upplied.planning.airspace.roadmap import Roadmap, way
 from upplied.planning.trajectory.retime import retime
 from upplied.planning.visibility.observations import stations
+from upplied.planning.visibility.pictures import sampled_m
 from upplied.polylines import arc_length, leg_lengths
-from upplied.poses import from_yaw_pitch, yaw_pitch
+from upplied.poses import from_yaw_pitch, optical_axis, yaw_pitch
 from upplied.proof.bound import bound_m
 from upplied.proof.tour import short_tour
 from upplied.proof.zone_gap import Part, ZoneGap, joined, poses_for
@@ -31,8 +33,11 @@ from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajecto
 
 _STATIONS = 500  # poses of the plan, at most, that viewpoints are chosen from
 _FARTHER, _ASLANT_DEG = 1.1, 5.0  # than the plan's own look at a place, that still counts as planned
+_COARSER = 1.05  # than its finest look: a flight strays, and 1.1 is inspected as asked
+_LOOKS = 3  # of the plan at each place that are matched: the nearest, the most frontal, the finest
 _LINKS = 20  # places of the roadmap that a pose is joined to
-_SLOWEST_MPS, _STANDING_M = 0.3, 1e-6
+_SLOWEST_MPS, _CREEPING_MPS, _STANDING_M = 0.3, 0.1, 1e-6
+_STEADY = 0.8  # of the motion that is still sharp, that a picture is planned with: a vehicle is unsteady
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,6 +67,7 @@ def gap_flight(
     graph: Roadmap,
     limits: RetimeSettings,
     zones: Sequence[ZoneGap] = (),
+    rule: InspectionSettings | None = None,
 ) -> GapFlight:
     """The flight that shows the missing samples, and what is missing of zones.
 
@@ -79,6 +85,8 @@ def gap_flight(
         Of the vehicle.
     zones : sequence of ZoneGap
         What no flight shows of zones as they ask for it, whether the plan shows it or not.
+    rule : InspectionSettings, optional
+        How sharp the pictures at its viewpoints must be.
 
     Raises
     ------
@@ -103,7 +111,9 @@ def gap_flight(
     shown = _shown(parts[0], poses, looks, graph)
     for one in parts[1:]:
         poses = joined(poses, poses_for(one, poses, graph, limits, usual_m))
-    others = np.zeros((len(poses) - len(shown), 2 * len(part)), bool)  # what was planned is shown as planned
+    others = np.zeros(
+        (len(poses) - len(shown), _LOOKS * len(part)), bool
+    )  # what was planned is shown as planned
     seen = np.concatenate(
         [np.vstack([shown, others]), *(one.well(poses, graph) for one in parts[1:])], axis=1
     )
@@ -122,14 +132,15 @@ def gap_flight(
     seen = seen[:, seen.any(axis=0)]
     chosen = short_tour(apart, seen)
     line, at = way_by(poses, chosen, graph)
-    trajectory, is_viewpoint = timed(poses, chosen, line, at, plan, limits)
+    most_mps = _sharp_pace(parts[0], poses.take(chosen), graph, rule)
+    trajectory, is_viewpoint = timed(poses, chosen, line, at, plan, limits, most_mps)
     shows, unattainable = np.zeros(len(missing), bool), np.zeros(len(missing), bool)
     along = stations(trajectory)
     again = _as_planned(parts[0], along, parts[0].seen(along, graph), looks)
-    flown = [_both(np.asarray(again.any(axis=0), bool))]
+    flown = [_all(np.asarray(again.any(axis=0), bool))]
     flown += [np.asarray(one.seen(along, graph).any(axis=0), bool) for one in parts[1:]]
-    cannot = np.split(~can, np.cumsum([2 * len(part), *(len(one.cloud) for one in parts[1:])])[:-1])
-    cannot[0] = ~_both(~cannot[0])
+    cannot = np.split(~can, np.cumsum([_LOOKS * len(part), *(len(one.cloud) for one in parts[1:])])[:-1])
+    cannot[0] = ~_all(~cannot[0])
     both = [(done, none & ~done) for done, none in zip(flown, cannot, strict=True)]
     shows[part], unattainable[part] = both[0]
     length = float(leg_lengths(trajectory.positions).sum())
@@ -154,48 +165,53 @@ def safe_lengths(graph: Roadmap, places: Floats) -> Floats:
 
 
 def _planned_looks(part: Part, plan: Trajectory, graph: Roadmap) -> tuple[Floats, Ints]:
-    """Distance, m, and angle, deg, of the plan's nearest look at each sample and of its most frontal, (4, M).
+    """What the plan's nearest, most frontal and finest look at each sample reach, (5, M), m, deg, m, deg, m.
 
-    A sample that the plan does not see asks for nothing. The poses of those looks are told as well, (2 M,).
+    A sample that the plan does not see asks for nothing. The poses of those looks are told as well, (3 M,).
     """
     count = len(part.cloud)
     if not len(plan):
-        return np.full((4, count), np.inf), np.zeros(2 * count, np.int64)
-    distance, angle = _looks(part, plan)
+        return np.full((5, count), np.inf), np.zeros(_LOOKS * count, np.int64)
+    values = _looks(part, plan)
+    distance, angle, finest = values
     unseen = ~part.seen(plan, graph)
-    near = np.where(unseen, np.inf, distance).argmin(axis=0)
-    frontal = np.where(unseen, np.inf, angle).argmin(axis=0)
+    best = [np.where(unseen, np.inf, value).argmin(axis=0) for value in values]
     at = np.arange(count)
-    found = np.stack([distance[near, at], angle[near, at], distance[frontal, at], angle[frontal, at]])
-    return np.where(unseen.all(axis=0), np.inf, found), np.concatenate([near, frontal])
+    looks = [value[pose, at] for pose in best[:2] for value in (distance, angle)] + [finest[best[2], at]]
+    return np.where(unseen.all(axis=0), np.inf, looks), np.concatenate(best)
 
 
 def _shown(part: Part, poses: Trajectory, looks: Floats, graph: Roadmap) -> Bools:
-    """Which poses (P, 2 M) show each sample as planned, at the rim of the picture what is nowhere else."""
+    """Which poses (P, 3 M) show each sample as planned, at the rim of the picture what is nowhere else."""
     well = _as_planned(part, poses, part.well(poses, graph), looks)
     rim = _as_planned(part, poses, part.seen(poses, graph), looks)
     return np.asarray(well | (rim & ~well.any(axis=0)), bool)
 
 
 def _as_planned(part: Part, poses: Trajectory, seen: Bools, looks: Floats) -> Bools:
-    """Which poses show each sample as the plan's nearest look did, then as its most frontal did, (P, 2 M)."""
-    distance, angle = _looks(part, poses)
-    most = looks * [[_FARTHER], [1.0], [_FARTHER], [1.0]] + [[0.0], [_ASLANT_DEG], [0.0], [_ASLANT_DEG]]
-    near, frontal = ((distance <= far) & (angle <= aslant) for far, aslant in (most[:2], most[2:]))
-    return np.concatenate([seen & near, seen & frontal], axis=1)
+    """Which poses show each sample as the plan's nearest, most frontal and finest look did, (P, 3 M)."""
+    distance, angle, sampled = _looks(part, poses)
+    ways = [(distance <= _FARTHER * looks[at]) & (angle <= looks[at + 1] + _ASLANT_DEG) for at in (0, 2)]
+    return np.concatenate([seen & way for way in (*ways, sampled <= _COARSER * looks[4])], axis=1)
 
 
-def _looks(part: Part, poses: Trajectory) -> tuple[Floats, Floats]:
-    """Distance, m, and angle from the normal, deg, of each sample from each pose, (P, M)."""
-    ray = poses.positions[:, None] - part.cloud.points[None]
-    distance = np.linalg.norm(ray, axis=2)
-    cosine = (ray * part.cloud.outward[None]).sum(axis=2) / np.maximum(distance, 1e-12)
-    return distance, np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+def _looks(part: Part, poses: Trajectory) -> tuple[Floats, Floats, Floats]:
+    """Distance, m, angle from the normal, deg, and what a pixel covers over its angle, m, (P, M)."""
+    axis, normal = optical_axis(poses.quat_xyzw), part.cloud.outward
+    ray = part.cloud.points[None] - poses.positions[:, None]
+    distance = np.maximum(np.linalg.norm(ray, axis=2), 1e-12)
+    cosine = np.clip(-(ray * normal[None]).sum(axis=2) / distance, -1, 1)
+    along = np.einsum("pmi,pi->pm", ray, axis) / distance
+    return (
+        distance,
+        np.degrees(np.arccos(cosine)),
+        sampled_m(distance, along, -axis @ normal.T, cosine, part.camera),
+    )
 
 
-def _both(flags: Bools) -> Bools:
-    """Of flags (2 M,) for one way of looking and then another, where both are set, (M,)."""
-    return np.asarray(flags.reshape(2, -1).all(axis=0), bool)
+def _all(flags: Bools) -> Bools:
+    """Of flags (3 M,) for one way of looking after the other, where all are set, (M,)."""
+    return np.asarray(flags.reshape(_LOOKS, -1).all(axis=0), bool)
 
 
 def _none_of(zone: ZoneGap) -> str:
@@ -220,10 +236,40 @@ def way_by(poses: Trajectory, chosen: Ints, graph: Roadmap) -> tuple[Floats, Int
     return np.concatenate(line), np.array(at, np.int64)
 
 
+def _sharp_pace(part: Part, chosen: Trajectory, graph: Roadmap, rule: InspectionSettings | None) -> Floats:
+    """How fast each of some poses (K,) may be passed, m/s, so that the picture of what it shows is sharp."""
+    camera, rule = part.camera, rule or InspectionSettings()
+    sharp = _STEADY * rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)
+    seen = part.seen(chosen, graph)
+    most = np.full(len(chosen), np.inf)
+    for first, last in pairwise(range(len(chosen))):
+        step = chosen.positions[last] - chosen.positions[first]
+        length = max(float(np.linalg.norm(step)), _STANDING_M)
+        turns = Rotation.from_quat(chosen.quat_xyzw[[first, last]])
+        turn = (turns[1] * turns[0].inv()).as_rotvec() / length
+        for pose in (first, last):
+            ray = part.cloud.points[seen[pose]] - chosen.positions[pose]
+            distance = np.maximum(np.linalg.norm(ray, axis=1, keepdims=True), 1e-9)
+            sight, ahead = ray / distance, step / length
+            moved = np.cross(turn, sight) + (ahead - (sight @ ahead)[:, None] * sight) / distance
+            per_m = float(np.linalg.norm(moved, axis=1).max(initial=1e-9))
+            most[pose] = min(most[pose], sharp / per_m)
+    return np.maximum(most, _CREEPING_MPS)
+
+
 def timed(
-    poses: Trajectory, chosen: Ints, line: Floats, at: Ints, plan: Trajectory, limits: RetimeSettings
+    poses: Trajectory,
+    chosen: Ints,
+    line: Floats,
+    at: Ints,
+    plan: Trajectory,
+    limits: RetimeSettings,
+    most_mps: Floats | None = None,
 ) -> tuple[Trajectory, Bools]:
-    """Times under the vehicle's limits, no faster than the plan usually was; cameras turn on the way."""
+    """Times under the vehicle's limits, no faster than the plan usually was; cameras turn on the way.
+
+    No faster either than `most_mps` (K,) on the legs beside each chosen pose.
+    """
     if len(line) == 1:  # one look: to hover for a second is enough
         once = np.repeat(line, 2, axis=0), poses.quat_xyzw[chosen[[0, 0]]]
         return Trajectory(np.array([0.0, 1.0]), *once), np.array([True, True])
@@ -236,7 +282,11 @@ def timed(
     steps = leg_lengths(plan.positions)
     pace = (steps / np.diff(plan.t_s))[steps > _STANDING_M]
     usual = max(float(np.median(pace)) if len(pace) else 0.0, _SLOWEST_MPS)
-    times = along / usual + np.arange(len(along)) * 1e-6
+    pace = np.full(len(along) - 1, usual)
+    if most_mps is not None:
+        leg = np.clip(np.searchsorted(at, np.arange(len(pace)), side="right") - 1, 0, len(at) - 2)
+        pace = np.minimum(pace, np.minimum(most_mps[leg], most_mps[leg + 1]))
+    times = np.append(0.0, np.cumsum(np.diff(along) / pace)) + np.arange(len(along)) * 1e-6
     path = Waypoints(line, quats, times, shown)
     timed, is_viewpoint, _ = retime(path, Trajectory(times, line, quats), limits)
     return timed, is_viewpoint

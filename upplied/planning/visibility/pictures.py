@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+from numba import njit, vectorize
 
 from upplied.planning.visibility.moments import Moments, motion_of, sight_to
 from upplied.planning.visibility.observations import Views, stations_at
@@ -110,6 +110,21 @@ def stretch(along: float, facing: float, cosine: float) -> float:  # pragma: no 
     square = 2 * facing * along / cosine + (1 - facing * facing) / (cosine * cosine)
     area = along / cosine
     return float(np.sqrt((square + np.sqrt(max(square * square - 4 * area * area, 0.0))) / 2))
+
+
+def sampled_m(distance: Floats, along: Floats, facing: Floats, cosine: Floats, camera: Camera) -> Floats:
+    """`Pictures.sampled_m` of looks from a distance, m, by the angles of `stretch`; infinite from behind."""
+    wide = np.maximum(cosine, 1e-6)
+    reach = distance / wide
+    if camera.hfov_deg <= _FLAT_DEG:
+        with np.errstate(invalid="ignore"):  # of what is behind the camera
+            reach = np.where(along > 1e-3, distance * along * _stretches(along, facing, wide), reach)
+    return np.where(cosine > 1e-6, reach, np.inf)
+
+
+@vectorize(cache=True)
+def _stretches(along: float, facing: float, cosine: float) -> float:  # pragma: no cover - compiled
+    return stretch(along, facing, cosine)
 
 
 @njit(cache=True)
