@@ -29,7 +29,7 @@ FLAGS = [
     "--disable-quic",
 ]
 SCREENS = {"desktop": (1440, 900, "light"), "phone": (390, 844, "light"), "dark": (1440, 900, "dark")}
-COLOURS = 200  # of a palette: a third of the bytes
+COLOURS = 256  # of a palette: a third of the bytes
 
 
 def main(location: str, wanted: str = "") -> None:
@@ -98,7 +98,7 @@ def save(page: Any, path: Path, high: int) -> None:
     tall = min(page.evaluate("document.documentElement.scrollHeight"), 2 * high)
     picture = Image.open(io.BytesIO(page.screenshot(full_page=True)))
     picture = picture.crop((0, 0, picture.width, tall)).convert("RGB")
-    few = picture.quantize(COLOURS, Image.Quantize.MAXCOVERAGE)  # small marks stay in colour
+    few = picture.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=1)  # small marks stay in colour
     few.save(path, optimize=True)
 
 

@@ -395,7 +395,7 @@ def test_new_drafts_are_flown_and_those_that_come_too_near_are_told(catalog, mad
     catalog.add_plans([(other, replace(made, preset="baseline"), {})])
     told = flights.fly_drafts(catalog, [KEY, other, "0" * 64])
     assert seen == [ID]  # plans for comparison are not flown
-    assert "comes within 1.25 m, 2 m are asked for" in told[0] and "not in the catalog" in told[1]
+    assert "comes within 1.25 m (limit 2 m)" in told[0] and "not in the catalog" in told[1]
 
 
 @pytest.mark.ci

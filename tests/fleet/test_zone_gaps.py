@@ -155,7 +155,7 @@ def test_more_than_a_camera_tells_is_said_to_be_unattainable(catalog, made):
     catalog.require("structure", "cube-v1", "fine", [{**ROOF, "gsd_mm": 0.2, "looks": 2}], "Ada")
     found = catalog.plan(plan_gap(catalog, "aaa"))  # from 0.6 m alone: nearer than is safe
     assert f"shows 0.0 of {ROOF_M2:.1f} m2" in found.warnings[1]
-    assert f"{ROOF_M2:.1f} m2 of it no safe pose shows so; it asks for 2 pictures" in found.warnings[1]
+    assert f"{ROOF_M2:.1f} m2 of it no safe pose shows so; it requires 2 pictures" in found.warnings[1]
 
 
 @pytest.mark.slow

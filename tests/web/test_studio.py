@@ -112,7 +112,7 @@ def test_the_rest_is_planned_anew_round_what_is_fixed(session, catalog):
     kept = session.answer("keep", again)
     steps = catalog.waypoints(kept["id"])[["x_m", "y_m", "z_m"]].to_numpy()
     assert not ((steps > np.array(box[0])) & (steps < np.array(box[1]))).all(axis=1).any()
-    assert "planned anew" in catalog.edits().iloc[-1]["words"]
+    assert "planned again" in catalog.edits().iloc[-1]["words"]
 
 
 def test_two_who_decide_at_once_are_told_of_each_other(session, catalog):

@@ -114,7 +114,7 @@ class Editing:
         broken = place_breaches(path_flown, *where, self.clearance_m(airspace))
         least = self.recipe.settings.verdict.least_inspected_pct
         shown = measured.measures.coverage_inspected_pct
-        short = f"shows {shown:.1f} % of what was inspected, {least:g} % are asked for"
+        short = f"shows {shown:.1f} % of the inspected surface (required: {least:g} %)"
         return JudgedEdit(
             replace(measured, is_viewpoint=stops, flyable=True, not_flyable=""),
             tuple(broken),

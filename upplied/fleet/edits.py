@@ -58,7 +58,7 @@ def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> 
         If what is asked for cannot be flown safely.
     """
     if not by.strip():
-        raise InputError(str(path), "nobody says who changed it", "", "say --by NAME")
+        raise InputError(str(path), "has no name of the person who changed it", "", "add --by NAME")
     editing = Editing(catalog, transfer_id)
     try:
         document = json.loads(read_regular(Path(path), _MOST_BYTES).decode("utf-8"))
@@ -125,7 +125,7 @@ def keep_edit(
     RefusedError
         If what is asked for cannot be flown safely.
     """
-    words = ", ".join(filter(None, [edit.words, airspace.words, "planned anew" if base.asked else ""]))
+    words = ", ".join(filter(None, [edit.words, airspace.words, "planned again" if base.asked else ""]))
     if not words:
         rule = "move, turn or leave out a viewpoint, forbid a box, or ask for more clearance"
         raise InputError(what, "changes nothing", "", rule)

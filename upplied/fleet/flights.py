@@ -78,7 +78,7 @@ def fly_drafts(catalog: Catalog, keys: Iterable[str]) -> list[str]:
             continue
         limit_m = settings_of(row["settings_json"]).route.clearance_m
         if nearest < limit_m:
-            reason = f"comes within {nearest:.2f} m, {limit_m:g} m are asked for"
+            reason = f"comes within {nearest:.2f} m (limit {limit_m:g} m)"
             problems.append(f"{id_of(key)} of {row['target_id']}, flown in simulation: {reason}")
     return problems
 

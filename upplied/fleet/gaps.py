@@ -58,7 +58,9 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     row = flight_row(catalog, start)
     flight_id = str(row["flight_id"])
     if not row["looks_sha256"]:
-        raise RefusedError(f"flight {start}", "was kept before looks were", "", "fly or add it again")
+        raise RefusedError(
+            f"flight {start}", "was stored by a version without looks", "", "fly it or add it again"
+        )
     made_from = recipe(catalog, str(row["transfer_id"]))
     target = catalog.structure(str(row["target_id"]))
     flown = catalog.plan(str(row["transfer_id"]))
@@ -90,7 +92,7 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     flight, clearance_words = _as_far(flown, airspace, flight_at)
     broken = place_breaches(flight.trajectory, target, flown.supposed, clearance)
     if broken:
-        raise RefusedError(f"gap of flight {start}", "; ".join(broken), "a safe flight", "plan it anew")
+        raise RefusedError(f"gap of flight {start}", "; ".join(broken), "a safe flight", "plan it again")
     nearest_m = path_clearance(airspace.scene, flight.trajectory.positions).distance_m
     plan = _plan(flown, flight, surface, missing, nearest_m, zones, (clearance_words, *untold))
     hashes = {name: made_from.row[name] for name in ("demonstration_sha256", "source_sha256")}

@@ -25,8 +25,8 @@ _INSPECTED_PCT = 95.0  # as asked, of what the plan shows: flights of the sample
 RULES = {
     "flown": "a vehicle flew it: a simulated flight shows nothing that its plan does not",
     "whole": f"{_FLOWN_PCT:g} % of the plan was flown, {_INSPECTED_PCT:g} % of its surface inspected",
-    "recorded": "nothing is unknown of it: no silence, no camera that stood",
-    "clearance": "it kept the distance that its plan was asked to keep",
+    "recorded": "the log has no gap, and its camera pose never froze",
+    "clearance": "it kept the clearance limit of its plan",
 }
 
 
@@ -55,7 +55,9 @@ def promote_flight(
     if unknown := sorted(set(force) - set(RULES)):
         raise SettingsError(f"rule {unknown[0]!r}", "is unknown", f"one of {', '.join(RULES)}")
     if not by.strip():
-        raise SettingsError("a demonstration", "says not who takes it for one", "a name", "say --by NAME")
+        raise SettingsError(
+            "a demonstration", "has no name of the person who stores it", "a name", "add --by NAME"
+        )
     row = flight_row(catalog, start)
     what = f"flight {str(row['flight_id'])[:12]}"
     plan = catalog.transfer(str(row["transfer_id"]))
@@ -121,6 +123,6 @@ def _broken(row: Row, clearance_m: float, plan: Row) -> list[tuple[str, str]]:
             broken.append(("recorded", part))
     route = settings_of(plan["settings_json"]).route
     if route.enforce and clearance_m < route.clearance_m:
-        near = f"comes within {clearance_m:.2f} m, {route.clearance_m:g} m are asked for"
+        near = f"comes within {clearance_m:.2f} m (limit {route.clearance_m:g} m)"
         broken.append(("clearance", near))
     return broken

@@ -39,7 +39,7 @@ class Zone:
             text += f"; {square_metres(cloud, unattainable):.1f} m2 of it no safe pose shows so"
             text += ": the camera's pixels are not known" if self.gap.farthest_m == 0 else ""
         if self.demand.looks > 1:
-            text += f"; it asks for {self.demand.looks} pictures, this flight shows each place at least once"
+            text += f"; it requires {self.demand.looks} pictures, this flight shows each place at least once"
         return text
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import base64
 import html
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from typing import Any
 
 import numpy as np
 
+from upplied.outputs import pages
 from upplied.outputs.draw.sketch import Line, map_png, side_png
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import DRAFT
@@ -19,23 +19,6 @@ from upplied.outputs.pairs import number
 from upplied.outputs.verdicts import headline
 from upplied.polylines import leg_lengths
 from upplied.records import Floats, Structure
-
-_PAGE = """<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="{policy}">
-<title>{title}</title>
-<style>
-{style}</style>
-</head>
-<body>
-{body}
-</body>
-</html>
-"""
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
 def brief_html(
@@ -83,8 +66,7 @@ def brief_html(
         _listed("Warnings", warnings),
         _listed("Assumptions and checks", [note for note in notes if note not in overruled]),
     ]
-    style = resources.files("upplied.outputs").joinpath("static/brief.css").read_text("utf-8")
-    return _PAGE.format(policy=_POLICY, style=style, title=_text(title), body="\n".join(body))
+    return pages.paper_page(title, "brief.css", "\n".join(body))
 
 
 def _verdict(overruled: Sequence[str]) -> str:

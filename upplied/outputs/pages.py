@@ -41,13 +41,14 @@ _PAGE = """<!doctype html>
 {styles}
 </head>
 <body>
-<main id="app">{body}</main>
-<noscript>{fallback}</noscript>
-<script type="application/json" id="data">{data}</script>
-{scripts}
+{body}
 </body>
 </html>
 """
+_APP = """<main id="app">{body}</main>
+<noscript>{fallback}</noscript>
+<script type="application/json" id="data">{data}</script>
+{scripts}"""
 _POLICY = (
     "default-src 'none'; script-src {scripts}; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
     "connect-src {connect}"
@@ -117,38 +118,49 @@ def _shell(
     body: str = "",
     styles: Sequence[str] = STYLES,
 ) -> str:
-    return _PAGE.format(
-        policy=_POLICY.format(scripts="'self'", connect="'self'" if live else "'none'"),
-        title=html.escape(title),
-        styles="\n".join(
-            [
-                *(f'<link rel="stylesheet" href="{root}assets/{name}">' for name in styles),
-                *(['<link rel="icon" href="data:,">'] if live else []),  # or browsers ask for one
-            ]
-        ),
-        body=body,
-        fallback=html.escape(fallback),
-        data=inert_json(data),
-        scripts="\n".join(
-            f'<script src="{html.escape(name if name.startswith("/") else root + name)}"></script>'
-            for name in scripts
-        ),
-    )
+    policy = _POLICY.format(scripts="'self'", connect="'self'" if live else "'none'")
+    sheets = [f'<link rel="stylesheet" href="{root}assets/{name}">' for name in styles]
+    if live:
+        sheets.append('<link rel="icon" href="data:,">')  # or browsers ask for one
+    sources = [html.escape(name if name.startswith("/") else root + name) for name in scripts]
+    tags = [f'<script src="{source}"></script>' for source in sources]
+    return _document(title, policy, sheets, body, fallback, data, tags)
+
+
+def _document(
+    title: str,
+    policy: str,
+    sheets: Sequence[str],
+    body: str,
+    fallback: str,
+    data: Mapping[str, Any],
+    tags: Sequence[str],
+) -> str:
+    app = {
+        "body": body,
+        "fallback": html.escape(fallback),
+        "data": inert_json(data),
+        "scripts": "\n".join(tags),
+    }
+    head = {"policy": policy, "title": html.escape(title), "styles": "\n".join(sheets)}
+    return _PAGE.format(**head, body=_APP.format(**app))
 
 
 def single_page(title: str, data: Mapping[str, Any], fallback: str) -> str:
     """The same with everything inside, for mail: scripts run only if their hash is in the page's policy."""
     sources = [_asset(name).replace("</script", "<\\/script") for name in SCRIPTS]
     hashes = " ".join(f"'sha256-{_sha256(source)}'" for source in sources)
-    return _PAGE.format(
-        policy=_POLICY.format(scripts=hashes, connect="'none'"),
-        title=html.escape(title),
-        styles="\n".join(f"<style>{_asset(name)}</style>" for name in STYLES),
-        body="",
-        fallback=html.escape(fallback),
-        data=inert_json({**data, "root": "", "live": False}),
-        scripts="\n".join(f"<script>{source}</script>" for source in sources),
-    )
+    policy = _POLICY.format(scripts=hashes, connect="'none'")
+    sheets = [f"<style>{_asset(name)}</style>" for name in STYLES]
+    tags = [f"<script>{source}</script>" for source in sources]
+    return _document(title, policy, sheets, "", fallback, {**data, "root": "", "live": False}, tags)
+
+
+def paper_page(title: str, style: str, body: str) -> str:
+    """A page for paper: a style sheet of the package inside, no scripts, nothing from elsewhere."""
+    policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+    styles = f"<style>\n{_asset(style)}</style>"
+    return _PAGE.format(policy=policy, title=html.escape(title), styles=styles, body=body)
 
 
 def structure_script(data: Mapping[str, Any]) -> str:

@@ -99,6 +99,14 @@ upplied.table = function (caption, columns, rows, compared = false) {
     element("tbody", {}, rows.map((cells) => element("tr", {}, cells.map((cell, at) => element(at ? "td" : "th", { scope: at ? null : "row", class: kind(at), "data-label": at && typeof columns[at] === "string" ? columns[at] : null }, cell)))))));
 };
 
+// Required zones with their results, as planned and as flown.
+upplied.zones = function (rows) {
+  const result = (row, what) => upplied.element("span", { class: row[what] === "met" ? "" : "warned" }, upplied.element("b", {}, row[what]),
+    Number.isFinite(row[what + "_pct"]) ? " " + upplied.format(row[what + "_pct"], 1, " %") : "", row[what + "_why"] ? upplied.element("span", { class: "note" }, " " + row[what + "_why"]) : null);
+  return upplied.table("Required zones", ["Zone", "Planned", "Flown", "Required by"],
+    rows.map((row) => [row.zone, result(row, "planned"), result(row, "flown"), row.asked_by + ", set " + row.set + ", version " + row.version]));
+};
+
 // tabs([[name, panel, opened], ...]): `opened` runs once, when its panel is first shown.
 upplied.tabs = function (sheets) {
   const { element } = upplied;

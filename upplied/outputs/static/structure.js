@@ -31,16 +31,13 @@
 upplied.pages.structure = function (app, data) {
   const { element, badge, facts, format, minutes, table } = upplied;
   const section = (title, content) => (content ? element("section", {}, element("h2", {}, title), content) : null);
-  const zone = (row, what) => element("span", { class: row[what] === "met" ? "" : "warned" }, element("b", {}, row[what]),
-    Number.isFinite(row[what + "_pct"]) ? " " + format(row[what + "_pct"], 1, " %") : "", row[what + "_why"] ? element("span", { class: "note" }, " " + row[what + "_why"]) : null);
   document.title = (data.map ? "Findings of the kind on " : "") + data.id;
   upplied.fill(app,
     element("header", { class: "page" }, data.map ? null : element("a", { href: upplied.home }, "All plans"), element("h1", {}, document.title)),
     element("div", { class: "beside" }, facts(data.facts),
       data.picture ? element("img", { class: "shown", src: data.picture, alt: "A plan for " + data.id, loading: "lazy" }) : null),
     data.findings.length ? section("Findings of the model", element("ul", {}, data.findings.map((each) => element("li", {}, each)))) : null,
-    data.map ? null : section("Required zones", data.zones.length
-      ? table("Required zones", ["Zone", "Planned", "Flown", "Required by"], data.zones.map((row) => [row.zone, zone(row, "planned"), zone(row, "flown"), row.asked_by + ", set " + row.set + ", version " + row.version]))
+    data.map ? null : section("Required zones", data.zones.length ? upplied.zones(data.zones)
       : element("p", { class: "note" }, "No zones are required.")),
     findings(app, data),
     (data.marks || []).length ? section("Findings", table("Findings", ["Finding", "Class", "Severity", "State", "Place, m", "Error", "Length", "Photo", "By"],

@@ -88,7 +88,7 @@
         element("h2", {}, each.preset + ": safety rules were overruled"), element("ul", {}, each.overruled.map((rule) => element("li", {}, rule))))),
       data.change ? element("p", { class: "note" }, data.change.startsWith("newer draft") ? data.change : "Change since the previous plan: " + data.change) : null,
       tabs.bar, panels);
-    upplied.fill(panels[0], fly ? fly.root : element("p", { class: "note" }, "There is no path to fly."), zones(data.zones || []),
+    upplied.fill(panels[0], fly ? fly.root : element("p", { class: "note" }, "There is no path to fly."), (data.zones || []).length ? element("section", { class: "zones" }, element("h2", {}, "Required zones"), upplied.zones(data.zones)) : null,
       upplied.downloads(data, tracks), upplied.live ? upplied.decisions({ id: plan.provenance.transfer_id, known: plan.known }) : null);
     upplied.fill(panels[1], counterparts(plan), figures(plan),
       data.plans.filter((each) => each.flown).map((each) => element("p", { class: "flown" }, element("b", {}, each.preset + (each.flown.kind === "flown" ? ", as flown. " : ", flown in simulation. ")), each.flown.said)));
@@ -227,7 +227,7 @@
   function measures(plans) {
     const columns = plans.flatMap((plan) => [
       { name: plan.preset, colour: COLOURS[plan.preset], status: badge(plan.status), values: { ...plan.measures, margin: margin(plan, plan.measures) } },
-      ...(plan.flown ? [{ name: plan.preset + ", flown", colour: COLOURS.flown, status: plan.flown.kind || "simulated", values: { ...plan.flown.measures, margin: margin(plan, plan.flown.measures) } }] : []),
+      ...(plan.flown ? [{ name: plan.preset + ", flown", colour: COLOURS.flown, status: plan.flown.kind === "flown" ? "" : "simulated", values: { ...plan.flown.measures, margin: margin(plan, plan.flown.measures) } }] : []),
     ]);
     const rows = RESEARCH.filter(([key]) => columns.some(({ values }) => Number.isFinite(values[key])));
     return element("section", {}, element("h2", {}, "All measures"), upplied.table("All measures",
@@ -248,13 +248,6 @@
       upplied.table("Part matching", ["Inspected part", "Confidence", "Share of the inspection", "Similar parts on target", "Flown", "Not flown"],
         plan.parts.map((one) => [one.part, element("span", { class: "certainty " + one.certainty }, one.probability), one.inspected, one.similar || "none", one.flown || "none", one.left_out || "none"])),
       plan.parts.filter((one) => one.doubt).map((one) => element("p", { class: "note" }, one.part + ": " + one.doubt)));
-  }
-
-  function zones(rows) {
-    if (!rows.length) return null;
-    const result = (row, what) => element("div", { class: row[what] === "met" ? "" : "warned" }, element("b", {}, row[what]), Number.isFinite(row[what + "_pct"]) ? " " + format(row[what + "_pct"], 1, " %") : "", element("div", { class: "note" }, row[what + "_why"]));
-    return element("section", { class: "zones" }, element("h2", {}, "Required zones"), upplied.table("Required zones", ["Zone", "Planned", "Flown", "Required by"],
-      rows.map((row) => [row.zone, result(row, "planned"), result(row, "flown"), row.asked_by + ", set " + row.set + ", version " + row.version])));
   }
 
   function margin(plan, values) {
