@@ -46,7 +46,7 @@ EXTRA_FILES = {
         "upplied/outputs/draw/sheet.py",
         "upplied/outputs/draw/sketch.py",
         "upplied/outputs/camera_pictures.py",
-        "upplied/findings/pictures.py",
+        "upplied/outputs/pictures.py",
         "upplied/web/app.py",
         "upplied/web/login.py",
         "upplied/web/serving.py",

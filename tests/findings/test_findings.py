@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,6 +31,7 @@ from upplied.findings.place import Errors, located
 from upplied.findings.queries import by_reference, photographed
 from upplied.findings.rays import footprint_m, pixels_of, rays_of
 from upplied.findings.reshoot import plan_reshoot
+from upplied.outputs.reference_photos import reference_photos
 from upplied.outputs.structure_page import fleet_findings, structure_facts
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import look_at, matrices
@@ -416,6 +421,21 @@ def test_a_mission_shows_a_place_as_its_photo_did_and_as_finely_as_asked(filled)
         main(["export", made.transfer_id, "--to", "qgc-plan", "-o", file, "--draft", *where]) == 0
     )  # its gate
     assert main(["transfer", "--reproduce", made.transfer_id, *where]) == 1
+    assert main(["brief", made.transfer_id, "-o", f"{file}.html", "--draft", *where]) == 0
+    brief = Path(f"{file}.html").read_text()
+    (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', brief.split("Reference photos")[1])
+    thumbnail = np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))))
+    height, width = thumbnail.shape[:2]
+    assert max(width, height) == 320 and thumbnail[height // 2, width // 2, 0] == 250  # the square it marks
+    assert (thumbnail == (214, 39, 40)).all(axis=2).any() and "P2.png, 8.1 m away" in brief
+    photo = Path(row_of(catalog, name)["photo_path"])
+    kept = photo.read_bytes()
+    try:
+        photo.write_bytes(kept[:-1])
+        ((caption, picture),) = reference_photos(catalog, plan.warnings)
+        assert picture == b"" and "is not the one that was registered" in caption
+    finally:
+        photo.write_bytes(kept)
     with pytest.raises(RefusedError, match=r"no safe look at 0\.2 mm a pixel, 2 m away"):
         plan_reshoot(catalog, rows, "cube-v1", 0.2)
     with pytest.raises(RefusedError, match="has neither plan nor demonstration"):

@@ -14,10 +14,10 @@ from scipy.ndimage import laplace, map_coordinates
 from upplied.errors import InputError, UppliedError
 from upplied.findings.looks import Look, Spot, plane_axes
 from upplied.findings.photos import MOST_BYTES
-from upplied.findings.pictures import pixels_in, png
 from upplied.findings.rays import pixels_of
 from upplied.inputs.files import read_regular
 from upplied.outputs.files import replace_file
+from upplied.outputs.pictures import pixels_in, png
 from upplied.records import Floats, Structure
 from upplied.scene import Scene, scene_of
 

@@ -189,7 +189,7 @@ def _photo_row(
         with contextlib.suppress(
             InputError
         ):  # of one that cannot be read here, as a raw one, it is not known
-            from upplied.findings.pictures import size_of
+            from upplied.outputs.pictures import size_of
 
             size = size_of(data, str(path))
     return {

@@ -28,6 +28,7 @@ def brief_html(
     options: MissionOptions,
     warnings: Sequence[str],
     zones: Sequence[str] = (),
+    photos: Sequence[tuple[str, bytes]] = (),
 ) -> str:
     """One page, A4 when printed, that needs nothing from elsewhere.
 
@@ -44,6 +45,8 @@ def brief_html(
         Warnings of the plan.
     zones : sequence of str
         Result for each required zone.
+    photos : sequence of (str, bytes)
+        Captions and PNGs of what is to be looked at again.
     """
     lines = [_line(mission) for mission in missions]
     notes = list(missions[0].notes)
@@ -62,6 +65,7 @@ def brief_html(
         _measures(row, missions[0].shown_pct),
         "</div></div>",
         _sorties(missions),
+        _photos(photos),
         _listed("Required zones", zones),
         _listed("Warnings", warnings),
         _listed("Assumptions and checks", [note for note in notes if note not in overruled]),
@@ -87,12 +91,19 @@ def _maps(structure: Structure, missions: Sequence[Mission], lines: Sequence[Lin
         ),
         (side_png(structure, lines), "Side view; z in the frame of the structure."),
     )
-    figures = "".join(
-        f'<figure><img alt="{_text(text)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
-        f"<figcaption>{_text(text)}</figcaption></figure>"
-        for png, text in pictures
-    )
-    return f'<div class="maps">{figures}</div>'
+    return f'<div class="maps">{"".join(_figure(png, text) for png, text in pictures)}</div>'
+
+
+def _photos(photos: Sequence[tuple[str, bytes]]) -> str:
+    if not photos:
+        return ""
+    figures = (_figure(png, text) if png else f"<p>{_text(text)}</p>" for text, png in photos)
+    return f'<h2>Reference photos</h2><div class="photos">{"".join(figures)}</div>'
+
+
+def _figure(png: bytes, text: str) -> str:
+    source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
+    return f'<figure><img alt="{_text(text)}" src="{source}"><figcaption>{_text(text)}</figcaption></figure>'
 
 
 def _heights(missions: Sequence[Mission], structure: Structure, options: MissionOptions) -> str:

@@ -22,6 +22,7 @@ from upplied.outputs.fly import as_settled
 from upplied.outputs.mission_zones import MissionZones
 from upplied.outputs.missions import Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import CUSTODY, Breach
+from upplied.outputs.reference_photos import reference_photos
 from upplied.outputs.reports import plan_of
 from upplied.outputs.source import Source
 
@@ -106,8 +107,14 @@ def brief_transfer(
     zone_notes = MissionZones(source, plan, structure, camera).told(missions)
     keep_overruled(source, row, "brief", format, missions[0].overruled)
     warnings = json.loads(row.get("warnings") or "[]")
+<<<<<<< HEAD
     notes = (*zone_notes, *custody_notes(source))
     return replace_file(Path(path), brief_html(row, missions, structure, options, warnings, notes))
+=======
+    said = (*told, *custody_notes(source))
+    photos = reference_photos(source, warnings)
+    return replace_file(Path(path), brief_html(row, missions, structure, options, warnings, said, photos))
+>>>>>>> findings
 
 
 def custody_notes(source: Source) -> tuple[str, ...]:

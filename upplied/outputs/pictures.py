@@ -13,7 +13,9 @@ from upplied.errors import InputError
 from upplied.extras import extra
 
 with extra("export"):
-    from PIL import Image
+    from PIL import Image, ImageDraw
+
+_THUMBNAIL_PX = 320
 
 
 def size_of(data: bytes, what: str) -> tuple[int, int]:
@@ -33,6 +35,21 @@ def png(pixels: np.ndarray) -> bytes:
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, "PNG")
     return stream.getvalue()
+
+
+def marked(pixels: np.ndarray, corners: np.ndarray, half_px: float) -> bytes:
+    """A PNG thumbnail of what lies within so many pixels of a mark (K, 2), which is outlined."""
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    low = np.clip(np.floor(middle - half_px), 0, None).astype(int)
+    high = np.minimum(np.ceil(middle + half_px), pixels.shape[1::-1]).astype(int)
+    with Image.fromarray(pixels[low[1] : high[1], low[0] : high[0]]) as picture:
+        scale = _THUMBNAIL_PX / max(picture.size)
+        shown = picture.resize([max(1, round(side * scale)) for side in picture.size])
+    left, top, right, bottom = ((np.array([corners.min(axis=0), corners.max(axis=0)]) - low) * scale).ravel()
+    ImageDraw.Draw(shown).rectangle(
+        (left - 4, top - 4, right + 4, bottom + 4), outline=(214, 39, 40), width=2
+    )
+    return png(np.asarray(shown))
 
 
 @contextmanager
