@@ -107,14 +107,9 @@ def brief_transfer(
     zone_notes = MissionZones(source, plan, structure, camera).told(missions)
     keep_overruled(source, row, "brief", format, missions[0].overruled)
     warnings = json.loads(row.get("warnings") or "[]")
-<<<<<<< HEAD
     notes = (*zone_notes, *custody_notes(source))
-    return replace_file(Path(path), brief_html(row, missions, structure, options, warnings, notes))
-=======
-    said = (*told, *custody_notes(source))
     photos = reference_photos(source, warnings)
-    return replace_file(Path(path), brief_html(row, missions, structure, options, warnings, said, photos))
->>>>>>> findings
+    return replace_file(Path(path), brief_html(row, missions, structure, options, warnings, notes, photos))
 
 
 def custody_notes(source: Source) -> tuple[str, ...]:
