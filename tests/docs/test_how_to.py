@@ -112,13 +112,14 @@ def own_flight():
 
 
 def flown_log(path: Path) -> None:
-    """The first half of the tutorial's plan, as if it had been flown to the letter."""
+    """The first half of the tutorial's plan, flown within a decimetre, as vehicles do."""
     catalog = open_catalog("catalog")
     row = catalog.transfers(preset="recommended", status="ok").iloc[0]
     planned, flown = catalog.trajectory(row["transfer_id"]), catalog.demonstration(row["demonstration_id"])
     half = planned.t_s <= planned.t_s[-1] / 2
     t_ns = flown.t_ns[0] + np.round(planned.t_s[half] * 1e9).astype(np.int64)
-    poses = {"positions": planned.positions[half], "quat_xyzw": planned.quat_xyzw[half]}
+    aside = 0.1 * np.sin(planned.t_s[half, None] / [7.0, 11.0, 13.0])
+    poses = {"positions": planned.positions[half] + aside, "quat_xyzw": planned.quat_xyzw[half]}
     target = catalog.structure(row["target_id"])
     record = replace(flown, demonstration_id="tank-2-flown", structure_id="tank-2", t_ns=t_ns, **poses)
     write_flight(path, record, target, heavy_topic=False)
