@@ -31,8 +31,8 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import interpolate
 from upplied.proof.align import Alignment, align
-from upplied.proof.as_flown import looks_of
 from upplied.proof.gap import GapFlight, gap_flight
+from upplied.proof.looks import looks_of
 from upplied.records import Bools, Camera, Cloud, Floats, Structure, Trajectory
 from upplied.samples.fleet import sample_demonstrations, sample_structures
 from upplied.scene import scene_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from upplied.poses import interpolate
-from upplied.proof.as_flown import looks_of
+from upplied.proof.looks import looks_of
 from upplied.records import Cloud, Demonstration, Plan, Structure, SurfaceStates
 from upplied.scene import scene_of
 

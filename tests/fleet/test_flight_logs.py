@@ -32,7 +32,7 @@ from upplied.outputs.publish import publish_pages
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import interpolate
-from upplied.proof.as_flown import looks_of
+from upplied.proof.looks import looks_of
 from upplied.records import SURFACE_STATES, Cloud, Demonstration, Measures, Plan, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -190,12 +190,13 @@ def test_a_good_flight_becomes_a_demonstration_and_one_that_is_not_does_not(
     path = write_log(tmp_path / "flight-8.mcap", record, CUBE, heavy_topic=False)
     row = keep(catalog, judged(catalog, path))
     assert row["inspected_pct"] > 95 and row["required_pct"] > 98
-    for inspected, words in (
-        (94.0, "94.0 % of what it shows was inspected as asked"),  # though all of it was in view
-        (None, "how much of it was inspected as asked is not known"),
+    for column, share, words in (
+        ("inspected_pct", 94.0, "94.0 % of what it shows was inspected as asked"),  # though it was in view
+        ("inspected_pct", None, "how much of it was inspected as asked is not known"),
+        ("required_pct", 97.0, "97.0 % of what it shows was in view"),
     ):
-        asked = {**row, "inspected_pct": inspected}
-        assert promoting._broken(asked, 9.0, catalog.transfer(ID)) == [("whole", words)]
+        lacking = {**row, column: share}
+        assert promoting._broken(lacking, 9.0, catalog.transfer(ID)) == [("whole", words)]
     assert main(["flights", "promote", row["flight_id"][:12], "--by", "Grace", "--name", "good", *where]) == 0
     found = catalog.demonstration("good")
     assert (found.structure_id, found.operator, int(found.t_ns[0])) == ("cube-v1", "Ada", START_NS)

@@ -31,7 +31,7 @@ from upplied.outputs.reports import Reader, plan_of
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.plan import plan_transfer
 from upplied.poses import from_yaw_pitch
-from upplied.proof.as_flown import looks_of
+from upplied.proof.looks import looks_of
 from upplied.records import Camera, Cloud, Demonstration, Plan, Structure, Trajectory
 from upplied.scene import scene_of
 from upplied.supposed_scene import scene_for

@@ -25,7 +25,7 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.observations import stations
 from upplied.poses import matrices, yaw_pitch
 from upplied.proof import asking
-from upplied.proof.as_flown import looks_of
+from upplied.proof.looks import looks_of
 from upplied.records import Camera, Plan, Surroundings, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly

@@ -24,8 +24,8 @@ from upplied.outputs.publish import publish_pages
 from upplied.outputs.zones import zones
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import interpolate
-from upplied.proof.as_flown import looks_of
 from upplied.proof.asking import Asking
+from upplied.proof.looks import looks_of
 from upplied.records import Camera, Placement, Plan, Surroundings, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly

@@ -9,7 +9,8 @@ from upplied.config import CloudSettings
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import interpolate, look_at
 from upplied.proof.align import align
-from upplied.proof.as_flown import as_flown, looks_of
+from upplied.proof.as_flown import as_flown
+from upplied.proof.looks import looks_of
 from upplied.records import Camera, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly

@@ -26,7 +26,8 @@ from upplied.inputs.sidecar import LogOptions
 from upplied.planning.surface.samples import surface_samples
 from upplied.polylines import leg_lengths
 from upplied.proof.align import Alignment
-from upplied.proof.as_flown import AsFlown, Looks, as_flown, looks_of
+from upplied.proof.as_flown import AsFlown, as_flown
+from upplied.proof.looks import Looks, looks_of
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Plan, Structure, Trajectory
 from upplied.scene import Scene, scene_of
 from upplied.supposed_scene import scene_for

@@ -19,12 +19,12 @@ from upplied.proof.findings import LOOKED, SILENT, STOOD
 from upplied.records import Camera, Demonstration, Trajectory
 from upplied.supposed_scene import scene_for
 
-_FLOWN_PCT = 98.0  # of the plan's length: less is no whole inspection
+_WHOLE_PCT = 98.0  # of the plan's length, and in view of what it shows: less is no whole inspection
 _INSPECTED_PCT = 95.0  # as asked, of what the plan shows: flights of the sample fleet reach 96 and more
 #: What a flight must keep to be shown to the database as an example, and why.
 RULES = {
     "flown": "a vehicle flew it: a simulated flight shows nothing that its plan does not",
-    "whole": f"{_FLOWN_PCT:g} % of the plan was flown, {_INSPECTED_PCT:g} % of its surface inspected",
+    "whole": f"{_WHOLE_PCT:g} % of the plan was flown and in view, {_INSPECTED_PCT:g} % inspected as asked",
     "recorded": "the log has no gap, and its camera pose never froze",
     "clearance": "it kept the clearance limit of its plan",
 }
@@ -111,8 +111,10 @@ def _broken(row: Row, clearance_m: float, plan: Row) -> list[tuple[str, str]]:
     broken = []
     if row["kind"] != "flown":
         broken.append(("flown", f"is {row['kind'] or 'simulated'}"))
-    if not (flown_pct := row["flown_pct"] or 0.0) >= _FLOWN_PCT:
-        broken.append(("whole", f"{flown_pct:.1f} % of its plan was flown"))
+    shares = (("flown_pct", "of its plan was flown"), ("required_pct", "of what it shows was in view"))
+    for column, words in shares:
+        if not (row[column] or 0.0) >= _WHOLE_PCT:
+            broken.append(("whole", f"{row[column] or 0.0:.1f} % {words}"))
     inspected = row["inspected_pct"]
     if inspected is None or inspected != inspected:  # judged before there was such a figure
         broken.append(("whole", "how much of it was inspected as asked is not known"))

@@ -18,8 +18,8 @@ from upplied.planning.measures.attainable import attainable
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
 from upplied.planning.visibility.observations import TRULY
-from upplied.proof.as_flown import looks_of
 from upplied.proof.carried_zone import carried_zone
+from upplied.proof.looks import looks_of
 from upplied.proof.zones import Demand, Looked, as_asked, judged
 from upplied.records import (
     Bools,

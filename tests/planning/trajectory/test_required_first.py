@@ -16,7 +16,7 @@ from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
 from upplied.poses import from_yaw_pitch
-from upplied.proof.as_flown import looks_of
+from upplied.proof.looks import looks_of
 from upplied.records import Camera, Cloud, Surroundings
 from upplied.records.required import RequiredSurface
 from upplied.samples.fleet import member
