@@ -26,6 +26,7 @@ from upplied.cli import (
     fly,
     keeping,
     keys,
+    looks,
     quickstart,
     recommend,
     render,
@@ -69,7 +70,7 @@ _GROUPS = {  # of the help, in the order in which a newcomer needs them
         edit.app,
     ),
     "Fly": (fly.app, export.app, export.briefing, flights.app),
-    "Findings": (findings.app, findings.looking, findings.reshooting),
+    "Findings": (findings.app, looks.looking, findings.reshooting),
     "Fleet": (review.in_force, fleet.app, keys.app),
     "Service": (quickstart.app, serve.serving, serve.deploying, serve.watching, doctor.app),
 }

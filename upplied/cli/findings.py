@@ -1,20 +1,20 @@
-"""`upplied findings`, `looks` and `reshoot`: what was found, its photos, and the same place elsewhere."""
+"""`upplied findings` and `reshoot`: findings, their photos, and the same place elsewhere."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import App, Parameter
 
+from upplied.cli.looks import OutOption, PhotosOption, listed, show_looks
 from upplied.cli.options import CatalogOption, FindingArgument, JsonOption
 from upplied.cli.review import ByOption, NoteOption
-from upplied.cli.terminal import complain, errors, next_step, opened, say, show
+from upplied.cli.terminal import complain, errors, next_step, opened, say
 
 app = App(
     name="findings", help="Place findings on structures, see them again, and find the same place elsewhere."
 )
-looking = App(name="looks", help="List every photo that shows a place of a structure.")
 reshooting = App(name="reshoot", help="Plan a mission that shows findings from where their photos did.")
 
 LISTED = {
@@ -22,15 +22,6 @@ LISTED = {
     "state": "state", "by": "by", "x_m": "x m", "y_m": "y m", "z_m": "z m", "place_error_m": "error m",
     "length_mm": "length mm", "area_mm2": "area mm2", "photo": "photo", "note": "note",
 }  # fmt: skip
-LOOKS = {
-    "flight_id": "flight", "kind": "kind", "taken_at": "taken", "photo": "photo", "t_s": "s",
-    "distance_m": "m", "mm_px": "mm/px", "incidence_deg": "incidence deg", "blur_px": "blur px",
-    "in_picture_pct": "in picture %", "box": "box px",
-}  # fmt: skip
-OutOption = Annotated[
-    Path | None, Parameter(name="--out", help="Folder for crops side by side, with a page.")
-]
-PhotosOption = Annotated[Path | None, Parameter(name="--photos", help="Folder of photos that were moved.")]
 FinenessOption = Annotated[
     float, Parameter(name="--mm-px", help="Largest ground sample distance, mm per pixel.")
 ]
@@ -105,7 +96,7 @@ def add(
     for reason in done.refused:
         complain(f"refused: {reason}")
     rows = opened(catalog).findings()
-    _listed("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, json)
+    listed("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, json)
     if not json:
         say(f"{done.new} added, {len(done.ids) - done.new} already known, {len(done.refused)} refused")
     if done.ids and not json:
@@ -170,7 +161,7 @@ def list_findings(
         rows = by_reference(store, reference, class_name=class_name, state=state)
         mapped = {f"reference_{name}": name for name in ("x_m", "y_m", "z_m", "probability", "doubtful")}
         keys = ("finding_id", "target_id", "class", "state")
-        _listed(f"findings on {reference}", rows, {key: LISTED[key] for key in keys} | mapped, json)
+        listed(f"findings on {reference}", rows, {key: LISTED[key] for key in keys} | mapped, json)
         if out is not None:
             from upplied.outputs.findings_page import write_findings_page
 
@@ -178,7 +169,7 @@ def list_findings(
             if not json:
                 say(page)
         return 0
-    _listed(
+    listed(
         "findings",
         store.findings(structure=structure, kind=kind, state=state, class_name=class_name),
         LISTED,
@@ -215,7 +206,7 @@ def history(finding: str, /, *, catalog: CatalogOption = "catalog", json: JsonOp
     name = store.finding(finding)["finding_id"]
     rows = store.findings(history=True)
     columns = {"added_at": "when", "state": "state", "by": "by", "note": "note"}
-    _listed(f"finding {name}", rows[rows["finding_id"] == name], columns, json)
+    listed(f"finding {name}", rows[rows["finding_id"] == name], columns, json)
     return 0
 
 
@@ -235,37 +226,7 @@ def looks(
 
     store = opened(catalog)
     row = store.finding(finding)
-    return _looks(store, f"finding {row['finding_id']}", spot_of(row), out, photos, simulated, json)
-
-
-@looking.default
-def looks_at(
-    structure: str,
-    x: float,
-    y: float,
-    z: float,
-    /,
-    *,
-    size: Annotated[float, Parameter(help="Width of the area to show, m.")] = 0.5,
-    out: OutOption = None,
-    photos: PhotosOption = None,
-    simulated: Annotated[bool, Parameter(negative="", help="Simulated flights as well.")] = False,
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
-) -> int:
-    """List every photo of every flight that shows the place of the surface nearest to a point.
-
-    Parameters
-    ----------
-    structure : str
-    x, y, z : float
-        Point in the frame of the structure, m.
-    """
-    from upplied.findings.looks import spot_at
-
-    store = opened(catalog)
-    title = f"({x:g}, {y:g}, {z:g}) m of {structure}"
-    return _looks(store, title, spot_at(store, structure, (x, y, z), size / 2), out, photos, simulated, json)
+    return show_looks(store, f"finding {row['finding_id']}", spot_of(row), out, photos, simulated, json)
 
 
 @app.command
@@ -294,7 +255,7 @@ def carry(
         "probability": "probability", "error_m": "error m", "looked_at": "last seen", "mm_px": "mm/px",
         "looks": "flights", "doubt": "doubt",
     }  # fmt: skip
-    _listed(f"finding {row['finding_id']} elsewhere", spots, columns, json)
+    listed(f"finding {row['finding_id']} elsewhere", spots, columns, json)
     return 0
 
 
@@ -330,7 +291,7 @@ def campaign(
     since: Annotated[str | None, Parameter(help="Ignore looks before this date, such as 2026-03-01.")] = None,
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Plan a draft for each structure on which the place of a finding was not looked at."""
+    """Plan a draft for each structure where no flight showed the place of a finding."""
     from upplied.findings.campaign import plan_campaign
 
     store = opened(catalog)
@@ -339,33 +300,3 @@ def campaign(
     for one in plans:
         say(f"{one['structure_id']}: {one['status']}{': ' if one['words'] else ''}{one['words']}")
     return int(any(one["status"] == "refused" for one in plans))
-
-
-def _looks(store: Any, title: str, spot: Any, out: Any, photos: Any, simulated: bool, json: bool) -> int:
-    from upplied.findings.looks import looks_at_spot, looks_frame
-
-    with errors.status("casting rays"):
-        looks = looks_at_spot(store, spot, simulated)
-    frame = looks_frame(looks)
-    sides = frame[["left_px", "top_px", "right_px", "bottom_px"]].round(0)
-    frame["box"] = [" ".join(f"{side:.0f}" for side in row) for row in sides.to_numpy()]
-    _listed(f"looks at {title}", frame, LOOKS, json)
-    if out is None:
-        return 0
-    from upplied.findings.crops import write_crops
-
-    page, missing = write_crops(out, title, looks, spot, store.structure(spot.structure_id), photos)
-    for reason in missing:
-        complain(f"missing: {reason}")
-    if not json:
-        say(page)
-    return int(bool(missing))
-
-
-def _listed(title: str, frame: Any, columns: dict[str, str], json: bool) -> None:
-    from upplied.cli.catalog import rows_of
-
-    rows = rows_of(frame, None if json else columns)
-    if not json:
-        rows = [{**row, "flight": row["flight"][:12]} if "flight" in row else row for row in rows]
-    show(title, rows, json, ("note", "severity", "by", "doubt"))
