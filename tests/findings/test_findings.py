@@ -464,6 +464,8 @@ def test_a_campaign_has_a_draft_for_each_structure_without_a_look(filled, monkey
     monkeypatch.setattr("upplied.findings.campaign.plan_reshoot", lambda *_: pytest.fail("planned again"))
     (problem,) = plan_campaigns(other, [name, "none"], 8.0)
     assert "campaign none" in problem and len(other.transfers(every=True)) == planned
+    other.reject(one["words"].split(";")[0], "Ada", "the mark is gone")
+    assert plan_campaign(other, row, 8.0)[0]["status"] == "rejected"
 
 
 def test_a_place_that_is_hidden_where_its_photo_was_taken_from_is_seen_from_aside(filled):

@@ -55,7 +55,8 @@ def plan_campaign(
     Returns
     -------
     list of dict
-        Of each structure its id, status (seen, draft, refused) and, in words, the look, the draft or why not.
+        Of each structure its id, status (seen, refused, or the plan's: draft, released, rejected and others)
+        and, in words, the look, the plan or why there is none.
     """
     carrying, results = Carrying(catalog), []
     names = ",".join(carrying.targets(str(row["target_id"]), to))
@@ -66,7 +67,7 @@ def plan_campaign(
         if not pd.isna(there["looked_at"]):
             status, words = "seen", f"{there['looked_at']:%Y-%m-%d} at {there['mm_px']:.2f} mm/px"
         elif planned := _planned(catalog, name, purpose_of([str(row["finding_id"])], mm_px)):
-            status, words = "draft", f"{planned}; planned before"
+            status, words = planned
         else:
             try:
                 made = plan_reshoot(catalog, [row], name, mm_px, carrying)
@@ -88,9 +89,12 @@ def plan_campaigns(catalog: Catalog, findings: Sequence[str], mm_px: float) -> l
     return problems
 
 
-def _planned(catalog: Catalog, structure_id: str, purpose: str) -> str:
-    """The newest draft for that purpose round a structure as it is now, by the method as it is; "": none."""
+def _planned(catalog: Catalog, structure_id: str, purpose: str) -> tuple[str, str] | None:
+    """State and words of the newest plan for a purpose round a structure as it is, by the method as it is."""
     rows = catalog.transfers(structure=structure_id, preset="recommended", status="ok", every=True)
     rows = rows[(rows["purpose"] == purpose) & (rows["method_version"] == METHOD_VERSION)]
     rows = rows[rows["target_sha256"] == catalog.newest("structures", structure_id)["sha256"]]
-    return "" if rows.empty else str(rows.iloc[-1]["transfer_id"])
+    if rows.empty:
+        return None
+    newest = rows.iloc[-1]
+    return str(newest["state"]), f"{newest['transfer_id']}; planned before"
