@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
 
-from upplied.outputs.flown import Flown, flight_row
+from upplied.catalog import Catalog
 from upplied.poses import look_at
 from upplied.records import (
     Demonstration,
@@ -39,14 +41,18 @@ def orbit(structure: Structure, away: float = 6.0, count: int = 40) -> Trajector
     return Trajectory(2 * angle, positions, look_at(positions, np.broadcast_to(middle, positions.shape)))
 
 
-class FakeCatalog:
-    """One demonstration on a cube, transferred to boxes: planned, refused and failed."""
+class FakeCatalog(Catalog):
+    """One demonstration on a cube, transferred to boxes: planned, refused and failed; of all else nothing."""
 
     def __init__(self, targets: int = 3) -> None:
+        self._place = TemporaryDirectory()
+        super().__init__(Path(self._place.name, "catalog"))
+        self.create()
         self._structures = {"cube": box_structure("cube", (8, 8, 8))}
         self.rows: list[dict] = []
         self.plans: dict[str, Plan] = {}
-        self.flight: Flown | None = None
+        self.flight: dict | None = None
+        self.path: Trajectory | None = None
         flown = orbit(self._structures["cube"])
         self._demonstration = Demonstration(
             "orbit-1", "cube", (flown.t_s * 1e9).astype(np.int64), flown.positions, flown.quat_xyzw,
@@ -84,37 +90,42 @@ class FakeCatalog:
              "target_id": plan.target_id, "kind": plan.kind, "preset": plan.preset, "status": plan.status,
              "reason": plan.reason, "planned_at": pd.Timestamp(planned_at), "run_id": "run",
              "code_version": "0", "warnings": json.dumps(plan.warnings), "purpose": "",
-             "source_sha256": "s", "target_sha256": "t", **asdict(plan.measures)}
+             "source_sha256": "s", "target_sha256": "t", "state": "", "state_at": pd.NaT, "flyable": None,
+             "not_flyable": "", **asdict(plan.measures)}
         )  # fmt: skip
         return key
 
-    def fly(self, transfer_id: str) -> Flown:
+    def fly(self, transfer_id: str) -> dict:
         """A flight of a plan, half a metre beside it, kept as reports look for it."""
         path = self.plans[transfer_id].trajectory
         assert path is not None
         beside = Trajectory(path.t_s * 1.02, path.positions + 0.5, path.quat_xyzw)
         measures = Measures(min_clearance_m=3.25, coverage_seen_pct=90.0, duration_s=float(beside.t_s[-1]))
-        flown = Flown(transfer_id, "", 6.0, 60.0, True, 0, beside, measures)
-        self.flight = flown
-        return flown
+        self.path = beside
+        self.flight = {"flight_id": "f", "kind": "simulated", "transfer_id": transfer_id, "wind_mps": 6.0,
+                       "towards_deg": 60.0, "gusts": True, "seed": 0, **asdict(measures)}  # fmt: skip
+        return self.flight
 
-    def flights(self) -> pd.DataFrame:
-        rows = [] if self.flight is None else [{**flight_row("f", self.flight), "flight_sha256": "f"}]
-        return pd.DataFrame(rows)
+    def flights(self, transfer_id=None, *, structure=None, kind=None) -> pd.DataFrame:
+        rows = super().flights(transfer_id, structure=structure, kind=kind)
+        shown = self.flight is not None and kind in (None, "simulated")
+        return pd.DataFrame([dict.fromkeys(rows, "") | self.flight]) if shown else rows
 
     def flown(self, flight_sha256: str) -> Trajectory:
-        return self.flight.trajectory
+        return self.path
+
+    def plan(self, transfer_id: str) -> Plan:
+        return self.plans[transfer_id]
 
     def transfers(
         self, *, every=False, demonstration=None, structure=None, ids=None, columns=None
     ) -> pd.DataFrame:
-        rows = pd.DataFrame(self.rows)
-        if len(rows):
-            for name, value in (("demonstration_id", demonstration), ("target_id", structure)):
-                rows = rows if value is None else rows[rows[name] == value]
-            rows = rows if ids is None else rows[rows["transfer_id"].isin(ids)]
+        rows = pd.DataFrame(self.rows) if self.rows else super().transfers(every=True)
+        for name, value in (("demonstration_id", demonstration), ("target_id", structure)):
+            rows = rows if value is None else rows[rows[name] == value]
+        rows = rows if ids is None else rows[rows["transfer_id"].isin(ids)]
         pair = ["demonstration_id", "target_id", "preset"]
-        rows = rows if every or not len(rows) else rows.drop_duplicates(pair, keep="last")
+        rows = rows if every else rows.drop_duplicates(pair, keep="last")
         return rows if columns is None else rows[[name for name in columns if name in rows]]
 
     def structures(self) -> pd.DataFrame:

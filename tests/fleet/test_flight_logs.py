@@ -20,12 +20,12 @@ from upplied.config import CloudSettings
 from upplied.errors import InputError, RefusedError, SettingsError
 from upplied.fleet import promoting
 from upplied.fleet.flight_logs import Judged, judge_log, keep
-from upplied.fleet.flights import _row
+from upplied.fleet.flights import simulated_row
 from upplied.fleet.gaps import flight_row, plan_gap
 from upplied.fleet.promoting import promote_flight
 from upplied.inputs.photos import photo_times
 from upplied.outputs import logs
-from upplied.outputs.flown import Flown, seen_as_flown
+from upplied.outputs.flown import seen_as_flown
 from upplied.outputs.logs import write_log
 from upplied.outputs.missions.mcap import mcap_bytes
 from upplied.outputs.publish import publish_pages
@@ -33,7 +33,7 @@ from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import interpolate
 from upplied.proof.looks import looks_of
-from upplied.records import SURFACE_STATES, Cloud, Demonstration, Measures, Plan, Trajectory
+from upplied.records import SURFACE_STATES, Cloud, Demonstration, Plan, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 from upplied.scene import scene_of
@@ -43,6 +43,7 @@ CUBE = member("cube-v1").structure
 FLOWN = fly(CUBE, "sides", seed=1)
 KEY = hashlib.sha256(b"plan").hexdigest()
 ID = KEY[:20]
+SIMULATED = {"wind_mps": 4.0, "towards_deg": 0.0, "gusts": True, "seed": 2, "min_clearance_m": 3.0}
 START_NS = 1_770_000_000_000_000_000  # 2 February 2026
 
 
@@ -287,12 +288,9 @@ def test_a_simulated_flight_is_never_a_flown_one(catalog, made, tmp_path):
     marked = written(tmp_path, path, "marked", simulated=True)
     with pytest.raises(InputError, match="is the log of a simulated flight"):
         judged(catalog, marked)
-    flown = Flown(
-        ID, catalog.transfer(ID)["waypoints_sha256"], 4.0, 0.0, True, 2, path, Measures(min_clearance_m=3.0)
-    )
     plain = written(tmp_path, path)
     assert judged(catalog, plain).row["kind"] == "flown"  # nobody can know it yet
-    catalog.add_flight(_row(catalog, "f" * 64, catalog.transfer(ID), flown), path)
+    catalog.add_flight(simulated_row(catalog, "f" * 64, catalog.transfer(ID), path, SIMULATED), path)
     with pytest.raises(RefusedError, match="holds the poses of the simulated flight"):
         judged(catalog, plain)
 
@@ -370,10 +368,7 @@ def test_a_log_of_another_structure_or_on_no_plan_is_refused(catalog, log, tmp_p
 def test_a_simulated_flight_is_a_flight(catalog, made):
     path = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
     half = Trajectory(path.t_s[:600], path.positions[:600], path.quat_xyzw[:600])
-    flown = Flown(
-        ID, catalog.transfer(ID)["waypoints_sha256"], 4.0, 0.0, True, 2, half, Measures(min_clearance_m=3.0)
-    )
-    catalog.add_flight(_row(catalog, "f" * 64, catalog.transfer(ID), flown), half)
+    catalog.add_flight(simulated_row(catalog, "f" * 64, catalog.transfer(ID), half, SIMULATED), half)
     row = flight_row(catalog, "ffff")
     assert (row["kind"], row["seed"], row["target_id"]) == ("simulated", 2, "cube-v1")
     assert 0 < row["required_pct"] < 100 and row["min_clearance_m"] == 3.0
@@ -381,15 +376,13 @@ def test_a_simulated_flight_is_a_flight(catalog, made):
 
 
 def test_new_drafts_are_flown_and_those_that_come_too_near_are_told(catalog, made, monkeypatch):
-    from types import SimpleNamespace
-
     from upplied.fleet import flights
 
     seen: list[str] = []
 
     def flown(_catalog, plan, *_):
         seen.append(plan)
-        return SimpleNamespace(measures=SimpleNamespace(min_clearance_m=1.25))
+        return {"min_clearance_m": 1.25}
 
     monkeypatch.setattr(flights, "fly_plan", flown)
     other = hashlib.sha256(b"baseline").hexdigest()

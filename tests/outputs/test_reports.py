@@ -155,6 +155,9 @@ def row(
         "status": status,
         "reason": "",
         "planned_at": pd.Timestamp(at, tz="UTC"),
+        "purpose": "",
+        "state": "draft",
+        "state_at": None,
     }
     return given | {"coverage_seen_pct": seen, "min_clearance_m": 3.0} | more
 
@@ -229,21 +232,21 @@ def test_a_refusal_is_told_in_plain_words():
     )
 
 
-def test_a_source_with_a_cache_simplifies_each_mesh_once():
-    class Cached(FakeCatalog):
-        calls: list = []  # noqa: RUF012
+def test_each_mesh_is_simplified_once():
+    calls: list = []
 
-        def cache(self, stage, record_type, key, compute):
-            self.calls.append((stage, record_type.__name__, key))
-            return compute()
+    def cache(stage, record_type, key, compute):
+        calls.append((stage, record_type.__name__, key))
+        return compute()
 
-    source = Cached(targets=1)
+    source = FakeCatalog(targets=1)
+    source.cache = cache
     reader = Reader(source)
     first, again = reader.structure_data("cube"), reader.structure_data("cube")
-    assert first is again and [call[:2] for call in source.calls] == [("display", "DisplayMesh")]
+    assert first is again and [call[:2] for call in calls] == [("display", "DisplayMesh")]
     source._structures["cube"] = replace(source._structures["cube"], sha256="other")
     Reader(source).structure_data("cube")
-    assert len({key for *_, key in source.calls}) == 2
+    assert len({key for *_, key in calls}) == 2
 
 
 def test_a_comparison_that_must_not_be_flown_is_no_ok():

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
 from upplied.cli.options import CatalogOption, JsonOption, PlanArgument
 from upplied.cli.terminal import console, errors, next_step, number, opened_at, show
-
-if TYPE_CHECKING:
-    from upplied.outputs.flown import Flown
 
 app = App(name="fly", help="Simulate a plan in wind and show its margin.")
 
@@ -63,7 +60,7 @@ def fly(
     show(f"{transfer} in {wind:g} m/s of wind", _compared(flown, row), json)
     if not route.enforce:
         return 0
-    margin = flown.measures.min_clearance_m - route.clearance_m
+    margin = flown["min_clearance_m"] - route.clearance_m
     if not json:
         console.print(f"margin above the limit of {route.clearance_m:g} m: {margin:+.2f} m")
     if margin < 0:
@@ -75,10 +72,10 @@ def fly(
     return int(margin < 0)
 
 
-def _compared(flown: Flown, row: dict[str, Any]) -> list[dict[str, Any]]:
+def _compared(flown: dict[str, Any], row: dict[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for name, title in MEASURED.items():
-        planned, measured = number(row[name]), number(getattr(flown.measures, name))
+        planned, measured = number(row[name]), number(flown[name])
         change = None if planned is None or measured is None else measured - planned
         rows.append({"measure": title, "planned": planned, "flown": measured, "change": change})
     return rows

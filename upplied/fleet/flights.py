@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, fields
+from typing import Any
 
 from upplied import __version__
 from upplied.catalog import Catalog, Recipe, recipe
@@ -14,15 +15,15 @@ from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.flight_logs import judged_on_plan, keep_looks
-from upplied.outputs.flown import Flown, flight_row, flown_of
 from upplied.outputs.mission_options import DRAFTS
 from upplied.outputs.missions import gate
+from upplied.outputs.missions.ways import ground_z_m
 from upplied.outputs.render import keep_overruled, undecided
 from upplied.outputs.reports import plan_of
 from upplied.planning.plan import METHOD_VERSION
 from upplied.proof.align import as_simulated
 from upplied.provenance import method
-from upplied.records import Measures, Plan, Structure
+from upplied.records import Measures, Plan, Trajectory
 from upplied.simulate import Vehicle, Wind, fly_trajectory, measure_flown
 from upplied.supposed_scene import scene_for
 
@@ -33,10 +34,11 @@ def fly_plan(
     wind: Wind | None = None,
     seed: int = 0,
     force: tuple[str, ...] = (),
-) -> Flown:
+) -> Row:
     """Fly a plan of the catalog in wind and keep what came of it; the same flight is not flown twice.
 
-    It passes the gate first, like a mission; `force` names rules that are overruled, which is kept.
+    It passes the gate first, like a mission; `force` names rules that are overruled, which is kept. Returns
+    the flight's row of `flights`.
 
     Raises
     ------
@@ -55,13 +57,17 @@ def fly_plan(
     flight_id = digest([*parts, asdict(wind), asdict(vehicle), seed])
     before = catalog.flights(transfer_id).to_dict("records")
     same = [each for each in before if each["flight_id"] == flight_id]
-    if same:
-        flown = flown_of(same[-1], catalog.flown(same[-1]["flight_sha256"]))
+    if not same:
+        path, measures = _flown(catalog, row, wind, vehicle, seed)
     else:
-        flown = _flown(catalog, row, wind, vehicle, seed)
-    if not same or same[-1] is not before[-1]:
-        catalog.add_flight(_row(catalog, flight_id, row, flown), flown.trajectory)  # reports tell of the last
-    return flown
+        if same[-1] is before[-1]:
+            return {str(name): value for name, value in same[-1].items()}
+        path = catalog.flown(same[-1]["flight_sha256"])
+        measures = {item.name: same[-1].get(item.name) for item in fields(Measures)}
+    air = {"wind_mps": wind.speed_mps, "towards_deg": wind.towards_deg, "gusts": wind.gusts, "seed": seed}
+    flight = simulated_row(catalog, flight_id, row, path, air | measures)
+    catalog.add_flight(flight, path)  # reports tell of the last
+    return flight
 
 
 def fly_drafts(catalog: Catalog, keys: Iterable[str]) -> list[str]:
@@ -72,7 +78,7 @@ def fly_drafts(catalog: Catalog, keys: Iterable[str]) -> list[str]:
             row = catalog.transfer(id_of(key))
             if row["status"] != "ok" or row["preset"] != FLOWN or not row["flyable"]:
                 continue
-            nearest = fly_plan(catalog, row["transfer_id"]).measures.min_clearance_m
+            nearest = fly_plan(catalog, row["transfer_id"])["min_clearance_m"]
         except UppliedError as error:
             problems.append(f"{id_of(key)}, flown in simulation: {error}")
             continue
@@ -83,40 +89,47 @@ def fly_drafts(catalog: Catalog, keys: Iterable[str]) -> list[str]:
     return problems
 
 
-def _row(catalog: Catalog, flight_id: str, row: Row, flown: Flown) -> Row:
-    """The row of a simulated flight: as of one that was flown, and its log lies on its plan as it is."""
+def simulated_row(
+    catalog: Catalog, flight_id: str, row: Row, path: Trajectory, columns: Mapping[str, Any]
+) -> Row:
+    """The row of a simulated flight: as of one that was flown, and its log lies on its plan as it is.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    flight_id : str
+    row : dict
+        Of the plan.
+    path : Trajectory
+        As it was flown.
+    columns : mapping
+        Wind, seed and measures.
+    """
     plan, target = catalog.plan(row["transfer_id"]), catalog.structure(row["target_id"])
     assert plan.trajectory is not None
-    path = flown.trajectory
     scene = scene_for(target, plan.supposed)
-    columns, surface, judged = judged_on_plan(catalog, row, as_simulated(plan.trajectory, path), path, scene)
+    shown, surface, judged = judged_on_plan(catalog, row, as_simulated(plan.trajectory, path), path, scene)
     return {
+        **shown,
         **columns,
+        "flight_id": flight_id,
         "findings": "",
-        **flight_row(flight_id, flown),
         "kind": "simulated",
         "flown_at": catalog.clock.now(),
         "looks_sha256": keep_looks(catalog, surface, judged.looks),
     }
 
 
-def _flown(catalog: Catalog, row: Row, wind: Wind, vehicle: Vehicle, seed: int) -> Flown:
-    made_from = recipe(catalog, row["transfer_id"])
-    plan = plan_of(catalog, row)
+def _flown(
+    catalog: Catalog, row: Row, wind: Wind, vehicle: Vehicle, seed: int
+) -> tuple[Trajectory, dict[str, Any]]:
+    """The path of a plan in wind, and its measures by name."""
+    made_from, plan = recipe(catalog, row["transfer_id"]), plan_of(catalog, row)
     assert plan.trajectory is not None
-    path = fly_trajectory(plan.trajectory, vehicle, wind, _ground_z_m(made_from.target), seed)
-    judged = measure_flown(
-        path,
-        plan,
-        made_from.demonstration,
-        made_from.source,
-        made_from.target,
-        made_from.settings,
-        catalog.cache,
-        made_from.siblings,
-    )
-    conditions = (wind.speed_mps, wind.towards_deg, wind.gusts, seed)
-    return Flown(row["transfer_id"], row["waypoints_sha256"], *conditions, path, judged.measures)
+    path = fly_trajectory(plan.trajectory, vehicle, wind, ground_z_m(made_from.target), seed)
+    inputs = (made_from.demonstration, made_from.source, made_from.target, made_from.settings)
+    judged = measure_flown(path, plan, *inputs, catalog.cache, made_from.siblings)
+    return path, asdict(judged.measures)
 
 
 def _through_gate(catalog: Catalog, row: Row, force: tuple[str, ...]) -> None:
@@ -138,9 +151,3 @@ def measured(made_from: Recipe, plan: Plan) -> Measures:
     inputs = (made_from.demonstration, made_from.source, made_from.target)
     settings, siblings = made_from.settings, made_from.siblings
     return measure_flown(plan.trajectory, plan, *inputs, settings, siblings=siblings).measures
-
-
-def _ground_z_m(target: Structure) -> float:
-    """Height of the ground, m: as declared, else where the structure ends."""
-    ground = target.surroundings.ground_z_m
-    return float(target.vertices[:, 2].min()) if ground is None else ground

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from upplied.catalog import Catalog
 from upplied.errors import RefusedError
 from upplied.outputs.render import export_transfer
-from upplied.outputs.source import Source
 
 #: Suffix and name of what lies beside a transfer's page; other formats and options by `upplied export`.
 FORMATS = {"qgc-plan": (".plan", "QGroundControl"), "kml": (".kml", "KML"), "mcap": (".mcap", "MCAP")}
@@ -21,7 +21,7 @@ def released(plans: Mapping[str, Mapping[str, Any]]) -> str:
     return ids[0] if ids else ""
 
 
-def mission_file(source: Source, transfer_id: str, format: str) -> bytes:
+def mission_file(catalog: Catalog, transfer_id: str, format: str) -> bytes:
     """A mission with the usual options, as the bytes of its file.
 
     Raises
@@ -31,7 +31,7 @@ def mission_file(source: Source, transfer_id: str, format: str) -> bytes:
     """
     suffix, _ = FORMATS[format]
     with tempfile.TemporaryDirectory() as folder:
-        written = export_transfer(source, transfer_id, format, Path(folder, f"mission{suffix}"))
+        written = export_transfer(catalog, transfer_id, format, Path(folder, f"mission{suffix}"))
         if len(written.paths) > 1:  # one of several would look like all of it
             raise RefusedError(
                 f"the mission of {transfer_id}", f"takes {len(written.paths)} sorties", "one file here",

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
+from upplied.catalog import Catalog
 from upplied.outputs import pages
 from upplied.outputs.files import replace_file
 from upplied.outputs.reports import Reader
 from upplied.outputs.structure_page import mark
 
 
-def write_findings_page(source: Any, structure_id: str, rows: pd.DataFrame, folder: Path) -> Path:
+def write_findings_page(catalog: Catalog, structure_id: str, rows: pd.DataFrame, folder: Path) -> Path:
     """Write a page that shows findings of many structures by their places on one of them.
 
     Parameters
     ----------
-    source : Catalog
+    catalog : Catalog
     structure_id : str
         The structure that is the map for all.
     rows : DataFrame
@@ -48,7 +48,7 @@ def write_findings_page(source: Any, structure_id: str, rows: pd.DataFrame, fold
     for name, text in pages.assets().items():
         replace_file(folder / "assets" / name, text)
     script = f"data/{structure_id}.js"
-    replace_file(folder / script, pages.structure_script(Reader(source).structure_data(structure_id)))
+    replace_file(folder / script, pages.structure_script(Reader(catalog).structure_data(structure_id)))
     fallback = f"{title}: this page needs scripts."
     return replace_file(
         folder / "index.html", pages.page("structure", title, {"structure": data}, fallback, "", [script])

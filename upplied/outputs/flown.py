@@ -1,75 +1,19 @@
-"""A flight of a plan, flown or in simulation, as reports tell of it; its row and path are the catalog's."""
+"""Flights of plans, flown or in simulation, as reports tell of them, by their rows of `flights`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from upplied.catalog import Catalog
+from upplied.catalog.schema.rows import Row
 from upplied.catalog.store.contents import StoredLooks
 from upplied.outputs.pairs import number, stamp
-from upplied.records import SURFACE_STATES, Measures, Record, SurfaceStates, Trajectory
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Flown(Record):
-    """What came of flying a plan."""
-
-    transfer_id: str
-    waypoints_sha256: str  # of the plan that was flown
-    wind_mps: float
-    towards_deg: float
-    gusts: bool
-    seed: int
-    trajectory: Trajectory  # as flown
-    measures: Measures  # of what was flown
-    kind: str = "simulated"  # or "flown"
-    told: str = ""  # of a flight that was flown: when, by whom, how much of the plan
-    findings: str = ""  # what was found of it, in words
-    inspected_pct: float = float("nan")  # of what the plan shows, the share inspected as asked
-    required_pct: float = float("nan")  # of it, the share that was certainly in view
-    assumed_pct: float = float("nan")  # of it, the share in view besides if the log's correction is right
-    silent_s: float = 0.0  # how long the log says nothing: what it kept from the structure then is not known
-    looks_sha256: str = ""  # of what it saw of each patch; empty where that was not kept
-    wind: str = ""  # of a flight that was flown: what its log says of it, in words
-
-
-def flight_row(flight_id: str, flown: Flown) -> dict[str, Any]:
-    """The row of `flights` of one flight."""
-    names = ("transfer_id", "waypoints_sha256", "wind_mps", "towards_deg", "gusts", "seed")
-    return {
-        "flight_id": flight_id,
-        **{name: getattr(flown, name) for name in names},
-        **asdict(flown.measures),
-    }
-
-
-def flown_of(row: Mapping[str, Any], path: Trajectory) -> Flown:
-    """The flight of a row of `flights` and its path."""
-    measures = {item.name: number(row, item.name) for item in fields(Measures)}
-    kind = str(row.get("kind") or "simulated")
-    return Flown(
-        str(row["transfer_id"]),
-        str(row["waypoints_sha256"] or ""),
-        number(row, "wind_mps") or 0.0,
-        number(row, "towards_deg") or 0.0,
-        bool(row["gusts"]),
-        int(number(row, "seed") or 0),
-        path,
-        Measures(**{name: value for name, value in measures.items() if value is not None}),
-        kind,
-        _told(row),
-        str(row.get("findings") or ""),
-        _known(number(row, "inspected_pct")),
-        _known(number(row, "required_pct")),
-        _known(number(row, "assumed_pct")),
-        number(row, "silent_s") or 0.0,
-        str(row.get("looks_sha256") or ""),
-        wind_words(row) if kind == "flown" else "",
-    )
+from upplied.records import SURFACE_STATES, Measures, SurfaceStates
 
 
 def wind_words(row: Mapping[str, Any]) -> str:
@@ -81,71 +25,72 @@ def wind_words(row: Mapping[str, Any]) -> str:
     return f"wind of {speed:.1f} m/s{upto}" + ("" if towards is None else f", towards {towards:.0f}°")
 
 
-def _known(value: float | None) -> float:
-    return float("nan") if value is None else value
-
-
-def _told(row: Mapping[str, Any]) -> str:
-    """When a flight was flown, by whom, and how much of the plan."""
-    if row.get("kind") != "flown":
-        return ""
-    who = f" by {row['operator']}" if row.get("operator") else ""
-    share = number(row, "flown_pct")
-    part = "" if share is None else f", {share:.0f} % of the plan"
-    return f"{stamp(row.get('flown_at'))} UTC{who}{part}"
-
-
 class Flights:
     """The last flight of each plan; one that was flown comes before any that was simulated.
 
     Parameters
     ----------
-    source : Source
-        The catalog, or anything that answers like it; one that knows no flights has none.
+    catalog : Catalog
     """
 
-    def __init__(self, source: Any) -> None:
-        self._source = source
+    def __init__(self, catalog: Catalog) -> None:
+        self._catalog = catalog
 
     @cached_property
-    def _last(self) -> dict[str, Mapping[str, Any]]:
-        if not hasattr(self._source, "flights"):
-            return {}
-        rows = self._source.flights().to_dict("records")
-        rows.sort(key=lambda row: row.get("kind") == "flown")  # stable: the order they were added in
-        return {str(row["transfer_id"]): row for row in rows}
+    def _last(self) -> dict[str, Row]:
+        rows = self._catalog.flights().to_dict("records")
+        rows.sort(key=lambda row: row["kind"] == "flown")  # stable: the order they were added in
+        return {str(row["transfer_id"]): {str(name): value for name, value in row.items()} for row in rows}
 
-    def of(self, row: Mapping[str, Any]) -> Flown | None:
+    def of(self, row: Mapping[str, Any]) -> Row | None:
         """The last flight of the plan of this row; None where it was not flown as it now stands."""
         last = self._last.get(str(row["transfer_id"]))
-        if last is None or (last["waypoints_sha256"] or "") != (row.get("waypoints_sha256") or ""):
-            return None
-        return flown_of(last, self._source.flown(last["flight_sha256"]))
+        same = last is not None and (last["waypoints_sha256"] or "") == (row.get("waypoints_sha256") or "")
+        return last if same else None
 
 
-def flown_sentence(flown: Flown | None, row: Mapping[str, Any]) -> str:
-    """Planned against flown, in words; empty where the plan was not flown."""
-    if flown is None:
+def flown_sentence(flight: Mapping[str, Any] | None, row: Mapping[str, Any]) -> str:
+    """Planned against flown, in words; empty where the plan of a row was not flown."""
+    if flight is None:
         return ""
-    gusts = f"with gusts (seed {flown.seed})" if flown.gusts else "without gusts"
-    simulated = f"In a wind of {flown.wind_mps:g} m/s towards {flown.towards_deg:g}° {gusts}"
-    parts = [f"Flown {flown.told}" if flown.kind == "flown" else simulated]
-    clearance, coverage = flown.measures.min_clearance_m, flown.measures.coverage_seen_pct
-    if np.isfinite(clearance):
-        unknown = f", unknown for {flown.silent_s:.0f} s without log" if flown.silent_s else ""
+    real = flight["kind"] == "flown"
+    parts = [_occasion(flight) if real else _weather(flight)]
+    if (clearance := number(flight, "min_clearance_m")) is not None:
+        silent = number(flight, "silent_s")
+        unknown = f", unknown for {silent:.0f} s without log" if silent else ""
         parts.append(f"minimum clearance {clearance:.2f} m{_of(row, 'min_clearance_m', 2, ' m')}{unknown}")
-    if np.isfinite(flown.inspected_pct):
-        parts.append(f"{flown.inspected_pct:.1f} % of the planned surface was inspected as planned")
-    if np.isfinite(flown.required_pct):
-        parts.append(f"{flown.required_pct:.1f} % of it was certainly in view")
-    if flown.assumed_pct > 0:
-        parts.append(f"{flown.assumed_pct:.1f} % more if the correction of the log is right")
-    if np.isfinite(coverage):
+    for name, words in _SHARES.items():
+        share = number(flight, name)
+        if share is not None and (share or name != "assumed_pct"):
+            parts.append(f"{share:.1f} % {words}")
+    if (coverage := number(flight, "coverage_seen_pct")) is not None:
         parts.append(f"surface seen {coverage:.1f} %{_of(row, 'coverage_seen_pct', 1, ' %')}")
-    if flown.kind == "flown":
-        parts.append(flown.wind)
+    if real:
+        parts.append(wind_words(flight))
     measured = f"{parts[0]}: {', '.join(parts[1:]) or 'nothing was measured'}."
-    return f"{measured} Findings: {flown.findings}." if flown.findings else measured
+    return f"{measured} Findings: {flight['findings']}." if flight.get("findings") else measured
+
+
+_SHARES = {
+    "inspected_pct": "of the planned surface was inspected as planned",
+    "required_pct": "of it was certainly in view",
+    "assumed_pct": "more if the correction of the log is right",
+}
+
+
+def _occasion(flight: Mapping[str, Any]) -> str:
+    """When a plan was flown, by whom, and how much of it."""
+    who = f" by {flight['operator']}" if flight.get("operator") else ""
+    share = number(flight, "flown_pct")
+    part = "" if share is None else f", {share:.0f} % of the plan"
+    return f"Flown {stamp(flight.get('flown_at'))} UTC{who}{part}"
+
+
+def _weather(flight: Mapping[str, Any]) -> str:
+    """The wind of a simulation."""
+    speed, towards, seed = (number(flight, name) or 0.0 for name in ("wind_mps", "towards_deg", "seed"))
+    gusts = f"with gusts (seed {seed:.0f})" if flight["gusts"] else "without gusts"
+    return f"In a wind of {speed:g} m/s towards {towards:g}° {gusts}"
 
 
 def seen_as_flown(planned: SurfaceStates, looks: StoredLooks) -> SurfaceStates:
@@ -159,13 +104,13 @@ def seen_as_flown(planned: SurfaceStates, looks: StoredLooks) -> SurfaceStates:
     return replace(planned, state=state)
 
 
-def flown_data(flown: Flown, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:
+def flown_data(flight: Mapping[str, Any], row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:
     """What a transfer's page shows of a flight; `path` is the flown path as `path_data` gives it."""
     return {
-        "said": flown_sentence(flown, row),
-        "kind": flown.kind,
+        "said": flown_sentence(flight, row),
+        "kind": flight["kind"],
         "path": path,
-        "measures": {item.name: number(vars(flown.measures), item.name) for item in fields(Measures)},
+        "measures": {item.name: number(flight, item.name) for item in fields(Measures)},
     }
 
 

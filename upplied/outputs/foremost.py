@@ -3,43 +3,40 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
+from upplied.catalog import Catalog
 from upplied.checks import pair_name
 from upplied.outputs.pairs import ATTENTION, COVERAGES, PRESETS, RECALLED, Pair, pairs_of, shown_status
 
-if TYPE_CHECKING:
-    from upplied.outputs.source import Source
-
 _PAIR = ["demonstration_id", "target_id"]
-_TOLD = (  # by `attention`, and of each plan
+_COLUMNS = (  # by `attention`, and of each plan
     *("transfer_id", *_PAIR, "preset", "purpose", "status", "flyable", "not_flyable"),
     *("state", "state_at", *COVERAGES, "min_clearance_m"),
 )
 
 
 def first_pairs(
-    source: Source, most: int, demonstration: str | None = None, target: str | None = None
+    catalog: Catalog, most: int, demonstration: str | None = None, target: str | None = None
 ) -> tuple[list[Pair], int]:
     """The pairs that need a person most, as `pairs_of` orders all, and how many there are.
 
     Parameters
     ----------
-    source : Source
+    catalog : Catalog
     most : int
         Of the pairs.
     demonstration, target : str, optional
         Only pairs of these.
     """
-    rows_of = partial(source.transfers, demonstration=demonstration, structure=target)
-    every = _plain(rows_of(every=True, columns=_TOLD))
+    rows_of = partial(catalog.transfers, demonstration=demonstration, structure=target)
+    every = rows_of(every=True, columns=_COLUMNS)
     decided = every[(every["purpose"] == "") & every["state"].isin(["released", RECALLED])]
     plans = every[["transfer_id", *_PAIR]]
     del every  # of a million plans it is hundreds of megabytes
-    main = _main_rows(_plain(rows_of(columns=_TOLD)), decided)
+    main = _main_rows(rows_of(columns=_COLUMNS), decided)
     known = len(main)
     if not known:
         return [], 0
@@ -49,12 +46,7 @@ def first_pairs(
     plans = plans[np.logical_and.reduce([plans[name].isin(chosen[name]) for name in _PAIR])]
     shown = pd.MultiIndex.from_frame(plans[_PAIR]).isin(pd.MultiIndex.from_frame(chosen))
     ids = plans["transfer_id"][shown].tolist()
-    return pairs_of(source.transfers(ids=ids), source.transfers(every=True, ids=ids)), known
-
-
-def _plain(table: pd.DataFrame) -> pd.DataFrame:
-    """A table with every column, be it that of a source that knows fewer."""
-    return table.reindex(columns=list(_TOLD))
+    return pairs_of(catalog.transfers(ids=ids), catalog.transfers(every=True, ids=ids)), known
 
 
 def _main_rows(newest: pd.DataFrame, decided: pd.DataFrame) -> pd.DataFrame:

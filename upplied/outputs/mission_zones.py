@@ -27,14 +27,13 @@ class MissionZones:
 
     Parameters
     ----------
-    source : Catalog or Published
-        Published tables say nothing of requirements.
+    catalog : Catalog
     plan : Plan
     structure : Structure
     camera : Camera
     """
 
-    source: Any
+    catalog: Catalog
     plan: Plan
     structure: Structure
     camera: Camera
@@ -42,16 +41,14 @@ class MissionZones:
     @cached_property
     def asked(self) -> list[dict[str, Any]]:
         """Every zone that is asked of the structure."""
-        if not isinstance(self.source, Catalog):
-            return []
-        return zones_of(self.source, self.structure.kind, self.structure.structure_id)
+        return zones_of(self.catalog, self.structure.kind, self.structure.structure_id)
 
     def judged(self, missions: Sequence[Mission] = ()) -> list[dict[str, Any]]:
         """What becomes of each zone by these sorties together, or by the plan where there are none."""
         if not self.asked:
             return []
-        known = self.source.structure, self.source.cache
-        plan, faces = self.plan, self.source.faces_labelled
+        known = self.catalog.structure, self.catalog.cache
+        plan, faces = self.plan, self.catalog.faces_labelled
         asking = Asking(*known, self.structure, plan.supposed, self.camera, self.asked, faces)
         return asking.judged(*self._looks(asking, missions))
 

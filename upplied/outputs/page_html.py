@@ -20,8 +20,8 @@ def fleet_html(
     live: bool = False,
 ) -> str:
     """The page of the fleet."""
-    fleet = fleet_data(list(pairs), title, problems, known, places(reader.source))
-    data = {"fleet": fleet | {"findings": fleet_findings(reader.source), "thumbnails": True}}
+    fleet = fleet_data(list(pairs), title, problems, known, places(reader.catalog))
+    data = {"fleet": fleet | {"findings": fleet_findings(reader.catalog), "thumbnails": True}}
     tables = "" if live else " The tables are in transfers.parquet."
     return pages.page(
         "fleet", title, data, f"{title}: {known} plans.{tables} This page needs scripts.", live=live

@@ -23,7 +23,7 @@ from upplied.outputs.pairs import (
     stamp,
 )
 from upplied.outputs.verdicts import verdict
-from upplied.records import Demonstration, Floats, Measures
+from upplied.records import Demonstration, Floats, Measures, Trajectory
 
 DRAFTED = "newer draft"  # how a page names it
 _UNSAFE = "Do not fly this plan. Its waypoints break safety rules."
@@ -82,10 +82,10 @@ def pair_data(
 
 
 def planned_data(
-    profile: Profile, viewpoints: Floats, origin: Floats, states: np.ndarray | None
+    profile: Profile, viewpoints: Trajectory, origin: Floats, states: np.ndarray | None
 ) -> dict[str, Any]:
-    """A planned path, its viewpoints (K, 7) as x y z and quaternion, and the state of each triangle."""
-    shifted = np.concatenate([viewpoints[:, :3] - origin, viewpoints[:, 3:]], axis=1)
+    """A planned path, its viewpoints, as x y z and quaternion, and the state of each triangle."""
+    shifted = np.concatenate([viewpoints.positions - origin, viewpoints.quat_xyzw], axis=1)
     data: dict[str, Any] = {
         "path": path_data(profile, origin),
         "viewpoints": packed(shifted.astype(np.float32)),

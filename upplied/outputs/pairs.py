@@ -125,8 +125,6 @@ def _pair_of(row: Mapping[str, Any]) -> Pair:
 
 def _decided(history: pd.DataFrame) -> list[dict[str, Any]]:
     """Plans in force, and those that were recalled and that none took the place of."""
-    if "state" not in history:
-        return []
     flown = history[history["purpose"] == ""]
     released = flown[flown["state"] == "released"]
     recalled = flown[flown["state"] == RECALLED].sort_values("state_at", kind="stable")

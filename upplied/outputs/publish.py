@@ -30,7 +30,6 @@ from upplied.outputs.page_html import (
 )
 from upplied.outputs.pairs import Pair
 from upplied.outputs.reports import Reader
-from upplied.outputs.source import Source
 from upplied.outputs.structure_page import marks, places
 
 TITLE = "Inspection fleet"
@@ -123,16 +122,16 @@ def publish(
 
 
 def publish_pages(
-    source: Source,
+    catalog: Catalog,
     folder: str | Path,
     *,
     pictures: int = PICTURES,
     most: int = PAGES,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Published:
-    """The pages and pictures alone, as `publish` writes them, of anything that answers like a catalog."""
-    reader = Reader(source)
-    pairs, known = first_pairs(source, most)
+    """The pages and pictures alone, as `publish` writes them, without its tables."""
+    reader = Reader(catalog)
+    pairs, known = first_pairs(catalog, most)
     place = _Folder(Path(folder), _recorded(Path(folder)))
     code = digest([__version__, {name: digest(text) for name, text in pages.assets().items()}])
     for name, text in pages.assets().items():
@@ -157,7 +156,7 @@ def publish_pages(
 
 
 def publish_file(
-    source: Source,
+    catalog: Catalog,
     path: str | Path,
     *,
     demonstration_id: str | None = None,
@@ -170,7 +169,7 @@ def publish_file(
     SettingsError
         If nothing matches, or more pairs than a mail can carry.
     """
-    chosen, known = first_pairs(source, _MAILED, demonstration_id, target_id)
+    chosen, known = first_pairs(catalog, _MAILED, demonstration_id, target_id)
     if not 0 < known <= _MAILED:
         raise SettingsError(
             "single-file report",
@@ -178,10 +177,10 @@ def publish_file(
             f"1 to {_MAILED}",
             "choose a demonstration",
         )
-    reader = Reader(source)
+    reader = Reader(catalog)
     used = sorted({name for pair in chosen for name in (pair.source_id, pair.target_id)})
     data = {
-        "fleet": fleet_data(chosen, TITLE, (), known, places(source)),
+        "fleet": fleet_data(chosen, TITLE, (), known, places(catalog)),
         "pairs": {pair.name: reader.pair_data(pair) for pair in chosen},
         "structures": {name: reader.structure_data(name) for name in used},
     }
@@ -216,7 +215,7 @@ def _put_missions(place: _Folder, reader: Reader, pair: Pair, key: str) -> dict[
     for kind, (suffix, label) in downloads.FORMATS.items() if transfer_id else ():
         name = f"missions/{pair.name}{suffix}"
         try:
-            place.put(name, key, partial(downloads.mission_file, reader.source, transfer_id, kind))
+            place.put(name, key, partial(downloads.mission_file, reader.catalog, transfer_id, kind))
             put[label] = f"../{name}"
         except UppliedError as error:
             put[label] = f"not available: {error}"
@@ -228,7 +227,7 @@ def _put_passports(
 ) -> None:
     """A page for each demonstration: its passport, what it inspected, and the findings."""
     inspected = inspected_plans(pairs)
-    for row in reader.source.demonstrations().to_dict("records"):
+    for row in reader.catalog.demonstrations().to_dict("records"):
         name = check_id(str(row["demonstration_id"]), "demonstration_id")
         words = [str(row.get(key, "")) for key in ("sha256", "passport_json", "notes")]
         surface = inspected.get(name, ("", ""))[1]
@@ -252,7 +251,7 @@ def _put_structures(
         words = [reader.flown(pair.main) for pair in plans]
         drawn = [pair.name for pair in plans if f"pictures/{pair.name}.png" in place.now]
         zones = _plain({row["zone"]: row for row in reader.zones(name)})
-        findings = marks(reader.source, name)
+        findings = marks(reader.catalog, name)
         key = digest([code, reader.sha256("structures", name), rows, words, drawn, zones, findings])
         try:
             place.put(f"structures/{name}.html", key, partial(structure_html, reader, name, plans, place.now))

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from upplied.catalog import Catalog
 from upplied.errors import UppliedError
 from upplied.inputs.files import read_regular
 
@@ -19,15 +20,15 @@ _NAMED = re.compile(r"finding ([0-9a-f]{1,64}): from ")
 _WIDER, _LEAST = 3.0, 0.08  # of the mark, and of the photo's width, that a thumbnail shows at least
 
 
-def reference_photos(source: Any, warnings: Sequence[str]) -> list[tuple[str, bytes]]:
+def reference_photos(catalog: Catalog, warnings: Sequence[str]) -> list[tuple[str, bytes]]:
     """A caption and a PNG of each finding that a plan's warnings say it shows; no bytes where there is none.
 
     Photos that are gone, changed or unreadable are named with the reason.
     """
     names = [match[1] for text in warnings if (match := _NAMED.match(text))][:_MOST]
-    if not names or not hasattr(source, "findings"):
+    if not names:
         return []
-    rows = {str(row["finding_id"]): row for row in source.findings().to_dict("records")}
+    rows = {str(row["finding_id"]): row for row in catalog.findings().to_dict("records")}
     return [_reference(rows[name]) for name in names if name in rows]
 
 

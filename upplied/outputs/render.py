@@ -24,33 +24,32 @@ from upplied.outputs.missions import Exported, MissionOptions, export, missions_
 from upplied.outputs.missions.gate import CUSTODY, Breach
 from upplied.outputs.reference_photos import reference_photos
 from upplied.outputs.reports import plan_of
-from upplied.outputs.source import Source
 
 
 def render_structure(
-    source: Source, structure_id: str, views: Sequence[str | View] = ("three-quarter", "side", "top")
+    catalog: Catalog, structure_id: str, views: Sequence[str | View] = ("three-quarter", "side", "top")
 ) -> bytes:
     """PNG of a structure with everything that was demonstrated on it."""
-    structure = source.structure(structure_id)
-    rows = source.demonstrations()
+    structure = catalog.structure(structure_id)
+    rows = catalog.demonstrations()
     flown = rows.loc[rows["structure_id"] == structure_id, "demonstration_id"] if len(rows) else []
-    paths = [(str(name), source.demonstration(str(name)), DEMONSTRATED) for name in flown]
+    paths = [(str(name), catalog.demonstration(str(name)), DEMONSTRATED) for name in flown]
     return figures.structure_png(structure, views, trajectories=paths)
 
 
-def render_transfer(source: Source, transfer_id: str, view: str | View | None = None) -> bytes:
+def render_transfer(catalog: Catalog, transfer_id: str, view: str | View | None = None) -> bytes:
     """PNG of one transfer: the demonstration on its structure, the plan on the target."""
-    row = _row(source, transfer_id)
-    flown, target = source.structure(str(row["source_id"])), source.structure(str(row["target_id"]))
-    demonstration = source.demonstration(str(row["demonstration_id"]))
-    return figures.transfer_png(flown, target, demonstration, plan_of(source, row), view=view)
+    row = _row(catalog, transfer_id)
+    flown, target = catalog.structure(str(row["source_id"])), catalog.structure(str(row["target_id"]))
+    demonstration = catalog.demonstration(str(row["demonstration_id"]))
+    return figures.transfer_png(flown, target, demonstration, plan_of(catalog, row), view=view)
 
 
 def render_comparison(
-    source: Source, demonstration_id: str, target_id: str, view: str | View | None = None
+    catalog: Catalog, demonstration_id: str, target_id: str, view: str | View | None = None
 ) -> bytes:
     """PNG of the newest plan of each preset for one demonstration and target, side by side."""
-    rows = source.transfers()
+    rows = catalog.transfers()
     mine = (
         rows[(rows["demonstration_id"] == demonstration_id) & (rows["target_id"] == target_id)]
         if len(rows)
@@ -62,26 +61,26 @@ def render_comparison(
         )
     order = {"recommended": 0, "paper": 1, "baseline": 2}
     plans = sorted(
-        (plan_of(source, row) for row in mine.to_dict("records")), key=lambda plan: order.get(plan.preset, 3)
+        (plan_of(catalog, row) for row in mine.to_dict("records")), key=lambda plan: order.get(plan.preset, 3)
     )
-    return figures.comparison_png(source.structure(target_id), plans, view=view)
+    return figures.comparison_png(catalog.structure(target_id), plans, view=view)
 
 
 def export_transfer(
-    source: Source, transfer_id: str, format: str, path: str | Path, options: MissionOptions | None = None
+    catalog: Catalog, transfer_id: str, format: str, path: str | Path, options: MissionOptions | None = None
 ) -> Exported:
     """One transfer as mission files, through the gate; see `upplied.outputs.missions.export`.
 
     Where zones must be seen of the structure, what becomes of each stands beside them: ``FILE.zones.json``.
     """
-    row = _row(source, transfer_id)
+    row = _row(catalog, transfer_id)
     options = as_settled(row, options or MissionOptions())
-    camera = source.demonstration(str(row["demonstration_id"])).camera
-    structure = source.structure(str(row["target_id"]))
-    keep = partial(keep_overruled, source, row, "export", format)
-    faults, plan = undecided(source, row), plan_of(source, row)
-    zones = MissionZones(source, plan, structure, camera)
-    custody = custody_notes(source)
+    camera = catalog.demonstration(str(row["demonstration_id"])).camera
+    structure = catalog.structure(str(row["target_id"]))
+    keep = partial(keep_overruled, catalog, row, "export", format)
+    faults, plan = undecided(catalog, row), plan_of(catalog, row)
+    zones = MissionZones(catalog, plan, structure, camera)
+    custody = custody_notes(catalog)
     exported = export(
         *(plan, structure, format, path, options, camera, faults, keep),
         lambda missions: (*zones.told(missions), *custody),
@@ -95,30 +94,30 @@ def export_transfer(
 
 
 def brief_transfer(
-    source: Source, transfer_id: str, format: str, path: str | Path, options: MissionOptions | None = None
+    catalog: Catalog, transfer_id: str, format: str, path: str | Path, options: MissionOptions | None = None
 ) -> Path:
     """The page for the pilot of one transfer, HTML, as it is flown in a format."""
-    row = _row(source, transfer_id)
+    row = _row(catalog, transfer_id)
     options = as_settled(row, options or MissionOptions())
-    camera = source.demonstration(str(row["demonstration_id"])).camera
-    structure = source.structure(str(row["target_id"]))
-    plan = plan_of(source, row)
-    missions = missions_for(format, plan, structure, options, camera, undecided(source, row))
-    zone_notes = MissionZones(source, plan, structure, camera).told(missions)
-    keep_overruled(source, row, "brief", format, missions[0].overruled)
+    camera = catalog.demonstration(str(row["demonstration_id"])).camera
+    structure = catalog.structure(str(row["target_id"]))
+    plan = plan_of(catalog, row)
+    missions = missions_for(format, plan, structure, options, camera, undecided(catalog, row))
+    zone_notes = MissionZones(catalog, plan, structure, camera).told(missions)
+    keep_overruled(catalog, row, "brief", format, missions[0].overruled)
     warnings = json.loads(row.get("warnings") or "[]")
-    notes = (*zone_notes, *custody_notes(source))
-    photos = reference_photos(source, warnings)
+    notes = (*zone_notes, *custody_notes(catalog))
+    photos = reference_photos(catalog, warnings)
     return replace_file(Path(path), brief_html(row, missions, structure, options, warnings, notes, photos))
 
 
-def custody_notes(source: Source) -> tuple[str, ...]:
+def custody_notes(catalog: Catalog) -> tuple[str, ...]:
     """The last decision and flight of a catalog, by their hashes, as a note of a mission."""
-    words = heads_in_words(chain_heads(source)) if isinstance(source, Catalog) else ""
+    words = heads_in_words(chain_heads(catalog))
     return (f"{CUSTODY}: {words}",) if words else ()
 
 
-def keep_overruled(source: Any, row: Any, way: str, format: str, overruled: Sequence[Breach]) -> None:
+def keep_overruled(catalog: Catalog, row: Any, way: str, format: str, overruled: Sequence[Breach]) -> None:
     """Keep in the catalog which rules of the gate were overruled on a way out, before anything leaves.
 
     Raises
@@ -127,34 +126,33 @@ def keep_overruled(source: Any, row: Any, way: str, format: str, overruled: Sequ
         If it cannot be kept there.
     """
     forced = [breach for breach in overruled if breach.rule != "released"]  # a draft says so itself
-    if forced and hasattr(source, "add_overruled"):
+    if forced:
         names = ("transfer_id", "waypoints_sha256")
         record = {**{name: str(row[name] or "") for name in names}, "way": way, "format": format}
-        source.add_overruled([{**record, "rule": one.rule, "found": str(one)} for one in forced])
+        catalog.add_overruled([{**record, "rule": one.rule, "found": str(one)} for one in forced])
 
 
-def undecided(source: Source, row: Any) -> list[Breach]:
+def undecided(catalog: Catalog, row: Any) -> list[Breach]:
     """What speaks against flying a plan by where it came from and by what was decided about its pair."""
     state, who = row.get("state") or "draft", row.get("state_by") or "nobody"
     faults = [Breach("foreign", FOREIGN_PLAN[0])] if is_foreign(row) else []
     if state == "released":
-        if isinstance(source, Catalog):
-            wrong = alterations(source, [row["transfer_id"]], source.standing())
-            faults += [Breach("altered", f"differs from the release: {one}") for one in wrong.values()]
+        wrong = alterations(catalog, [row["transfer_id"]], catalog.standing())
+        faults += [Breach("altered", f"differs from the release: {one}") for one in wrong.values()]
         return faults
     if state in ("rejected", "recalled"):
         note = row.get("state_note") or "no reason was given"
         return [*faults, Breach(state, f"{state} by {who}: {note}")]
     if state == "superseded":
         return [*faults, Breach("superseded", f"{who} released another plan of {row['target_id']}")]
-    return [Breach("released", f"it is a {state} plan"), *faults, *_newer(source, row)]
+    return [Breach("released", f"it is a {state} plan"), *faults, *_newer(catalog, row)]
 
 
-def _newer(source: Source, row: Any) -> list[Breach]:
+def _newer(catalog: Catalog, row: Any) -> list[Breach]:
     """That a newer draft of the same pair and preset is in the catalog."""
     if row.get("purpose"):
         return []
-    current = source.transfers()
+    current = catalog.transfers()
     same = ["demonstration_id", "target_id", "preset"]
     newer = current[(current[same] == [row[name] for name in same]).all(axis=1)]
     names = [str(name) for name in newer["transfer_id"] if name != row["transfer_id"]]
@@ -163,8 +161,8 @@ def _newer(source: Source, row: Any) -> list[Breach]:
     return [Breach("superseded", f"{names[0]} took its place")]
 
 
-def _row(source: Source, transfer_id: str) -> Any:
-    rows = source.transfers(every=True)
+def _row(catalog: Catalog, transfer_id: str) -> Any:
+    rows = catalog.transfers(every=True)
     mine = rows[rows["transfer_id"] == transfer_id] if len(rows) else rows
     if not len(mine):
         raise CatalogError(

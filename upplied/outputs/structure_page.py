@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from upplied.catalog import Catalog
 from upplied.inputs.rules import from_json
 from upplied.outputs.pairs import Pair, coverage, decision_words, number, shown_status, stamp
 from upplied.records import Structure
@@ -16,14 +17,13 @@ _MOST = 200  # flights and decisions; the tables hold all
 
 
 def structure_facts(
-    source: Any, structure: Structure, pairs: Sequence[Pair], zones: Sequence[dict[str, Any]]
+    catalog: Catalog, structure: Structure, pairs: Sequence[Pair], zones: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
     """What the page shows; tables are lists of rows, the newest first."""
     name, place = structure.structure_id, structure.placement
     size = " × ".join(
         f"{value:.1f}" for value in structure.vertices.max(axis=0) - structure.vertices.min(axis=0)
     )
-    flights = _rows(source, "flights", name)
     return {
         "id": name,
         "facts": [
@@ -39,7 +39,7 @@ def structure_facts(
         ],
         "findings": [str(finding) for finding in from_json(structure.verdicts_json)],
         "zones": list(zones),
-        "marks": marks(source, name),
+        "marks": marks(catalog, name),
         "plans": [_plan(pair, preset, row) for pair in pairs for preset, row in _plans(pair)],
         "flights": [
             {
@@ -50,16 +50,15 @@ def structure_facts(
                 "clearance": number(row, "min_clearance_m"),
                 "findings": str(row.get("findings") or ""),
             }
-            for row in flights
-            if row.get("kind") == "flown"
+            for row in _rows(catalog.flights(kind="flown"), name)
         ],
-        "history": _history(source, pairs),
+        "history": _history(catalog, pairs),
     }
 
 
-def marks(source: Any, structure_id: str) -> list[dict[str, Any]]:
+def marks(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     """The findings of a structure as they stand, the newest first."""
-    return [mark(row) for row in _rows(source, "findings", structure_id)]
+    return [mark(row) for row in _rows(catalog.findings(), structure_id)]
 
 
 def mark(row: dict[str, Any]) -> dict[str, Any]:
@@ -79,10 +78,9 @@ def mark(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def fleet_findings(source: Any) -> list[dict[str, Any]]:
+def fleet_findings(catalog: Catalog) -> list[dict[str, Any]]:
     """How many findings of each kind of structure and class are in each state."""
-    if not hasattr(source, "findings") or (rows := source.findings()).empty:
-        return []
+    rows = catalog.findings()
     count = Counter(zip(rows["kind"], rows["class"], rows["state"], strict=True))
     classes: dict[tuple[str, str], dict[str, Any]] = {}
     for (kind, name, state), number_of in sorted(count.items()):
@@ -90,20 +88,15 @@ def fleet_findings(source: Any) -> list[dict[str, Any]]:
     return list(classes.values())
 
 
-def places(source: Any) -> dict[str, dict[str, Any]]:
-    """Where each structure stands and when it was last flown, by its ID, as far as a source knows."""
-    rows = source.structures()
+def places(catalog: Catalog) -> dict[str, dict[str, Any]]:
+    """Where each structure stands and when it was last flown, by its ID, as far as that is known."""
     known: dict[str, dict[str, Any]] = {}
-    for row in rows.to_dict("records"):
+    for row in catalog.structures().to_dict("records"):
         lat, lon = number(row, "lat_deg"), number(row, "lon_deg")
         if lat is not None and lon is not None:
             known[str(row["structure_id"])] = {"lat": lat, "lon": lon}
-    if hasattr(source, "flights") and len(flown := source.flights()) and "flown_at" in flown:
-        plans = source.transfers(every=True, columns=["transfer_id", "target_id"])
-        targets = dict(zip(plans["transfer_id"], plans["target_id"], strict=True))
-        real = flown[flown["kind"] == "flown"] if "kind" in flown else flown.iloc[:0]
-        for target, when in real.groupby(real["transfer_id"].map(targets))["flown_at"].max().items():
-            known.setdefault(str(target), {})["flown"] = stamp(when)
+    for target, when in catalog.flights(kind="flown").groupby("target_id")["flown_at"].max().items():
+        known.setdefault(str(target), {})["flown"] = stamp(when)
     return known
 
 
@@ -127,19 +120,13 @@ def _plan(pair: Pair, preset: str, row: Any) -> dict[str, Any]:
     }
 
 
-def _rows(source: Any, table: str, structure_id: str) -> list[dict[str, Any]]:
-    """Rows of a table about a structure, the newest first; none of a source that does not know the table."""
-    if not hasattr(source, table):
-        return []
-    frame: pd.DataFrame = getattr(source, table)()
-    own = frame[frame["target_id"] == structure_id] if "target_id" in frame else frame.iloc[:0]
-    return [
-        {str(key): value for key, value in row.items()}
-        for row in own.iloc[::-1].head(_MOST).to_dict("records")
-    ]
+def _rows(frame: pd.DataFrame, structure_id: str) -> list[dict[str, Any]]:
+    """Rows of a table about a structure, the newest first."""
+    own = frame[frame["target_id"] == structure_id].iloc[::-1].head(_MOST)
+    return [{str(key): value for key, value in row.items()} for row in own.to_dict("records")]
 
 
-def _history(source: Any, pairs: Sequence[Pair]) -> list[dict[str, str]]:
+def _history(catalog: Catalog, pairs: Sequence[Pair]) -> list[dict[str, str]]:
     """Decisions about the plans of a structure, the newest first."""
     if not pairs:
         return []
@@ -149,5 +136,5 @@ def _history(source: Any, pairs: Sequence[Pair]) -> list[dict[str, str]]:
             "what": f"Plan {row['transfer_id']} {row['state']} by {row['by']}",
             "note": str(row.get("note") or ""),
         }
-        for row in _rows(source, "decisions", pairs[0].target_id)
+        for row in _rows(catalog.decisions(), pairs[0].target_id)
     ]

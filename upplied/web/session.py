@@ -21,12 +21,12 @@ from upplied.outputs.along import profile
 from upplied.outputs.display import display_states, nearest_samples, packed, structure_data
 from upplied.outputs.pair_page import path_data
 from upplied.outputs.pairs import decision_words, number
-from upplied.outputs.reports import Reader, trajectory_of
+from upplied.outputs.reports import Reader
 from upplied.outputs.verdicts import headline
 from upplied.poses import from_yaw_pitch, optical_axis
 from upplied.proof.carried_edit import kept_edit
 from upplied.proof.edit import Asked, Edit
-from upplied.records import Ints, Trajectory
+from upplied.records import Ints
 from upplied.web.decisions import Decisions
 from upplied.web.requests import signed, viewpoint_of
 from upplied.web.zone_requests import ZoneRequests
@@ -288,5 +288,6 @@ class Session:
         row = self._force_row
         if row is None:
             return None
-        path: Trajectory = trajectory_of(self.catalog.waypoints(row["transfer_id"]))
+        path = self.catalog.plan(row["transfer_id"]).trajectory
+        assert path is not None
         return {"id": row["transfer_id"], "path": path_data(profile(path, self.editing.scene), self._origin)}
