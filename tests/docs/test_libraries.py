@@ -44,7 +44,6 @@ EXTRA_FILES = {
     "export": {
         "upplied/outputs/pages.py",
         "upplied/outputs/draw/sheet.py",
-        "upplied/outputs/draw/sketch.py",
         "upplied/outputs/camera_pictures.py",
         "upplied/outputs/pictures.py",
         "upplied/web/app.py",

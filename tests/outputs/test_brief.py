@@ -11,7 +11,7 @@ from made_missions import made_plan, placed_box
 from PIL import Image
 
 from upplied.outputs.brief import brief_html
-from upplied.outputs.draw.sketch import Line, map_png, side_png
+from upplied.outputs.mission_map import Line, map_png, side_png
 from upplied.outputs.missions import MissionOptions, missions_of
 
 ROW = {
@@ -69,15 +69,18 @@ def test_the_map_has_north_up_and_every_line_in_it():
     north = Line(*(np.array([[0.0, y, 5], [0.1, y + 1.0, 5]]) for y in (20.0, 21.0, 22.0)))
     import io
 
-    def rows_of(png, colour):
-        pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), int)
-        return np.argwhere(np.abs(pixels - colour).sum(axis=2) < 30)[:, 0]
+    def rows_of(png, shade):
+        """Rows of the picture, above its legend, whose light has a tint."""
+        pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), float)[50:560]
+        red, _, blue = np.moveaxis(pixels, 2, 0)
+        tint = {"blue": blue - red > 90, "red": red - blue > 90, "grey": (red < 230) & (blue - red < 40)}
+        return np.argwhere(tint[shade])[:, 0]
 
     drawn = map_png(structure, [north], 90.0)  # +X looks east, so +Y is north
-    assert rows_of(drawn, (0, 114, 178)).mean() < rows_of(drawn, (201, 207, 214)).mean() - 100
-    assert len(rows_of(drawn, (179, 38, 30))) > 20  # the keep-out box
+    assert rows_of(drawn, "blue").mean() < rows_of(drawn, "grey").mean() - 100
+    assert len(rows_of(drawn, "red")) > 20  # the keep-out box
     turned = map_png(structure, [north], 270.0)
-    assert rows_of(turned, (0, 114, 178)).mean() > rows_of(turned, (201, 207, 214)).mean() + 100
+    assert rows_of(turned, "blue").mean() > rows_of(turned, "grey").mean() + 100
     assert side_png(structure, [north])[:4] == b"\x89PNG"
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from upplied.outputs import pages
-from upplied.outputs.draw.sketch import Line, map_png, side_png
+from upplied.outputs.mission_map import Line, map_png, side_png
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import DRAFT
 from upplied.outputs.missions.records import Mission
@@ -87,7 +87,7 @@ def _maps(structure: Structure, missions: Sequence[Mission], lines: Sequence[Lin
     pictures = (
         (
             map_png(structure, lines, north),
-            "Map, north up. H: take-off; grey: transit legs; red: keep-out areas and geofence.",
+            "Map, north up. Dots: first waypoint of each flight, and take-off.",
         ),
         (side_png(structure, lines), "Side view; z in the frame of the structure."),
     )
