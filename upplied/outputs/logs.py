@@ -20,7 +20,7 @@ from upplied.errors import SettingsError
 from upplied.outputs import ros2_schemas
 from upplied.outputs.files import replace_file
 from upplied.poses import interpolate, moved
-from upplied.records import Demonstration, Floats, Structure, Trajectory
+from upplied.records import Demonstration, Structure, Trajectory
 
 Encoding = Literal["pose_stamped", "odometry", "tf"]
 
@@ -171,7 +171,7 @@ def _static(demonstration: Demonstration, encoding: Encoding, mount: Mount) -> l
     if encoding != "pose_stamped":
         parent, position, rotation = BODY_FRAME, np.array(mount.position_m), mount.rotation * optical
     stamp = int(demonstration.t_ns[0])
-    link = _transform(stamp, parent, CAMERA_FRAME, position, rotation.as_quat())
+    link = ros2_schemas.transform(stamp, parent, CAMERA_FRAME, position, rotation.as_quat())
     return [(stamp, "/tf_static", "tf2_msgs/msg/TFMessage", {"transforms": [link]})]
 
 
@@ -185,8 +185,7 @@ def _poses(
     for stamp, position, quat in zip(
         demonstration.t_ns.tolist(), poses.positions, poses.quat_xyzw, strict=True
     ):
-        pose = {"position": _xyz(position), "orientation": _xyzw(quat)}
-        header = _header(stamp, frame.frame_id)
+        pose, header = ros2_schemas.pose(position, quat), ros2_schemas.header(stamp, frame.frame_id)
         if encoding == "pose_stamped":
             message: dict[str, Any] = {"header": header, "pose": pose}
         elif encoding == "odometry":
@@ -194,40 +193,21 @@ def _poses(
                 "header": header,
                 "child_frame_id": BODY_FRAME,
                 "pose": {"pose": pose, "covariance": [0.0] * 36},
-                "twist": {"twist": {"linear": _xyz(_ZERO), "angular": _xyz(_ZERO)}, "covariance": [0.0] * 36},
+                "twist": {"twist": {"linear": _ZERO, "angular": _ZERO}, "covariance": [0.0] * 36},
             }
         else:
-            message = {"transforms": [_transform(stamp, frame.frame_id, BODY_FRAME, position, quat)]}
+            link = ros2_schemas.transform(stamp, frame.frame_id, BODY_FRAME, position, quat)
+            message = {"transforms": [link]}
         messages.append((stamp, topic, schema, message))
     return messages
 
 
-_ZERO = np.zeros(3)
+_ZERO = dict.fromkeys("xyz", 0.0)
 _TOPICS = {
     "pose_stamped": ("/drone/camera/pose", "geometry_msgs/msg/PoseStamped"),
     "odometry": ("/drone/odom", "nav_msgs/msg/Odometry"),
     "tf": ("/tf", "tf2_msgs/msg/TFMessage"),
 }
-
-
-def _transform(stamp: int, parent: str, child: str, position: Floats, quat: Floats) -> dict[str, Any]:
-    return {
-        "header": _header(stamp, parent),
-        "child_frame_id": child,
-        "transform": {"translation": _xyz(position), "rotation": _xyzw(quat)},
-    }
-
-
-def _header(stamp: int, frame_id: str) -> dict[str, Any]:
-    return {"stamp": {"sec": stamp // _SECOND_NS, "nanosec": stamp % _SECOND_NS}, "frame_id": frame_id}
-
-
-def _xyz(vector: Floats) -> dict[str, float]:
-    return dict(zip("xyz", (float(value) for value in vector), strict=True))
-
-
-def _xyzw(quat: Floats) -> dict[str, float]:
-    return dict(zip("xyzw", (float(value) for value in quat), strict=True))
 
 
 def _calibration(demonstration: Demonstration, every_s: float = 1.0) -> list[_Message]:
@@ -242,7 +222,7 @@ def _calibration(demonstration: Demonstration, every_s: float = 1.0) -> list[_Me
             stamp,
             "/camera/camera_info",
             "sensor_msgs/msg/CameraInfo",
-            ros2_schemas.camera_info(camera, _header(stamp, CAMERA_FRAME)),
+            ros2_schemas.camera_info(camera, ros2_schemas.header(stamp, CAMERA_FRAME)),
         )
         for stamp, camera in zip(stamps, cameras, strict=True)
     ]
@@ -267,7 +247,7 @@ def _pictures(
             stamp,
             "/camera/image/compressed",
             "sensor_msgs/msg/CompressedImage",
-            {"header": _header(stamp, CAMERA_FRAME), "format": "jpeg", "data": picture},
+            {"header": ros2_schemas.header(stamp, CAMERA_FRAME), "format": "jpeg", "data": picture},
         )
         for stamp, picture in zip(stamps, pictures, strict=True)
     ]

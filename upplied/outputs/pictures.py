@@ -11,6 +11,7 @@ import numpy as np
 
 from upplied.errors import InputError
 from upplied.extras import extra
+from upplied.outputs.draw.sheet import png
 
 with extra("export"):
     from PIL import Image, ImageDraw
@@ -28,13 +29,6 @@ def pixels_in(data: bytes, what: str) -> np.ndarray:
     """The pixels (H, W, 3) of a photo."""
     with _opened(data, what) as picture:
         return np.asarray(picture.convert("RGB"))
-
-
-def png(pixels: np.ndarray) -> bytes:
-    """Pixels (H, W, 3) as a PNG."""
-    stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, "PNG")
-    return stream.getvalue()
 
 
 def marked(pixels: np.ndarray, corners: np.ndarray, half_px: float) -> bytes:

@@ -10,7 +10,7 @@ from mcap.records import Schema
 from mcap_ros2.writer import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from upplied.records import Camera
+from upplied.records import Camera, Floats
 
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
@@ -39,6 +39,29 @@ def camera_info(camera: Camera, header: dict[str, Any]) -> dict[str, Any]:
         "binning_x": 0,
         "binning_y": 0,
         "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False},
+    }
+
+
+def header(stamp_ns: int, frame_id: str) -> dict[str, Any]:
+    """The header of a stamped message."""
+    return {"stamp": {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}, "frame_id": frame_id}
+
+
+def pose(position: Floats, quat_xyzw: Floats) -> dict[str, Any]:
+    """A pose, from a position (3,), m, and a quaternion (4,)."""
+    return {
+        "position": dict(zip("xyz", map(float, position), strict=True)),
+        "orientation": dict(zip("xyzw", map(float, quat_xyzw), strict=True)),
+    }
+
+
+def transform(stamp_ns: int, parent: str, child: str, position: Floats, quat_xyzw: Floats) -> dict[str, Any]:
+    """The pose of a frame in its parent."""
+    place = pose(position, quat_xyzw)
+    return {
+        "header": header(stamp_ns, parent),
+        "child_frame_id": child,
+        "transform": {"translation": place["position"], "rotation": place["orientation"]},
     }
 
 

@@ -55,6 +55,11 @@ _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 """
 _TAIL = "</Document>\n</kml>\n"
 # Straight legs, the ones that were checked; passing rounds the corner within a distance that was checked too.
+_HEADING = {
+    "waypointHeadingMode": "smoothTransition",
+    "waypointHeadingAngle": "",
+    "waypointHeadingPathMode": "followBadArc",
+}
 _STOPS, _PASSES = "toPointAndStopWithDiscontinuityCurvature", "toPointAndPassWithContinuityCurvature"
 
 
@@ -87,59 +92,49 @@ def _mission_config(mission: Mission, options: MissionOptions) -> str:
         raise SettingsError("mission option payload", f"the {options.drone} has none built in", rule)
     climb = float(np.clip(mission.height_m[0], *_SAFE_HEIGHT_M))
     back = float(np.clip(mission.return_height_m, *_SAFE_HEIGHT_M))
-    drone = _tags({"droneEnumValue": kind, "droneSubEnumValue": sub_kind})
-    gimbal = _tags({"payloadEnumValue": payload, "payloadSubEnumValue": 0, "payloadPositionIndex": 0})
-    return _group(
-        "missionConfig",
-        _tags(
-            {
-                "flyToWaylineMode": "safely",
-                "finishAction": "goHome",
-                "exitOnRCLost": "executeLostAction",
-                "executeRCLostAction": "goBack",
-                "takeOffSecurityHeight": f"{climb:.1f}",
-                "globalTransitionalSpeed": f"{options.transit_mps:.2f}",
-                "globalRTHHeight": f"{back:.1f}",
-            }
-        )
-        + _group("droneInfo", drone)
-        + _group("payloadInfo", gimbal),
-    )
+    config = {
+        "flyToWaylineMode": "safely",
+        "finishAction": "goHome",
+        "exitOnRCLost": "executeLostAction",
+        "executeRCLostAction": "goBack",
+        "takeOffSecurityHeight": f"{climb:.1f}",
+        "globalTransitionalSpeed": f"{options.transit_mps:.2f}",
+        "globalRTHHeight": f"{back:.1f}",
+        "droneInfo": {"droneEnumValue": kind, "droneSubEnumValue": sub_kind},
+        "payloadInfo": {"payloadEnumValue": payload, "payloadSubEnumValue": 0, "payloadPositionIndex": 0},
+    }
+    return _xml({"missionConfig": config})
 
 
 def _template(mission: Mission) -> str:
-    top = float(mission.height_m.max())
     frame = {"coordinateMode": "WGS84", "heightMode": "relativeToStartPoint", "positioningType": "GPS"}
-    heading = {"waypointHeadingMode": "smoothTransition", "waypointHeadingAngle": 0}
-    heading["waypointHeadingPathMode"] = "followBadArc"
-    head = _tags({"templateType": "waypoint", "templateId": 0})
-    head += _group("waylineCoordinateSysParam", _tags(frame))
-    head += _tags({"autoFlightSpeed": f"{_cruise(mission):.2f}", "gimbalPitchMode": "usePointSetting"})
-    head += _tags({"globalHeight": f"{top:.2f}"})
-    head += _group("globalWaypointHeadingParam", _tags(heading))
-    head += _tags({"globalWaypointTurnMode": _STOPS, "globalUseStraightLine": 1})
-    payload = _group(
-        "payloadParam",
-        _tags({"payloadPositionIndex": 0, "imageFormat": "wide" if mission.fov_deg is None else "zoom"}),
-    )
-    marks = _placemarks(mission, template=True)
+    head = {
+        "templateType": "waypoint",
+        "templateId": 0,
+        "waylineCoordinateSysParam": frame,
+        "autoFlightSpeed": f"{_cruise(mission):.2f}",
+        "gimbalPitchMode": "usePointSetting",
+        "globalHeight": f"{float(mission.height_m.max()):.2f}",
+        "globalWaypointHeadingParam": _HEADING | {"waypointHeadingAngle": 0},
+        "globalWaypointTurnMode": _STOPS,
+        "globalUseStraightLine": 1,
+    }
+    payload = {"payloadPositionIndex": 0, "imageFormat": "wide" if mission.fov_deg is None else "zoom"}
     comments = "".join(f"<!-- {note.replace('--', '- -')} -->\n" for note in written(mission.notes))
-    return f"{comments}<Folder>\n{head}{marks}{payload}</Folder>\n"
+    marks = _placemarks(mission, template=True)
+    return f"{comments}<Folder>\n{_xml(head)}{marks}{_xml({'payloadParam': payload})}</Folder>\n"
 
 
 def _waylines(mission: Mission) -> str:
-    head = _tags(
-        {
-            "templateId": 0,
-            "executeHeightMode": "relativeToStartPoint",
-            "waylineId": 0,
-            "distance": f"{leg_lengths(mission.local).sum():.1f}",
-            "duration": f"{mission.duration_s:.1f}",
-            "autoFlightSpeed": f"{_cruise(mission):.2f}",
-        }
-    )
-    marks = _placemarks(mission, template=False)
-    return f"<Folder>\n{head}{marks}</Folder>\n"
+    head = {
+        "templateId": 0,
+        "executeHeightMode": "relativeToStartPoint",
+        "waylineId": 0,
+        "distance": f"{leg_lengths(mission.local).sum():.1f}",
+        "duration": f"{mission.duration_s:.1f}",
+        "autoFlightSpeed": f"{_cruise(mission):.2f}",
+    }
+    return f"<Folder>\n{_xml(head)}{_placemarks(mission, template=False)}</Folder>\n"
 
 
 def _placemarks(mission: Mission, template: bool) -> str:
@@ -154,29 +149,28 @@ def _placemark(mission: Mission, number: int, stop: range, zooms: dict[int, floa
     lat, lon, alt = mission.geodetic[at]
     height = f"{mission.height_m[at]:.3f}"
     after = mission.speed_mps[min(stop[-1] + 1, len(mission) - 1)]
-    heading = {
-        "waypointHeadingMode": "smoothTransition",
-        "waypointHeadingAngle": _signed(mission.heading_deg[at]),
-        "waypointHeadingPathMode": "followBadArc",
-    }
-    place = f"<Point><coordinates>{lon:.9f},{lat:.9f}</coordinates></Point>\n"
-    body = place + _tags({"index": number})
+    mark: dict[str, object] = {"index": number}
     if template:
         known = mission.placement.datum == "ellipsoid"
-        body += _tags({"ellipsoidHeight": f"{alt:.3f}" if known else height, "height": height})
-        body += _tags({f"useGlobal{name}": 0 for name in ("Height", "Speed", "HeadingParam", "TurnParam")})
-        body += _tags({"gimbalPitchAngle": f"{mission.pitch_deg[at]:.1f}"})
+        mark |= {"ellipsoidHeight": f"{alt:.3f}" if known else height, "height": height}
+        mark |= {f"useGlobal{name}": 0 for name in ("Height", "Speed", "HeadingParam", "TurnParam")}
+        mark["gimbalPitchAngle"] = f"{mission.pitch_deg[at]:.1f}"
     else:
-        body += _tags({"executeHeight": height})
-    body += _tags({"waypointSpeed": f"{after:.2f}"}) + _group("waypointHeadingParam", _tags(heading))
+        mark["executeHeight"] = height
     passing = mission.passing_m[at] if len(stop) == 1 else 0.0
     mode = _PASSES if passing > 0 else _STOPS
-    turn = _tags({"waypointTurnMode": mode, "waypointTurnDampingDist": f"{passing:.2f}"})
-    body += _group("waypointTurnParam", turn) + _tags({"useStraightLine": 1})
-    return f"<Placemark>\n{body}{_actions(mission, number, stop, zooms)}</Placemark>\n"
+    mark |= {
+        "waypointSpeed": f"{after:.2f}",
+        "waypointHeadingParam": _HEADING | {"waypointHeadingAngle": _signed(mission.heading_deg[at])},
+        "waypointTurnParam": {"waypointTurnMode": mode, "waypointTurnDampingDist": f"{passing:.2f}"},
+        "useStraightLine": 1,
+        "actionGroup": _actions(mission, number, stop, zooms),
+    }
+    place = f"<Point><coordinates>{lon:.9f},{lat:.9f}</coordinates></Point>\n"
+    return f"<Placemark>\n{place}{_xml(mark)}</Placemark>\n"
 
 
-def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]) -> str:
+def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]) -> list[dict[str, object]]:
     """Photos at the waypoint, and turns on the spot; on the leg behind it the gimbal turns evenly to what the
     next one wants, and photos by distance are taken.
     """
@@ -199,19 +193,21 @@ def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]
             actions.append(("startRecord", _photo(at)))
         if mission.films and at == mission.stops_at:
             actions.append(("stopRecord", {"payloadPositionIndex": 0}))
-    groups = ""
+    groups = []
     if actions:
-        groups += _action_group(3 * number, number, number, {"actionTriggerType": "reachPoint"}, actions)
+        groups.append(_action_group(3 * number, number, number, {"actionTriggerType": "reachPoint"}, actions))
     if stop[-1] + 1 < len(mission):
         pitch = {
             "gimbalPitchRotateAngle": f"{mission.pitch_deg[stop[-1] + 1]:.1f}",
             "payloadPositionIndex": 0,
         }
         between = {"actionTriggerType": "betweenAdjacentPoints"}
-        groups += _action_group(3 * number + 1, number, number + 1, between, [("gimbalEvenlyRotate", pitch)])
+        turns = [("gimbalEvenlyRotate", pitch)]
+        groups.append(_action_group(3 * number + 1, number, number + 1, between, turns))
     if mission.photo_distance_m and mission.inspects_behind(stop[-1]):
         every = {"actionTriggerType": "multipleDistance", "actionTriggerParam": mission.photo_distance_m}
-        groups += _action_group(3 * number + 2, number, number + 1, every, [("takePhoto", _photo(stop[-1]))])
+        photos = [("takePhoto", _photo(stop[-1]))]
+        groups.append(_action_group(3 * number + 2, number, number + 1, every, photos))
     return groups
 
 
@@ -245,13 +241,20 @@ def _signed(heading_deg: float) -> str:
     return f"{(heading_deg + 180) % 360 - 180:.1f}"
 
 
-def _action_group(number: int, first: int, last: int, trigger: dict, actions: list[tuple[str, dict]]) -> str:
-    head = {"actionGroupId": number, "actionGroupStartIndex": first, "actionGroupEndIndex": last}
-    body = _tags({**head, "actionGroupMode": "sequence"}) + _group("actionTrigger", _tags(trigger))
-    for at, (name, params) in enumerate(actions):
-        what = _tags({"actionId": at, "actionActuatorFunc": name})
-        body += _group("action", what + _group("actionActuatorFuncParam", _tags(params)))
-    return _group("actionGroup", body)
+def _action_group(
+    number: int, first: int, last: int, trigger: dict, actions: list[tuple[str, dict]]
+) -> dict[str, object]:
+    return {
+        "actionGroupId": number,
+        "actionGroupStartIndex": first,
+        "actionGroupEndIndex": last,
+        "actionGroupMode": "sequence",
+        "actionTrigger": trigger,
+        "action": [
+            {"actionId": at, "actionActuatorFunc": name, "actionActuatorFuncParam": parameters}
+            for at, (name, parameters) in enumerate(actions)
+        ],
+    }
 
 
 def _cruise(mission: Mission) -> float:
@@ -259,9 +262,15 @@ def _cruise(mission: Mission) -> float:
     return float(np.median(mission.speed_mps))
 
 
-def _tags(values: Mapping[str, object]) -> str:
-    return "".join(f"<wpml:{name}>{escape(str(value))}</wpml:{name}>\n" for name, value in values.items())
-
-
-def _group(name: str, inner: str) -> str:
-    return f"<wpml:{name}>\n{inner}</wpml:{name}>\n"
+def _xml(values: Mapping[str, object]) -> str:
+    """Elements by their names; a mapping is the content of one, a list stands for several."""
+    elements = (
+        (name, each)
+        for name, value in values.items()
+        for each in (value if isinstance(value, list) else [value])
+    )
+    texts = (
+        (name, f"\n{_xml(each)}" if isinstance(each, Mapping) else escape(str(each)))
+        for name, each in elements
+    )
+    return "".join(f"<wpml:{name}>{text}</wpml:{name}>\n" for name, text in texts)

@@ -12,7 +12,7 @@ from upplied.errors import RefusedError
 from upplied.outputs.colours import PRESETS, STATES, SURFACE, rgb
 from upplied.outputs.display import display_mesh, display_states
 from upplied.outputs.draw.tubes import frustum_corners
-from upplied.outputs.ros2_schemas import CAMERA_INFO, camera_info, registered
+from upplied.outputs.ros2_schemas import CAMERA_INFO, camera_info, header, pose, registered, transform
 from upplied.records import Camera, Floats, Plan, Structure, Trajectory
 
 FRAME, CAMERA_FRAME = "structure", "planned_camera"
@@ -52,26 +52,19 @@ def mcap_bytes(
 
     stamps = np.round(path.t_s * 1e9).astype(np.int64).tolist()
     stamped = [
-        {"header": _header(at), "pose": _pose(position, quat)}
+        {"header": header(at, FRAME), "pose": pose(position, quat)}
         for at, position, quat in zip(stamps, path.positions, path.quat_xyzw, strict=True)
     ]
     write("/structure", _MARKERS, {"markers": [_surface(plan, structure)]})
     write("/plan/frusta", _MARKERS, {"markers": [_frusta(plan, path, camera or Camera())]})
-    write("/plan/path", _LINE, {"header": _header(0), "poses": stamped})
-    for at, pose in zip(stamps, stamped, strict=True):
-        transform = {"translation": pose["pose"]["position"], "rotation": pose["pose"]["orientation"]}
-        link = {"header": _header(at), "child_frame_id": CAMERA_FRAME, "transform": transform}
-        write("/tf", _LINKS, {"transforms": [link]}, at)
-        write("/plan/camera", _POSE, pose, at)
+    write("/plan/path", _LINE, {"header": header(0, FRAME), "poses": stamped})
+    for at, message, position, quat in zip(stamps, stamped, path.positions, path.quat_xyzw, strict=True):
+        write("/tf", _LINKS, {"transforms": [transform(at, FRAME, CAMERA_FRAME, position, quat)]}, at)
+        write("/plan/camera", _POSE, message, at)
     if path.fov_deg is not None:
         schemas |= registered(writer, (CAMERA_INFO,))
         for at, each in zip(stamps, (camera or Camera()).zoomed(path.fov_deg), strict=True):
-            write(
-                "/plan/camera_info",
-                CAMERA_INFO,
-                camera_info(each, _header(at) | {"frame_id": CAMERA_FRAME}),
-                at,
-            )
+            write("/plan/camera_info", CAMERA_INFO, camera_info(each, header(at, CAMERA_FRAME)), at)
     writer.finish()
     return buffer.getvalue()
 
@@ -113,14 +106,14 @@ def _frusta(plan: Plan | Trajectory, path: Trajectory, camera: Camera) -> dict[s
 
 def _marker(name: str, kind: int, points: Floats, colour: str, size: float) -> dict[str, Any]:
     scale = {"x": size, "y": size, "z": size}
-    empty_image = {"header": _header(0), "format": "", "data": b""}
+    empty_image = {"header": header(0, FRAME), "format": "", "data": b""}
     return {
-        "header": _header(0),
+        "header": header(0, FRAME),
         "ns": name,
         "id": 0,
         "type": kind,
         "action": 0,
-        "pose": _pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])),
+        "pose": pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])),
         "scale": scale,
         "color": _colour(colour),
         "lifetime": {"sec": 0, "nanosec": 0},
@@ -139,14 +132,3 @@ def _marker(name: str, kind: int, points: Floats, colour: str, size: float) -> d
 
 def _colour(colour: str) -> dict[str, float]:
     return dict(zip("rgba", (*rgb(colour), 1.0), strict=True))
-
-
-def _header(at_ns: int) -> dict[str, Any]:
-    return {"stamp": {"sec": at_ns // 10**9, "nanosec": at_ns % 10**9}, "frame_id": FRAME}
-
-
-def _pose(position: Floats, quat: Floats) -> dict[str, Any]:
-    return {
-        "position": dict(zip("xyz", position.tolist(), strict=True)),
-        "orientation": dict(zip("xyzw", quat.tolist(), strict=True)),
-    }

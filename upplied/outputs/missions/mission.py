@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -109,7 +110,7 @@ def missions_of(
     missions = []
     for at, sortie in enumerate(sorties):
         body = _waypoints(cutter, photo, passing, sortie)
-        heading, pitch = geodesy.heading_and_pitch(body.quat_xyzw, placement.heading_deg)
+        heading, pitch = geodesy.heading_and_pitch(body["quat_xyzw"], placement.heading_deg)
         missions.append(
             Mission(
                 name=name,
@@ -120,23 +121,16 @@ def missions_of(
                 home=geodesy.to_geodetic(home[None], placement)[0],
                 home_local=home,
                 return_height_m=transits.return_z_m - float(home[2]),
-                geodetic=geodesy.to_geodetic(body.local, placement),
-                local=body.local,
-                quat_xyzw=body.quat_xyzw,
+                geodetic=geodesy.to_geodetic(body["local"], placement),
                 heading_deg=heading,
                 pitch_deg=pitch,
-                speed_mps=body.speed_mps,
-                hold_s=body.hold_s,
-                passing_m=body.passing_m,
-                photo=body.photo,
-                inspect=body.inspect,
                 photo_distance_m=shots.every_m,
                 shown_pct=shown * inspected_pct,
                 films=options.photos == "video",
                 duration_s=sortie.duration_s,
                 notes=tuple(notes),
-                fov_deg=body.fov_deg,
                 overruled=(*overruled, *unseen),
+                **body,
             )
         )
     return missions
@@ -218,18 +212,6 @@ def check_altitude(altitude: str, placement: Placement, structure_id: str) -> No
         )
 
 
-@dataclass(frozen=True)
-class _Body:
-    local: Floats
-    quat_xyzw: Floats
-    speed_mps: Floats
-    hold_s: Floats
-    passing_m: Floats
-    photo: Bools
-    inspect: Bools
-    fov_deg: Floats | None
-
-
 def _inspection(
     plan: Plan | Trajectory, structure: Structure
 ) -> tuple[Trajectory, Bools | None, SurfaceStates | None, str]:
@@ -247,35 +229,33 @@ def _inspection(
     return plan.trajectory, plan.is_viewpoint, plan.surface, name
 
 
-def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) -> _Body:
-    """The way in, the inspection and the way back as one list; on the ways the camera keeps its direction."""
+def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) -> dict[str, Any]:
+    """Fields of a mission along the way in, the inspection and the way back.
+
+    On the ways the camera keeps its direction and its zoom.
+    """
     path, inside = cutter.path, slice(sortie.first, sortie.last + 1)
-    ways = ((sortie.first, sortie.way_in), (sortie.last, sortie.way_out))
-    turned = [np.repeat(path.quat_xyzw[[at]], len(way), axis=0) for at, way in ways]
-    before, after = (np.full(len(way), cutter.options.transit_mps) for _, way in ways)
+    before, after = (np.full(len(way), cutter.options.transit_mps) for way in (sortie.way_in, sortie.way_out))
+
+    def held(values: Floats) -> Floats:
+        ends = (
+            values[[at]].repeat(len(way), axis=0)
+            for at, way in ((sortie.first, before), (sortie.last, after))
+        )
+        return np.concatenate([next(ends), values[inside], next(ends)])
+
     legs, here = slice(sortie.first, sortie.last), np.zeros(1)
-    holds = [before * 0, here, cutter.holds_s[legs], after * 0]
-    speeds = [before, here + cutter.options.transit_mps, cutter.speeds[legs], after]
     inspect = np.concatenate([before * 0, np.ones(sortie.last - sortie.first + 1), after * 0]) > 0
     photos, passed = np.zeros(len(inspect), bool), np.zeros(len(inspect))
     photos[inspect], passed[inspect] = photo[inside], passing[inside]
     passed[np.flatnonzero(inspect)[[0, -1]]] = 0.0
-    return _Body(
-        np.concatenate([sortie.way_in, path.positions[inside], sortie.way_out]),
-        np.concatenate([turned[0], path.quat_xyzw[inside], turned[1]]),
-        np.concatenate(speeds),
-        np.concatenate(holds),
-        passed,
-        photos,
-        inspect,
-        _zooms(path, sortie),
-    )
-
-
-def _zooms(path: Trajectory, sortie: Sortie) -> Floats | None:
-    """Fields of view of a sortie's waypoints; on the ways the camera keeps its zoom."""
-    if path.fov_deg is None:
-        return None
-    ways = ((sortie.first, sortie.way_in), (sortie.last, sortie.way_out))
-    angles = [np.repeat(path.fov_deg[[at]], len(way), axis=0) for at, way in ways]
-    return np.concatenate([angles[0], path.fov_deg[sortie.first : sortie.last + 1], angles[1]])
+    return {
+        "local": np.concatenate([sortie.way_in, path.positions[inside], sortie.way_out]),
+        "quat_xyzw": held(path.quat_xyzw),
+        "speed_mps": np.concatenate([before, here + cutter.options.transit_mps, cutter.speeds[legs], after]),
+        "hold_s": np.concatenate([before * 0, here, cutter.holds_s[legs], after * 0]),
+        "passing_m": passed,
+        "photo": photos,
+        "inspect": inspect,
+        "fov_deg": None if path.fov_deg is None else held(path.fov_deg),
+    }

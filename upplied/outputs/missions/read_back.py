@@ -129,8 +129,9 @@ class _File:
 
 def _items(rows: list[tuple[int, list[float]]]) -> _File:
     """Waypoints of MAVLink commands with their seven parameters."""
-    content = _File(np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0))
-    places, speeds, holds, speed, every = [], [], [], np.nan, 0.0
+    places: list[list[float]] = []
+    speeds, holds, speed, every_m = [], [], np.nan, 0.0
+    photos, every = [], dict[int, float]()
     for command, params in rows:
         if command == _SPEED:
             speed = params[1]
@@ -139,15 +140,13 @@ def _items(rows: list[tuple[int, list[float]]]) -> _File:
             speeds.append(speed)
             holds.append(params[0])
         if command == _DISTANCE:
-            every = params[0]
-            content.every.pop(len(places) - 1, None)
+            every_m = params[0]
+            every.pop(len(places) - 1, None)
         if command in _PHOTOS:
-            content.photos.append((len(places) - 1, holds[-1]))
-        if every:
-            content.every[len(places) - 1] = every
-    content.places, content.speeds = np.array(places, float).reshape(-1, 3), np.array(speeds)
-    content.passing, content.holds = np.zeros(len(places)), np.array(holds)
-    return content
+            photos.append((len(places) - 1, holds[-1]))
+        if every_m:
+            every[len(places) - 1] = every_m
+    return _File(_places(places), np.array(speeds), np.zeros(len(places)), np.array(holds), photos, every)
 
 
 def _qgc(content: bytes) -> _File:
@@ -167,7 +166,7 @@ def _dji(content: bytes) -> _File:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         root = ElementTree.fromstring(archive.read("wpmz/waylines.wpml"))
     places, speeds, passing, holds = [], [np.nan], [], []
-    parsed = _File(np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0))
+    photos, every = [], {}
     for at, mark in enumerate(root.iter(f"{_KML}Placemark")):
         lon, lat = (float(value) for value in mark.find(f".//{_KML}coordinates").text.split(","))
         places.append([lat, lon, float(mark.find(f"{_WPML}executeHeight").text)])
@@ -179,38 +178,36 @@ def _dji(content: bytes) -> _File:
         for group in mark.iter(f"{_WPML}actionGroup"):
             trigger = group.find(f"{_WPML}actionTrigger")
             if trigger.find(f"{_WPML}actionTriggerType").text == "multipleDistance":
-                parsed.every[at] = float(trigger.find(f"{_WPML}actionTriggerParam").text)
+                every[at] = float(trigger.find(f"{_WPML}actionTriggerParam").text)
                 continue
             for action in group.iter(f"{_WPML}action"):
                 name = action.find(f"{_WPML}actionActuatorFunc").text
                 if name == "hover":
                     stay += float(action.find(f".//{_WPML}hoverTime").text)
                 if name == "takePhoto":
-                    parsed.photos.append((at, stay))
+                    photos.append((at, stay))
         holds.append(stay)
-    parsed.places, parsed.speeds = np.array(places).reshape(-1, 3), np.array(speeds[:-1])
-    parsed.passing, parsed.holds = np.array(passing), np.array(holds)
-    return parsed
+    stated = np.array(speeds[:-1]), np.array(passing), np.array(holds)
+    return _File(_places(places), *stated, photos, every)
 
 
 def _litchi(content: bytes) -> _File:
     rows = list(csv.DictReader(io.StringIO(content.decode("utf-8"))))
     places = [[float(r["latitude"]), float(r["longitude"]), float(r["altitude(m)"])] for r in rows]
     speeds = [np.nan, *(float(r["speed(m/s)"]) for r in rows)]
-    parsed = _File(np.array(places).reshape(-1, 3), np.array(speeds[:-1]), np.zeros(len(rows)), np.empty(0))
-    holds = []
+    holds, photos, every = [], [], {}
     for at, row in enumerate(rows):
         stay = 0.0
         for number in range(1, 16):
             action = row[f"actiontype{number}"]
             stay += float(row[f"actionparam{number}"]) * 1e-3 * (action == _LITCHI_STAYS)
             if action == _LITCHI_PHOTO:
-                parsed.photos.append((at, stay))
+                photos.append((at, stay))
         holds.append(stay)
         if float(row["photo_distinterval"]) > 0:
-            parsed.every[at] = float(row["photo_distinterval"])
-    parsed.holds = np.array(holds)
-    return parsed
+            every[at] = float(row["photo_distinterval"])
+    stated = np.array(speeds[:-1]), np.zeros(len(rows)), np.array(holds)
+    return _File(_places(places), *stated, photos, every)
 
 
 def _kml(content: bytes) -> _File:
@@ -233,7 +230,7 @@ def _geojson(content: bytes) -> _File:
 def _csv(content: bytes) -> _File:
     rows = list(csv.DictReader(io.StringIO(content.decode("utf-8"))))
     places = [[float(r["lat_deg"]), float(r["lon_deg"]), float(r["alt_m"])] for r in rows]
-    return _stated(_unsaid(np.array(places).reshape(-1, 3)), rows)
+    return _stated(_unsaid(_places(places)), rows)
 
 
 def _stated(content: _File, rows: Sequence[Mapping[str, Any]]) -> _File:
@@ -242,6 +239,10 @@ def _stated(content: _File, rows: Sequence[Mapping[str, Any]]) -> _File:
     content.holds = np.array([float(row["hold_s"]) for row in rows])
     content.photos = [(at, float(row["hold_s"])) for at, row in enumerate(rows) if int(row["photo"])]
     return content
+
+
+def _places(rows: list[list[float]]) -> Floats:
+    return np.array(rows, float).reshape(-1, 3)
 
 
 def _unsaid(places: Floats) -> _File:
