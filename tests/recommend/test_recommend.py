@@ -227,7 +227,7 @@ def test_what_was_taken_in_is_asked_about_without_its_mesh_or_log(tmp_path, monk
     entries = read_manifest(tmp_path / "structures.toml")
     catalog.add_structures([learnt_structure(*place, entry) for entry in entries])
     write_log(tmp_path / "flight.mcap", fly(cube, "sides"), cube)
-    catalog.add_demonstrations([learnt_flight(*place, {}, tmp_path / "flight.mcap")])
+    catalog.add_demonstrations([learnt_flight({}, place, {}, {}, None, tmp_path / "flight.mcap")])
     gather(catalog)
     for name in ("structure", "demonstration"):
         monkeypatch.setattr(Catalog, name, lambda *given: pytest.fail("read again"))

@@ -13,8 +13,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from upplied.fleet.admission import RuleOptions
-    from upplied.fleet.checking import check_structures
+    from upplied.fleet.admission import RuleOptions, check_structures
     from upplied.fleet.decisions import Decision, Job, PlanRequest, decide
     from upplied.fleet.ingest import Ingested, ingest_demonstrations, ingest_structures
     from upplied.fleet.keeping import Result, known_outcomes
@@ -38,8 +37,7 @@ logging.getLogger("upplied").addHandler(logging.NullHandler())
 # Where each name is, for a type checker above; loaded when first asked for: a process that plans needs
 # neither what reads files nor what draws.
 _NAMES = {
-    "fleet.admission": "RuleOptions",
-    "fleet.checking": "check_structures",
+    "fleet.admission": "RuleOptions check_structures",
     "fleet.decisions": "Decision Job PlanRequest decide",
     "fleet.ingest": "Ingested ingest_demonstrations ingest_structures",
     "fleet.keeping": "Result known_outcomes",

@@ -21,8 +21,7 @@ from upplied.catalog import Cache, Catalog, open_catalog
 from upplied.config import digest
 from upplied.errors import InputError
 from upplied.fleet.admission import Admission, RuleOptions
-from upplied.fleet.learn import gather, learnt_structure
-from upplied.fleet.projects import facts_of, is_project, read_flight
+from upplied.fleet.learn import facts_of, gather, is_project, learnt_flight, learnt_structure
 from upplied.fleet.reading import BATCH, Ingested, Progress, content_of, each, stored
 from upplied.inputs import logs as log_reader
 from upplied.inputs import meshes
@@ -146,7 +145,7 @@ def ingest_demonstrations(
         placements = placements_of(catalog.structures())
         if facts:
             placements |= placements_of(home.structures())
-        read = partial(read_flight, places, _place(catalog), placements, facts, options)
+        read = partial(learnt_flight, places, _place(catalog), placements, facts, options)
         same = partial(_same_log, known, placements, facts, options)
         reads = each(read, [one.path for one in flights.values()], str, workers, same)
         add = (lambda read: None) if dry_run else catalog.add_demonstrations

@@ -8,15 +8,21 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
-from difflib import get_close_matches
+from os.path import isabs, relpath
 from pathlib import Path
 
 from upplied.catalog import Catalog, open_catalog
-from upplied.errors import InputError
+from upplied.checks import suggested
+from upplied.errors import InputError, UppliedError
+from upplied.fleet.admission import RuleOptions
+from upplied.fleet.reading import Ingested
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
+from upplied.inputs.sources.door import Found, kind_of
+from upplied.inputs.sources.project_files import KINDS, Project, project_at
 from upplied.planning.surface.parts import pieces_tell_parts
 from upplied.recommend.shapes import Shapes, content_of
 from upplied.records import Demonstration, Placement, Structure
@@ -39,36 +45,51 @@ def learnt_structure(location: str, cache: Path, entry: StructureEntry) -> Struc
 
 
 def learnt_flight(
-    location: str,
-    cache: Path,
+    places: Mapping[str, tuple[str, Path]],
+    place: tuple[str, Path],
     placements: Mapping[str, Placement],
+    facts: Mapping[str, LogOptions],
+    options: LogOptions | None,
     path: Path,
-    options: LogOptions | None = None,
 ) -> Demonstration:
-    """The demonstration of one log with its passport; what it saw is remembered.
+    """The demonstration of one file with its passport; what it saw is remembered.
+
+    Parameters
+    ----------
+    places : mapping of str to (str, path)
+        Location and cache of the catalog of a file, where that is not the one at `place`.
+    place : (str, path)
+    placements : mapping of str to Placement
+    facts : mapping of str to LogOptions
+        Facts of single files, instead of `options`.
+    options : LogOptions, optional
+    path : path
 
     Raises
     ------
     InputError
-        If its structure is not in the catalog, or it breaks a rule that is not overruled.
+        If it cannot be read, is a project whose structure is not known well enough, or breaks a rule that is
+        not overruled; or if its structure is not in the catalog.
     """
-    catalog = open_catalog(location, cache)
+    own = facts.get(str(path), options)
+    if str(path) not in facts and path.is_file() and kind_of(path) in KINDS:
+        project_at(path, own or LogOptions())
+    catalog = open_catalog(*places.get(str(path), place))
     structures: list[Structure] = []
 
     def structure_of(structure_id: str) -> Structure:
-        known = sorted(catalog.structures()["structure_id"])
-        if structure_id not in known:
-            near = get_close_matches(structure_id, known, 3) or known[:8]
+        known = catalog.structures()["structure_id"]
+        if structure_id not in set(known):
             raise InputError(
                 str(path),
                 f"was flown on {structure_id!r}, which is not in the catalog",
-                f"a structure of the catalog: {', '.join(near) or 'it holds none'}",
+                suggested(structure_id, known),
                 "add the structure first, or correct structure_id",
             )
         structures.append(catalog.structure(structure_id))
         return structures[0]
 
-    flight = read_demonstration(path, options, placements, structure_of)
+    flight = read_demonstration(path, own, placements, structure_of)
     _tried(lambda: Shapes(catalog).learn_flight(flight, structures[0]), flight.demonstration_id)
     return flight
 
@@ -86,3 +107,54 @@ def _tried(learn: Callable[[], None], name: str) -> None:
         learn()
     except Exception as error:
         log.warning("%s: nothing is known of its shape yet: %s", name, error)
+
+
+def is_project(found: Found) -> bool:
+    """Whether a file is that of the cameras of a project."""
+    return found.is_flight and found.path.is_file() and kind_of(found.path) in KINDS
+
+
+def facts_of(
+    found: list[Found],
+    options: LogOptions,
+    add: Callable[[list[StructureEntry]], list[Ingested]],
+) -> tuple[list[Found], list[Ingested], dict[str, LogOptions]]:
+    """The structures of projects that name none, and the facts of the flights round them.
+
+    Parameters
+    ----------
+    found : list of Found
+        Files of a survey.
+    options : LogOptions
+        Facts about all of them.
+    add : callable
+        Stores the structures of entries.
+
+    Returns
+    -------
+    found : list of Found
+        The same; photos in the folder of such a project are part of it.
+    ingested : list of Ingested
+        What became of each structure.
+    facts : dict of str to LogOptions
+        By the file of the cameras.
+    """
+    projects: dict[str, Project] = {}
+    for one in filter(is_project, found):
+        with suppress(UppliedError, OSError):  # `learnt_flight` reports it
+            project = project_at(one.path, options)
+            projects |= {} if project is None else {str(one.path): project}
+    if not projects:
+        return found, [], {}
+    surfaces = {
+        project.entry.structure_id: str(project.entry.path if isabs(name) else relpath(project.entry.path))
+        for name, project in projects.items()
+    }
+    ingested = add(RuleOptions(strict=options.strict).of([project.entry for project in projects.values()]))
+    words = "structure of a photogrammetry project"
+    structures = [replace(one, file=surfaces.get(one.name, one.name), words=words) for one in ingested]
+    roots = {project.folder for project in projects.values()}
+    photos = {one.path for one in found if one.path.is_dir() and roots & {*one.path.resolve().parents}}
+    words = "photos of a photogrammetry project"
+    found = [replace(one, status="part", words=words) if one.path in photos else one for one in found]
+    return found, structures, {name: project.facts for name, project in projects.items()}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 
 import pyarrow as pa
@@ -14,7 +13,7 @@ from upplied.config import Settings
 from upplied.fleet.siblings import Siblings
 from upplied.planning.plan import METHOD_VERSION
 from upplied.provenance import causes
-from upplied.records import Demonstration, Ints, Structure
+from upplied.records import Demonstration, Structure
 
 
 class Past:
@@ -22,27 +21,18 @@ class Past:
 
     def __init__(self, catalog: Catalog) -> None:
         self._catalog = catalog
-        self._told: dict[tuple[str, ...], tuple[str, ...]] = {}
+        self._known: dict[tuple[str, ...], tuple[str, ...]] = {}  # causes by what rows say of the program
 
     @cached_property
     def _rows(self) -> pa.Table:
         """The newest plan of each demonstration, target and preset; a quiet night never asks."""
-        return self._catalog.newest_plans(_COMPARED)
+        return self._catalog.newest_plans([*_SLOT, *_CHANGES.values(), *_PROGRAM]).combine_chunks()
 
     @cached_property
-    def _places(self) -> dict[tuple[str, str, str], int]:
-        names = (_texts(self._rows[name]) for name in _COMPARED[:3])
-        return {name: place for place, name in enumerate(zip(*names, strict=True))}
-
-    @cached_property
-    def _columns(self) -> list[tuple[list[str], Ints]]:
-        """What the rows say, by column: the texts, and which of them each row has."""
-        encoded = (self._rows[name].combine_chunks() for name in _COMPARED[3:])
-        # Missing in rows of before there was such a column: the last text, by index -1, is none.
-        return [
-            ([*column.dictionary.to_pylist(), ""], column.indices.fill_null(-1).to_numpy())
-            for column in encoded
-        ]
+    def _places(self) -> dict[tuple[str, ...], int]:
+        encoded = [self._rows[name].combine_chunks() for name in _SLOT]
+        texts = (map(each.dictionary.to_pylist().__getitem__, each.indices.to_numpy()) for each in encoded)
+        return {name: place for place, name in enumerate(zip(*texts, strict=True))}
 
     def why(
         self,
@@ -57,27 +47,18 @@ class Past:
         place = self._places.get((demonstration.demonstration_id, target.structure_id, settings.preset))
         if place is None:
             return "new pair"
-        if self._rows["transfer_id"][place].as_py() == transfer_id(key):
+        # Texts are missing in rows of before there was such a column.
+        before = {name: self._rows[name][place].as_py() or "" for name in self._rows.column_names}
+        if before["transfer_id"] == transfer_id(key):
             return "failed before"
-        texts_now = [texts[codes[place]] for texts, codes in self._columns]
         others = json_text([list(one) for one in siblings]) if siblings else ""
         now = (demonstration.sha256, source.sha256, target.sha256, settings.sha256, others)
-        changed = zip(_CHANGES, texts_now[: len(_CHANGES)], now, strict=True)
-        changes = [f"{what} changed" for what, was, is_now in changed if was != is_now]
-        return ", ".join([*changes, *self._causes(*texts_now[len(_CHANGES) :])]) or "an older version is back"
-
-    def _causes(self, *said: str) -> tuple[str, ...]:
-        """Why the program may plan otherwise; few rows differ in what they say of theirs."""
-        if said not in self._told:
-            row = dict(zip(_PROGRAM, said, strict=True))  # another machine plans the same
-            self._told[said] = tuple(causes(row, METHOD_VERSION))
-        return self._told[said]
-
-
-def _texts(column: pa.ChunkedArray) -> Iterator[str]:
-    """The texts of a column with a dictionary, each kept once."""
-    encoded = column.combine_chunks()
-    return map(encoded.dictionary.to_pylist().__getitem__, encoded.indices.to_numpy())
+        compared = zip(_CHANGES.items(), now, strict=True)
+        changes = [f"{what} changed" for (what, name), value in compared if before[name] != value]
+        program = tuple(before[name] for name in _PROGRAM)
+        if program not in self._known:  # few rows differ in it; another machine plans the same
+            self._known[program] = tuple(causes(dict(zip(_PROGRAM, program, strict=True)), METHOD_VERSION))
+        return ", ".join([*changes, *self._known[program]]) or "an older version is back"
 
 
 _CHANGES = {
@@ -88,4 +69,4 @@ _CHANGES = {
     "siblings": "siblings",
 }
 _PROGRAM = ("method_version", "code_version", "sources_sha256", "libraries")
-_COMPARED = ("demonstration_id", "target_id", "preset", *_CHANGES.values(), *_PROGRAM)
+_SLOT = ("demonstration_id", "target_id", "preset")

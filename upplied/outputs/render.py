@@ -161,11 +161,11 @@ def _newer(catalog: Catalog, row: Any) -> list[Breach]:
     return [Breach("superseded", f"{names[0]} took its place")]
 
 
-def _row(catalog: Catalog, transfer_id: str) -> Any:
-    rows = catalog.transfers(every=True)
-    mine = rows[rows["transfer_id"] == transfer_id] if len(rows) else rows
-    if not len(mine):
+def _row(catalog: Catalog, transfer_id: str) -> dict[str, Any]:
+    """The row of a plan, with its state."""
+    rows = catalog.transfers(every=True, ids=[transfer_id])
+    if not len(rows):
         raise CatalogError(
             f"transfer {transfer_id}", "is not in the catalog", "", "see: upplied catalog transfers"
         )
-    return mine.iloc[0].to_dict()
+    return {str(name): value for name, value in rows.iloc[0].items()}
