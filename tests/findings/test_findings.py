@@ -511,6 +511,9 @@ def test_the_command_places_lists_and_changes(filled, capsys, tmp_path):
     assert name in said and row["finding_id"] not in said.split("is dismissed")[1]
     assert main(["findings", "history", row["finding_id"], *where]) == 0 and "dirt" in capsys.readouterr().out
     (tmp_path / "d.csv").write_text("photo,x_px,y_px\nP1.png,1,1\nP7.png,1,1\n")
+    capsys.readouterr()
+    assert main(["findings", "add", "--outline", "1 2 x", "--by", "Ada", *where]) == 2
+    assert "the mark: cannot be read" in capsys.readouterr().err
     assert main(["findings", "add", str(tmp_path / "d.csv"), "--by", "Ada", *where]) == 1
     assert "d.csv, line 2" in (errors := capsys.readouterr().err) and "P7.png" in errors
     assert main(["looks", "cube-v1", *map(str, MARK), *where]) == 0 and "P2.png" in capsys.readouterr().out

@@ -16,6 +16,7 @@ from rich.markup import escape
 
 import upplied
 from upplied.cli import (
+    declared,
     demonstrations,
     doctor,
     edit,
@@ -32,13 +33,10 @@ from upplied.cli import (
     render,
     report,
     review,
-    samples,
     serve,
-    settings,
     structures,
     studio,
     transfer,
-    zones,
 )
 from upplied.cli.terminal import console, errors
 from upplied.errors import RefusedError, UppliedError
@@ -55,19 +53,15 @@ app = App(
 )
 app.register_install_completion_command(help="Install completion of commands and options for the shell.")
 _GROUPS = {  # of the help, in the order in which a newcomer needs them
-    "Data": (samples.app, structures.app, demonstrations.app, keeping.app),  # the last: `upplied catalog`
+    # The last of the first is `upplied catalog`, with the half of it that writes.
+    "Data": (quickstart.samples, structures.app, demonstrations.app, keeping.app),
     "Plan": (
-        *(transfer.app, transfer.plan, recommend.app, settings.setting, settings.showing),
-        *(zones.requiring, zones.showing),
+        *(transfer.app, transfer.plan, recommend.app, declared.setting, declared.showing),
+        *(declared.requiring, declared.covering),
     ),
     "Review": (
-        studio.app,
-        report.app,
-        render.app,
-        review.reviewing,
-        review.releasing,
-        review.rejecting,
-        edit.app,
+        *(studio.app, report.app, render.app),
+        *(review.reviewing, review.releasing, review.rejecting, edit.app),
     ),
     "Fly": (fly.app, export.app, export.briefing, flights.app),
     "Findings": (findings.app, looks.looking, findings.reshooting),

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
 from upplied.cli.options import CatalogOption, JsonOption
-from upplied.cli.terminal import console, errors, opened, rows_of, say, show
-
-if TYPE_CHECKING:
-    pass
+from upplied.cli.terminal import console, errors, opened, rows_of, say, show, show_frame
 
 app = App(name="catalog", help="Inspect, check, export and maintain the catalog.")
 
@@ -128,7 +125,7 @@ def diff(
     from upplied.catalog import diff as changed
 
     frame = changed(opened(catalog), _when(before), None if after is None else _when(after))
-    show("changes", rows_of(frame, None if json else CHANGED), json, ("before", "seen %", "clear m"))
+    show_frame("changes", frame, CHANGED, json, ("before", "seen %", "clear m"))
     return 0
 
 
@@ -139,7 +136,7 @@ def transfers(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -
     frame = store.transfers()
     rules = store.overruled().groupby("transfer_id")["rule"].unique().map(lambda some: " ".join(sorted(some)))
     frame["overruled"] = frame["transfer_id"].map(rules).fillna("")
-    show("transfers", rows_of(frame, None if json else {**PLANNED, "overruled": "overruled"}), json, SPARE)
+    show_frame("transfers", frame, {**PLANNED, "overruled": "overruled"}, json, SPARE)
     return 0
 
 
@@ -152,8 +149,7 @@ def as_of(moment: str, /, *, catalog: CatalogOption = "catalog", json: JsonOptio
     moment : str
         As 2026-11-21 or 2026-11-21T02:00:00Z; without a zone it is UTC.
     """
-    frame = opened(catalog).transfers(as_of=moment)
-    show(f"transfers as of {moment}", rows_of(frame, None if json else PLANNED), json, SPARE)
+    show_frame(f"transfers as of {moment}", opened(catalog).transfers(as_of=moment), PLANNED, json, SPARE)
     return 0
 
 

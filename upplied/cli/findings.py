@@ -7,10 +7,10 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.looks import OutOption, PhotosOption, listed, show_looks
+from upplied.cli.looks import OutOption, PhotosOption, show_looks
 from upplied.cli.options import CatalogOption, FindingArgument, JsonOption
 from upplied.cli.review import ByOption, NoteOption
-from upplied.cli.terminal import complain, errors, next_step, opened, say
+from upplied.cli.terminal import complain, errors, next_step, opened, say, show_frame
 
 app = App(
     name="findings", help="Place findings on structures, see them again, and find the same place elsewhere."
@@ -25,6 +25,10 @@ LISTED = {
 FinenessOption = Annotated[
     float, Parameter(name="--mm-px", help="Largest ground sample distance, mm per pixel.")
 ]
+SinceOption = Annotated[
+    str | None, Parameter(name="--since", help="Ignore looks before this date, such as 2026-03-01.")
+]
+SPARE = ("note", "severity", "by", "doubt")
 ToOption = Annotated[
     str, Parameter(name="--to", help="`kind` for every structure of it, or IDs with commas.")
 ]
@@ -77,15 +81,11 @@ def add(
     if file is not None:
         marks = read_marks(file)
     else:
-        pixels = (
-            (pixel,)
-            if pixel
-            else box_corners(*box)
-            if box
-            else corners_of(outline.split())
-            if outline
-            else ()
-        )
+        try:
+            corners = corners_of(outline.split()) if outline else ()
+            pixels = (pixel,) if pixel else box_corners(*box) if box else corners
+        except ValueError as error:
+            raise SettingsError("the mark", f"cannot be read: {error}", "numbers, px") from None
         about = {"class_name": class_name, "severity": severity, "note": note, "t_s": time, "flight": flight}
         marks = [Mark("the finding", photo, pixels, at, structure, **about)]  # type: ignore[arg-type]
     if min(pose_error or 0.0, attitude_error, pixel_error) < 0:
@@ -96,7 +96,7 @@ def add(
     for reason in done.refused:
         complain(f"refused: {reason}")
     rows = opened(catalog).findings()
-    listed("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, json)
+    show_frame("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, json, SPARE)
     if not json:
         say(f"{done.new} added, {len(done.ids) - done.new} already known, {len(done.refused)} refused")
     if done.ids and not json:
@@ -123,7 +123,6 @@ def photos(
     ----------
     flight : str
         ID of the flight, or its beginning, or of a demonstration.
-    folder : Path
     """
     from upplied.findings.photos import flight_of, register_photos
 
@@ -161,7 +160,7 @@ def list_findings(
         rows = by_reference(store, reference, class_name=class_name, state=state)
         mapped = {f"reference_{name}": name for name in ("x_m", "y_m", "z_m", "probability", "doubtful")}
         keys = ("finding_id", "target_id", "class", "state")
-        listed(f"findings on {reference}", rows, {key: LISTED[key] for key in keys} | mapped, json)
+        show_frame(f"findings on {reference}", rows, {key: LISTED[key] for key in keys} | mapped, json)
         if out is not None:
             from upplied.outputs.findings_page import write_findings_page
 
@@ -169,12 +168,8 @@ def list_findings(
             if not json:
                 say(page)
         return 0
-    listed(
-        "findings",
-        store.findings(structure=structure, kind=kind, state=state, class_name=class_name),
-        LISTED,
-        json,
-    )
+    rows = store.findings(structure=structure, kind=kind, state=state, class_name=class_name)
+    show_frame("findings", rows, LISTED, json, SPARE)
     return 0
 
 
@@ -188,12 +183,7 @@ def set_state(
     note: NoteOption = "",
     catalog: CatalogOption = "catalog",
 ) -> int:
-    """Change the state of a finding to open, watched, repaired or dismissed; its history stays.
-
-    Parameters
-    ----------
-    state : str
-    """
+    """Change the state of a finding to open, watched, repaired or dismissed; its history stays."""
     row = opened(catalog).set_finding(finding, state, by, note)
     say(f"finding {row['finding_id']} is {state}")
     return 0
@@ -206,7 +196,7 @@ def history(finding: str, /, *, catalog: CatalogOption = "catalog", json: JsonOp
     name = store.finding(finding)["finding_id"]
     rows = store.findings(history=True)
     columns = {"added_at": "when", "state": "state", "by": "by", "note": "note"}
-    listed(f"finding {name}", rows[rows["finding_id"] == name], columns, json)
+    show_frame(f"finding {name}", rows[rows["finding_id"] == name], columns, json, SPARE)
     return 0
 
 
@@ -239,7 +229,7 @@ def carry(
         bool, Parameter(negative="", help="Repeat on each similar part, such as each blade.")
     ] = False,
     mm_px: FinenessOption = float("inf"),
-    since: Annotated[str | None, Parameter(help="Ignore looks before this date, such as 2026-03-01.")] = None,
+    since: SinceOption = None,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
@@ -255,7 +245,7 @@ def carry(
         "probability": "probability", "error_m": "error m", "looked_at": "last seen", "mm_px": "mm/px",
         "looks": "flights", "doubt": "doubt",
     }  # fmt: skip
-    listed(f"finding {row['finding_id']} elsewhere", spots, columns, json)
+    show_frame(f"finding {row['finding_id']} elsewhere", spots, columns, json, SPARE)
     return 0
 
 
@@ -288,7 +278,7 @@ def campaign(
     *,
     mm_px: FinenessOption,
     to: ToOption = "kind",
-    since: Annotated[str | None, Parameter(help="Ignore looks before this date, such as 2026-03-01.")] = None,
+    since: SinceOption = None,
     catalog: CatalogOption = "catalog",
 ) -> int:
     """Plan a draft for each structure where no flight showed the place of a finding."""

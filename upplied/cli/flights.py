@@ -8,7 +8,18 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from upplied.cli.options import ByOption, CatalogOption, FlightArgument, JsonOption
-from upplied.cli.terminal import console, errors, next_step, opened, plain, rows_of, say, show
+from upplied.cli.terminal import (
+    ID_DIGITS,
+    console,
+    errors,
+    next_step,
+    opened,
+    plain,
+    rows_of,
+    say,
+    show,
+    show_frame,
+)
 
 app = App(name="flights", help="Import flights of plans, compare them, and plan what they missed.")
 
@@ -50,7 +61,6 @@ SHOWN = {
     "wind": "wind",
     "findings": "findings",
 }
-_DIGITS = 12  # of an id, in a list
 
 
 @app.command
@@ -82,7 +92,7 @@ def add(
         row = add_flight_log(store, log, plan, photos, accuracy_m=accuracy)
     _tell(row, json)
     if not json and left_out(store, row):
-        name = row["flight_id"][:_DIGITS]
+        name = row["flight_id"][:ID_DIGITS]
         next_step(f"flights gap {name}", "plan a flight over the missed surface", catalog)
     return 0
 
@@ -97,10 +107,7 @@ def list_flights(
 ) -> int:
     """List the flights in the order of their import."""
     flights = opened(catalog).flights(structure=structure, kind=kind)
-    rows = rows_of(flights, None if json else LISTED)
-    if not json:
-        rows = [{**row, "flight": row["flight"][:_DIGITS]} for row in rows]
-    show("flights", rows, json, ("findings", "plan", "clear m"))
+    show_frame("flights", flights, LISTED, json, ("findings", "plan", "clear m"))
     return 0
 
 
@@ -148,7 +155,6 @@ def history(
 
     Parameters
     ----------
-    structure : str
     x, y, z : float
         Point in the frame of the structure, m.
     """
@@ -193,4 +199,6 @@ def _tell(row: dict[str, Any], json: bool) -> None:
         return
     known["wind"] = wind_words(row)
     facts = [{"what": title, "value": known.get(name)} for name, title in SHOWN.items()]
-    show(f"flight {row['flight_id'][:_DIGITS]}", [each for each in facts if each["value"] not in (None, "")])
+    show(
+        f"flight {row['flight_id'][:ID_DIGITS]}", [each for each in facts if each["value"] not in (None, "")]
+    )

@@ -39,7 +39,6 @@ def add(name: str, key: str, /, *, catalog: CatalogOption = "catalog") -> int:
 
     Parameters
     ----------
-    name : str
     key : str
         The public key, as `upplied keys new` prints it.
     """
@@ -51,12 +50,7 @@ def add(name: str, key: str, /, *, catalog: CatalogOption = "catalog") -> int:
 
 @app.command
 def retire(name: str, /, *, catalog: CatalogOption = "catalog") -> int:
-    """Remove a person from the roster; earlier releases stay in force.
-
-    Parameters
-    ----------
-    name : str
-    """
+    """Remove a person from the roster; earlier releases stay in force."""
     decisions = opened(catalog).decisions()
     _roster(catalog).retire(name, "" if decisions.empty else str(decisions["decision_id"].iloc[-1]))
     say(f"{name} may no longer release")

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from upplied.cli.options import CatalogOption, JsonOption
-from upplied.cli.terminal import complain, errors, opened, say, show
+from upplied.cli.terminal import complain, errors, opened, say, show_frame
 
 looking = App(name="looks", help="List every photo that shows a place of a structure.")
 
@@ -42,7 +42,6 @@ def looks_at(
 
     Parameters
     ----------
-    structure : str
     x, y, z : float
         Point in the frame of the structure, m.
     """
@@ -64,7 +63,7 @@ def show_looks(store: Any, title: str, spot: Any, out: Any, photos: Any, simulat
     frame = looks_frame(looks)
     sides = frame[["left_px", "top_px", "right_px", "bottom_px"]].round(0)
     frame["box"] = [" ".join(f"{side:.0f}" for side in row) for row in sides.to_numpy()]
-    listed(f"looks at {title}", frame, LOOKS, json)
+    show_frame(f"looks at {title}", frame, LOOKS, json)
     if out is None:
         return 0
     from upplied.findings.crops import write_crops
@@ -75,13 +74,3 @@ def show_looks(store: Any, title: str, spot: Any, out: Any, photos: Any, simulat
     if not json:
         say(page)
     return int(bool(missing))
-
-
-def listed(title: str, frame: Any, columns: dict[str, str], json: bool) -> None:
-    """Print a table of findings or looks, or its rows as JSON."""
-    from upplied.cli.catalog import rows_of
-
-    rows = rows_of(frame, None if json else columns)
-    if not json:
-        rows = [{**row, "flight": row["flight"][:12]} if "flight" in row else row for row in rows]
-    show(title, rows, json, ("note", "severity", "by", "doubt"))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from upplied.cli.options import ByOption, CatalogOption, JsonOption, NoteOption, PlanArgument
-from upplied.cli.terminal import complain, next_step, number, opened, opened_at, rows_of, say, show
+from upplied.cli.terminal import complain, next_step, number, opened, opened_at, say, show, show_frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -126,7 +126,7 @@ def list_in_force(
     store = opened(catalog)
     plans = store.in_force(structure=structure, kind=kind)
     recalled = store.recalled(structure=structure)
-    show("in force", rows_of(plans, None if json else LISTED), json)
+    show_frame("in force", plans, LISTED, json)
     for row in recalled.to_dict("records"):
         what = f"recalled: {row['transfer_id']}, {row['demonstration_id']} on {row['target_id']}"
         complain(f"{what}: {row['state_note']}")

@@ -24,6 +24,7 @@ console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)  
 errors = Console(highlight=False, stderr=True)
 
 Advance = Callable[[], None]
+ID_DIGITS = 12  # of the id of a flight, where people read it
 
 
 def opened(location: str) -> Catalog:
@@ -105,6 +106,20 @@ def rows_of(frame: pd.DataFrame, names: Mapping[str, str] | None = None) -> list
     for row in rows:
         row |= {name: json.loads(row[name]) for name in texts if isinstance(row[name], str) and row[name]}
     return rows
+
+
+def show_frame(
+    title: str,
+    frame: pd.DataFrame,
+    columns: Mapping[str, str],
+    as_json: bool = False,
+    spare: Sequence[str] = (),
+) -> None:
+    """Print some columns of a frame under other names as a table, or all of them as JSON."""
+    rows = rows_of(frame, None if as_json else columns)
+    if not as_json and "flight" in columns.values():
+        rows = [{**row, "flight": row["flight"][:ID_DIGITS]} for row in rows]
+    show(title, rows, as_json, spare)
 
 
 def plain(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,11 +1,14 @@
-"""`upplied require` and `upplied zones`: which zones must be seen, and what became of each."""
+"""`upplied set`, `settings`, `require` and `zones`: what is declared of kinds and structures.
+
+Parameters of plans, with where each comes from; and zones that must be seen, with what became of each.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import App
+from cyclopts import App, Parameter
 
 from upplied.cli.options import (
     ByOption,
@@ -21,10 +24,70 @@ from upplied.cli.terminal import console, errors, next_step, opened, plain, show
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
 
+setting = App(name="set", help="Set planning parameters for a structure or for a whole kind.")
+showing = App(name="settings", help="Show the planning parameters of a structure and their origin.")
 requiring = App(
     name="require", help="Require zones of a structure or of a kind: what must be seen, and how well."
 )
-showing = App(name="zones", help="Show which required zones are covered, by plans and by flights.")
+covering = App(name="zones", help="Show which required zones are covered, by plans and by flights.")
+
+
+@setting.default
+def say(
+    owner: OwnerArgument,
+    /,
+    *values: Annotated[str, Parameter(allow_leading_hyphen=False)],
+    kind: KindOption = False,
+    by: ByOption,
+    note: NoteOption = "",
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Set parameters. Those of a structure override its kind; options of a run override both.
+
+    Parameters
+    ----------
+    values : str
+        As STAGE.NAME=VALUE: route.clearance_m=3, transfer.standoff=kept, transfer.gsd_m=0.002; without a
+        value the parameter is inherited again. preset=recommended is the only preset that is flown.
+    """
+    from upplied.cli.transfer import changes
+    from upplied.errors import SettingsError
+
+    if not values:
+        raise SettingsError("upplied set", "nothing is set", "STAGE.NAME=VALUE")
+    pairs: dict[str, object] = {}
+    for text in values:
+        if text.endswith("="):
+            pairs[text[:-1]] = None
+            continue
+        if text.startswith("preset="):
+            pairs["preset"] = text.removeprefix("preset=")
+            continue
+        for stage, names in changes((text,)).items():
+            pairs |= {f"{stage}.{name}": value for name, value in names.items()}
+    opened(catalog).set("kind" if kind else "structure", owner, pairs, by, note)
+    console.print(f"{owner}: {len(pairs)} set", markup=False)
+    next_step("plan --dry-run", "show the plans that change", catalog)
+    return 0
+
+
+@showing.default
+def settings(
+    structure: StructureArgument,
+    /,
+    *,
+    every: Annotated[
+        bool, Parameter(name="--all", negative="", help="Include the parameters of the preset.")
+    ] = False,
+    catalog: CatalogOption = "catalog",
+    json: JsonOption = False,
+) -> int:
+    """Show the planning parameters of a structure: by default those set for it or for its kind."""
+    rows = opened(catalog).settings_of(structure)
+    if not (every or json):
+        rows = rows[~rows["from"].str.startswith("preset")]
+    show(f"settings of {structure}", rows.astype(object).to_dict("records"), json)
+    return 0
 
 
 @requiring.default
@@ -104,7 +167,7 @@ def _with_labels(
     return labelled
 
 
-@showing.default
+@covering.default
 def zones(
     structure: StructureArgument,
     /,
