@@ -169,7 +169,7 @@ def shards(catalog: Catalog) -> str:
 def published(catalog: Catalog, pages: str) -> str:
     """Tables and pages."""
     done = publish(catalog, Path(str(catalog.location)).parent / "reports", pictures=0, pages=int(pages))
-    return f"{len(done.written)} pages written, {done.kept} kept; {size_mb(done.index.parent)} MB"
+    return f"{len(done.written)} pages written, {done.unchanged} kept; {size_mb(done.index.parent)} MB"
 
 
 def size_mb(folder: Path) -> int:

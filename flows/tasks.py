@@ -70,7 +70,7 @@ def ingest_structures(
 ) -> list[dict[str, str]]:
     """Every structure of a manifest into the catalog; a bad file stops itself alone."""
     asked = fleet.RuleOptions(tuple(allow), strict, structure_rules.changed(said))
-    ingested = fleet.ingest_structures(open_catalog(catalog), manifest, workers, prune=prune, asked=asked)
+    ingested = fleet.ingest_structures(open_catalog(catalog), manifest, workers, prune=prune, rules=asked)
     return [_plain(item) for item in ingested]
 
 

@@ -146,7 +146,7 @@ def test_no_text_of_a_log_becomes_markup(folder):
 
 def test_publishing_again_writes_nothing_and_equal_catalogs_give_equal_bytes(folder, catalog, tmp_path):
     again = publish_pages(catalog, folder, pictures=1)
-    assert not again.written and not again.removed and again.kept
+    assert not again.written and not again.removed and again.unchanged
     publish_pages(FakeCatalog(targets=2), tmp_path, pictures=1)
     assert contents(tmp_path) == contents(folder)
 

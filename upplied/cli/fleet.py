@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.serve import PortOption, flows_wanted, no_server
+from upplied.cli.serve import PortOption, connected
 from upplied.cli.terminal import complain, say
 
 app = App(name="fleet", help="The fleet's deployments in Prefect.")
@@ -26,14 +25,14 @@ def run(
     parameters : str
         Parameters of the flow, as NAME=VALUE with the value in JSON.
     """
-    if not (address := connected(port)):
+    if not (variables := connected(port)):
         return 1
     from upplied.flows.client import NotAccepted, run_now
 
     try:
         ended = run_now(parameters, watch, say)
     except NotAccepted as error:
-        complain(f"error: {address}: {error}")
+        complain(f"error: {variables['PREFECT_API_URL']}: {error}")
         return 1
     return int(not ended)
 
@@ -59,18 +58,3 @@ def notify(
 
     say(tell(url, every_run))
     return 0
-
-
-def connected(port: int) -> str:
-    """The address of the server, known to Prefect from here on; empty, and told, where none answers."""
-    flows_wanted()
-    from upplied.flows import environment
-    from upplied.flows.server import answers
-
-    variables = environment.client(port)
-    os.environ.update(variables)  # before Prefect is loaded, which reads it once
-    address = variables["PREFECT_API_URL"]
-    if answers(address):
-        return address
-    no_server(address)
-    return ""

@@ -9,38 +9,18 @@ from upplied.cli.terminal import complain, console, say
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
-    from upplied.fleet import RuleOptions
     from upplied.inputs.manifests import StructureEntry
     from upplied.inputs.rules import Verdict
     from upplied.records import Structure
 
 
-def check_mesh(file: Path, png: Path | None, clean: bool = False) -> int:
-    """Say how a mesh or cloud file is that no manifest declares, and draw it; 1 when it would be refused."""
-    return _told(file, file, png or Path(f"{file.stem}-check.png"), clean=clean)
-
-
-def check_entry(
-    manifest: Path,
-    id: str,
-    png: Path | None,
-    catalog: Catalog | None,
-    rules: RuleOptions,
-    clean: bool = False,
+def check_one(
+    what: StructureEntry | Path, png: Path | None, catalog: Catalog | None = None, clean: bool = False
 ) -> int:
-    """The same of one structure of a manifest, as declared there, among those of a catalog."""
-    from upplied.errors import InputError
-    from upplied.inputs.manifests import read_manifest
+    """Say how a structure is, and draw it; 1 when it would be refused.
 
-    entries = {entry.structure_id: entry for entry in rules.of(read_manifest(manifest))}
-    if id not in entries:
-        raise InputError(f"{manifest}: {id}", "is not in the manifest", f"one of {', '.join(entries)}")
-    return _told(entries[id], entries[id].path, png or Path(f"{id}-check.png"), catalog, clean)
-
-
-def _told(
-    what: StructureEntry | Path, file: Path, png: Path, catalog: Catalog | None = None, clean: bool = False
-) -> int:
+    Of a manifest, as it is declared there and among those of a catalog; else a mesh or cloud file alone.
+    """
     from upplied.errors import InputError
     from upplied.fleet.workers import JobKilled, Workers
     from upplied.inputs.health import health_report
@@ -48,6 +28,8 @@ def _told(
     from upplied.outputs.figures import structure_png
     from upplied.outputs.files import replace_file
 
+    file, name = (what, what.stem) if isinstance(what, Path) else (what.path, what.structure_id)
+    png = png or Path(f"{name}-check.png")
     if not file.is_file():
         raise InputError(str(file), "is not a file", remedy="check the path")
     try:

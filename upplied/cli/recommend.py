@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import App, Parameter
 
@@ -12,6 +12,11 @@ from upplied.cli.terminal import complain, errors, next_step, opened, plain, say
 
 app = App(name="recommend", help="Rank demonstrations by how well they fit a structure.")
 
+COLUMNS = {
+    "rank": "rank", "demonstration_id": "demonstration", "kind": "kind", "verdict": "verdict",
+    "misfit": "misfit", "predicted_seen_pct": "seen %", "without_pct": "lost %",
+    "inspected_pct": "inspected %",
+}  # fmt: skip
 MostOption = Annotated[int, Parameter(name="--most", help="Number of demonstrations to show.")]
 
 
@@ -32,7 +37,8 @@ def recommend(
     if json:
         show("", [plain(row) for row in ranks], json)
     else:
-        show(f"demonstrations for {structure}", [_row(row) for row in ranks], spare=("inspected %", "lost %"))
+        rows = [{title: row[name] for name, title in COLUMNS.items()} for row in ranks]
+        show(f"demonstrations for {structure}", rows, spare=("inspected %", "lost %"))
         for row in ranks:
             say(f"{row['rank']}. {row['demonstration_id']}: {row['why']}")
     if not json and any(row["verdict"] == "fits" for row in ranks):
@@ -68,16 +74,3 @@ def best(location: str, structure: str) -> str:
         )
     complain(f"{fitting.demonstration_id}: {fitting.why}")
     return fitting.demonstration_id
-
-
-def _row(row: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "rank": row["rank"],
-        "demonstration": row["demonstration_id"],
-        "kind": row["kind"],
-        "verdict": row["verdict"],
-        "misfit": row["misfit"],
-        "seen %": row["predicted_seen_pct"],
-        "lost %": row["without_pct"],
-        "inspected %": row["inspected_pct"],
-    }

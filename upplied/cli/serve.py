@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from upplied.cli.terminal import complain, errors
+from upplied.cli.terminal import complain
 from upplied.extras import extra
 
 serving = App(name="serve", help="Run the fleet service: Prefect, a worker and the pages, until Ctrl-C.")
@@ -53,13 +53,11 @@ def serve(*, port: PortOption = 4200, root: RootOption = (), only: PartOption = 
 @deploying.default
 def deploy(*, port: PortOption = 4200) -> int:
     """Apply the prefect.yaml of this folder, or the program's own, to the server."""
-    flows_wanted()
-    from upplied.flows import environment, serve
-    from upplied.flows.server import ServerError, answers
+    if not (variables := connected(port)):
+        return 1
+    from upplied.flows import serve
+    from upplied.flows.server import ServerError
 
-    variables = environment.client(port)
-    if not answers(variables["PREFECT_API_URL"]):
-        return no_server(variables["PREFECT_API_URL"])
     try:
         serve.deploy(variables)
     except ServerError as error:
@@ -87,14 +85,8 @@ def watch(
     if not folder.is_dir():
         complain(f"error: {folder} is not a folder")
         return 2
-    flows_wanted()
-    from upplied.flows import environment
-    from upplied.flows.server import answers
-
-    variables = environment.client(port)
-    if not answers(variables["PREFECT_API_URL"]):
-        return no_server(variables["PREFECT_API_URL"])
-    os.environ.update(variables)
+    if not connected(port):
+        return 1
     from upplied.flows.watch import FLOWN, LANDED
     from upplied.flows.watch import watch as tell
 
@@ -109,12 +101,16 @@ def flows_wanted() -> None:
             raise ModuleNotFoundError(name="prefect")
 
 
-def no_server(address: str) -> int:
-    """Say that nobody answers, and what to do."""
-    errors.print(
-        f"error: no Prefect server answers at {address}. "
-        "Start one (`upplied serve`), or set PREFECT_API_URL to the address of yours.",
-        markup=False,
-        soft_wrap=True,
-    )
-    return 1
+def connected(port: int) -> dict[str, str]:
+    """The variables of the server, known to Prefect from here on; none, and told, where none answers."""
+    flows_wanted()
+    from upplied.flows import environment
+    from upplied.flows.server import answers
+
+    variables = environment.client(port)
+    os.environ.update(variables)  # before Prefect is loaded, which reads it once
+    if answers(address := variables["PREFECT_API_URL"]):
+        return variables
+    remedy = "Start one (`upplied serve`), or set PREFECT_API_URL to the address of yours."
+    complain(f"error: no Prefect server answers at {address}. {remedy}")
+    return {}

@@ -53,38 +53,25 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
     """The measures of each plan, and under them why it has none, or what to look at before it is flown."""
     from json import loads
 
+    from upplied.outputs.pairs import shown_status
     from upplied.outputs.verdicts import fineness
 
     if as_json:
         show("", [{**row, "warnings": loads(row["warnings"] or "[]")} for row in rows], as_json)
         return
-    show(
-        f"transfers of {demonstration}",
-        [{title: _cell(row, name) for name, title in COLUMNS.items()} for row in rows],
-        spare=_SPARE,
-    )
+    shown = [row | {"status": shown_status(row)} for row in rows]
+    columns = [{title: row[name] for name, title in COLUMNS.items()} for row in shown]
+    show(f"transfers of {demonstration}", columns, spare=_SPARE)
     for row in rows:
         status = shown_status(row)
         if status != "ok":
             why = row["reason"] or row["not_flyable"]
-            text = f"{status}: {row['target_id']} ({row['preset']}): {why}"
-            say(text)
+            say(f"{status}: {row['target_id']} ({row['preset']}): {why}")
             continue
         if fine := fineness(row):
             say(f"{row['target_id']} ({row['preset']}): {fine}")
         if warnings := loads(row["warnings"] or "[]"):
             say(f"check: {row['target_id']} ({row['preset']}): {'; '.join(warnings)}")
-
-
-def _cell(row: dict[str, Any], name: str) -> Any:
-    return shown_status(row) if name == "status" else row[name]
-
-
-def shown_status(row: dict[str, Any]) -> str:
-    """The status of a plan as people read it."""
-    from upplied.outputs.pairs import shown_status as said
-
-    return said(row)
 
 
 def show_decision(decision: Decision, as_json: bool) -> None:

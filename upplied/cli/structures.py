@@ -127,16 +127,19 @@ def check(
         A manifest (`structures.toml` or a CSV), or a mesh or point cloud.
     """
     from upplied import fleet
-    from upplied.cli.health import check_entry, check_mesh
+    from upplied.cli.health import check_one
+    from upplied.errors import InputError
     from upplied.inputs.manifests import read_manifest
 
     rules = _asked(allow, strict, set_)
     if file.suffix.lower() not in (".toml", ".csv"):
-        return check_mesh(file, png, clean)
+        return check_one(file, png, clean=clean)
     others = _compared(catalog)
     if id is not None:
-        return check_entry(file, id, png, others, rules, clean)
-
+        entries = {entry.structure_id: entry for entry in rules.of(read_manifest(file))}
+        if id not in entries:
+            raise InputError(f"{file}: {id}", "is not in the manifest", f"one of {', '.join(entries)}")
+        return check_one(entries[id], png, others, clean)
     with progress("checking structures", len(read_manifest(file))) as advance:
         checked = fleet.check_structures(file, workers, lambda _: advance(), others, rules)
     rows = [vars(item) for item in checked]

@@ -147,7 +147,7 @@ def check_structures(
     workers: int = 0,
     progress: Progress = lambda ingested: None,
     catalog: Catalog | None = None,
-    asked: RuleOptions | None = None,
+    rules: RuleOptions | None = None,
 ) -> list[Ingested]:
     """Read the structures of a manifest and say what is wrong; nothing is kept.
 
@@ -161,7 +161,7 @@ def check_structures(
     progress : callable
         Called once for each file that was read.
     catalog : Catalog, optional
-    asked : RuleOptions, optional
+    rules : RuleOptions, optional
         Which rules are overruled, and their bounds.
 
     Returns
@@ -169,7 +169,7 @@ def check_structures(
     list of Ingested
         Each "good", "odd" (with what a person should look at) or "failed" (with the reason).
     """
-    entries = (asked or RuleOptions()).of(read_manifest(manifest))
+    entries = (rules or RuleOptions()).of(read_manifest(manifest))
     results: list[Ingested | tuple[Ingested, tuple[Verdict, ...], Member]] = []
     for name, read in each(_checked, entries, lambda entry: entry.structure_id, workers):
         results.append(Ingested(name, "failed", read) if isinstance(read, str) else read)

@@ -35,7 +35,7 @@ class Base:
     """What a change counts the viewpoints of: the plan as it is kept, or one that was planned anew."""
 
     plan: Plan
-    asked: Asked | None = None  # of the airspace that it was planned anew in; None: as it is kept
+    airspace: Asked | None = None  # of the airspace that it was planned anew in; None: as it is kept
 
     @cached_property
     def viewpoints(self) -> list[Viewpoint]:
@@ -70,8 +70,8 @@ class Editing:
     def __init__(self, catalog: Catalog, transfer_id: str) -> None:
         self._catalog, self.recipe = catalog, recipe(catalog, transfer_id)
         self.transfer_id = transfer_id
-        self.kept = Base(plan_of(catalog, self.recipe.row))
-        flown_path(self.kept.plan)
+        self.stored = Base(plan_of(catalog, self.recipe.row))
+        flown_path(self.stored.plan)
         self._memo = Recent(catalog.cache)
         edits = catalog.edits()
         own = edits.loc[edits["transfer_id"] == transfer_id, "edit_json"]
@@ -156,17 +156,17 @@ class Editing:
         """
         if change.replanned:
             return *self.replanned(change.asked, change), ()
-        edit, lost = found_again(change, self.kept.viewpoints)
-        return self.kept, edit, lost
+        edit, lost = found_again(change, self.stored.viewpoints)
+        return self.stored, edit, lost
 
     def to_keep(self, base: Base, edit: Edit, airspace: Asked) -> KeptEdit:
         """A change by its places, to be carried over to plans made later."""
-        return together(self.earlier, kept_edit(base.viewpoints, edit, airspace, base.asked is not None))
+        return together(self.earlier, kept_edit(base.viewpoints, edit, airspace, base.airspace is not None))
 
     @cached_property
     def scene(self) -> Scene:
         """Of the structure, with what was never scanned of it."""
-        return scene_for(self.target, self.kept.plan.supposed)
+        return scene_for(self.target, self.stored.plan.supposed)
 
     @cached_property
     def surface(self) -> Cloud:
@@ -182,14 +182,14 @@ class Editing:
         name = self.target.sha256 and digest([self.target.sha256, boxes.tolist()])
         return replace(self.target, surroundings=replace(around, keep_out_m=boxes), sha256=name)
 
-    def _roadmap(self, asked: Asked, path: Trajectory) -> Roadmap:
-        name = digest([asked.boxes, self.clearance_m(asked), path.positions.tobytes().hex()])
+    def _roadmap(self, wanted: Asked, path: Trajectory) -> Roadmap:
+        name = digest([wanted.boxes, self.clearance_m(wanted), path.positions.tobytes().hex()])
         if name not in self._roadmaps:
-            around = self._forbidding(asked).surroundings
+            around = self._forbidding(wanted).surroundings
             ground = self.recipe.settings.route.ground_clearance_m
-            airspace = Airspace(self.scene, self.clearance_m(asked), around, ground)
+            airspace = Airspace(self.scene, self.clearance_m(wanted), around, ground)
             every = max(1, len(path) // _PLACES)
-            in_the_way = obstacle(self.surface, self.kept.plan.supposed)
+            in_the_way = obstacle(self.surface, self.stored.plan.supposed)
             self._roadmaps[name] = roadmap(airspace, in_the_way, path.positions[::every])
             while len(self._roadmaps) > _ROADMAPS:
                 self._roadmaps.popitem(last=False)

@@ -34,7 +34,7 @@ _EARLIER = ("rejected", "recalled")  # states of a changed plan whose change is 
 def write_edit(catalog: Catalog, transfer_id: str, path: str | Path) -> Path:
     """Write the viewpoints of a plan as JSON, to be changed and read again by `edit_plan`."""
     editing = Editing(catalog, transfer_id)
-    rows = [viewpoint_row(number, p) for number, p in enumerate(editing.kept.viewpoints)]
+    rows = [viewpoint_row(number, p) for number, p in enumerate(editing.stored.viewpoints)]
     document = {"plan": transfer_id, "target": editing.target.structure_id, "clearance_m": editing.usual_m}
     text = json.dumps({**document, "keep_out": [], "viewpoints": rows}, indent=1)
     return replace_file(Path(path), text + "\n")
@@ -66,8 +66,8 @@ def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> 
             raise InputError(str(path), f"is for plan {document['plan']!s:.40}, not {transfer_id}", _RULE)
     except (UnicodeDecodeError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise _unreadable(str(path), error) from None
-    edit, airspace = read_edit(str(path), document, editing, editing.kept)
-    return keep_edit(catalog, editing, editing.kept, edit, airspace, by, what=str(path))
+    edit, airspace = read_edit(str(path), document, editing, editing.stored)
+    return keep_edit(catalog, editing, editing.stored, edit, airspace, by, what=str(path))
 
 
 def read_edit(what: str, document: Mapping[str, Any], editing: Editing, base: Base) -> tuple[Edit, Asked]:
@@ -125,7 +125,7 @@ def keep_edit(
     RefusedError
         If what is asked for cannot be flown safely.
     """
-    words = ", ".join(filter(None, [edit.words, airspace.words, "planned again" if base.asked else ""]))
+    words = ", ".join(filter(None, [edit.words, airspace.words, "planned again" if base.airspace else ""]))
     if not words:
         rule = "move, turn or leave out a viewpoint, forbid a box, or ask for more clearance"
         raise InputError(what, "changes nothing", "", rule)
@@ -143,7 +143,7 @@ def keep_edit(
     row = editing.recipe.row
     key = digest(
         ["edited", row["key"], method(), sorted(edit.deleted), repr(sorted(edit.changed.items())),
-         boxes_of(airspace).tolist(), editing.clearance_m(airspace), repr(base.asked),
+         boxes_of(airspace).tolist(), editing.clearance_m(airspace), repr(base.airspace),
          editing.target.sha256]
     )  # fmt: skip
     provenance = {

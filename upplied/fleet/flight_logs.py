@@ -195,10 +195,10 @@ def judged_on_plan(
         plan.trajectory, viewpoint_s, on, logged, surface, camera, scene, photo_s, planned_with, rule
     )
     looks = judged.looks
-    found = list(judged.findings)
+    findings = list(judged.findings)
     if looks.inspected_if_corrected is not None:
         share = _share_pct(looks.inspected_if_corrected, required) or 0.0
-        found.append(f"if the log was rightly corrected, {share:.1f} % was inspected as asked")
+        findings.append(f"if the log was rightly corrected, {share:.1f} % was inspected as asked")
     of_plan = ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")
     columns = {
         **{name: row[name] for name in of_plan},
@@ -218,7 +218,7 @@ def judged_on_plan(
         "required_pct": _share_pct(looks.seen, required),
         "assumed_pct": _share_pct(looks.assumed, required) or 0.0,
         "silent_s": judged.silent_s,
-        "findings": "; ".join(found),
+        "findings": "; ".join(findings),
         "min_clearance_m": judged.clearance_m,
         "path_length_m": float(leg_lengths(on.flown.positions).sum()),
         "duration_s": float(on.flown.t_s[-1] - on.flown.t_s[0]),

@@ -68,7 +68,8 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     surface, required = required_of(catalog, made_from.row, flown, target, camera)
     inspected = np.zeros(len(surface), bool)
     inspected[catalog.looks.get(str(row["looks_sha256"])).as_asked] = True
-    route = made_from.settings.route
+    settings = made_from.settings
+    route = settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
     airspace = Airspace(
         scene_for(target, flown.supposed), clearance, target.surroundings, route.ground_clearance_m
@@ -86,8 +87,9 @@ def plan_gap(catalog: Catalog, start: str) -> str:
         around = replace(airspace, clearance_m=clearance_m)
         every = max(1, len(path) // _PLACES)
         graph = roadmap(around, obstacle(surface, flown.supposed), path.positions[::every])
-        asked = made_from.settings
-        return gap_flight(path, surface, missing, camera, graph, asked.retime, zone_gaps, asked.inspection)
+        return gap_flight(
+            path, surface, missing, camera, graph, settings.retime, zone_gaps, settings.inspection
+        )
 
     flight, clearance_words = _as_far(flown, airspace, flight_at)
     broken = place_breaches(flight.trajectory, target, flown.supposed, clearance)
@@ -178,7 +180,7 @@ def _plan(
         headline = f"shows {100 * shown / all_of_it:.1f} % of the gap as near and as frontally as planned"
     headline += f"; by known safe legs {flight.bound_m:.0f} m are needed at least"
     headline += f", it flies {flight.length_m:.0f} m"
-    of_zones = [zone.told(*both) for zone, both in zip(zones, flight.zones, strict=True)]
+    of_zones = [zone.summary(*both) for zone, both in zip(zones, flight.zones, strict=True)]
     return Plan(
         demonstration_id=flown.demonstration_id,
         source_id=flown.source_id,

@@ -44,7 +44,7 @@ def ingest_structures(
     workers: int = 0,
     progress: Progress = _silent,
     prune: bool = False,
-    asked: RuleOptions | None = None,
+    rules: RuleOptions | None = None,
 ) -> list[Ingested]:
     """Read the structures of a manifest and keep those that are new or changed.
 
@@ -59,7 +59,7 @@ def ingest_structures(
         Called with what became of each file.
     prune : bool
         Retire structures that the manifest no longer names, and with them their plans; history stays.
-    asked : RuleOptions, optional
+    rules : RuleOptions, optional
         Which rules are overruled, and their bounds.
 
     Raises
@@ -67,7 +67,7 @@ def ingest_structures(
     InputError
         If the manifest itself cannot be read.
     """
-    entries = (asked or RuleOptions()).of(read_manifest(manifest))
+    entries = (rules or RuleOptions()).of(read_manifest(manifest))
     ingested, known = _added(catalog, entries, workers, progress)
     if prune:
         gone = sorted(known - {entry.structure_id for entry in entries})
@@ -166,14 +166,14 @@ def passed_over(logs: Iterable[str | Path]) -> list[Ingested]:
     return [_listed(one, None) for one in _surveyed([Path(log) for log in logs]) if one.status == "other"]
 
 
-def _listed(found: Found, ingested: Ingested | None) -> Ingested:
+def _listed(file: Found, ingested: Ingested | None) -> Ingested:
     """What became of a file, with what it is."""
     if ingested is not None:
-        words = f"{found.words}: {ingested.words}" if ingested.words else found.words
-        return replace(ingested, file=str(found.path), words=words)
-    refused = found.status == "refused"
-    reason = f"{found.path}: {found.words}"
-    return Ingested(found.path.name, "failed" if refused else "passed over", reason, file=str(found.path))
+        words = f"{file.words}: {ingested.words}" if ingested.words else file.words
+        return replace(ingested, file=str(file.path), words=words)
+    refused = file.status == "refused"
+    reason = f"{file.path}: {file.words}"
+    return Ingested(file.path.name, "failed" if refused else "passed over", reason, file=str(file.path))
 
 
 def _place(catalog: Catalog) -> tuple[str, Path]:

@@ -109,13 +109,13 @@ def _tried(learn: Callable[[], None], name: str) -> None:
         log.warning("%s: nothing is known of its shape yet: %s", name, error)
 
 
-def is_project(found: Found) -> bool:
+def is_project(file: Found) -> bool:
     """Whether a file is that of the cameras of a project."""
-    return found.is_flight and found.path.is_file() and kind_of(found.path) in KINDS
+    return file.is_flight and file.path.is_file() and kind_of(file.path) in KINDS
 
 
 def facts_of(
-    found: list[Found],
+    files: list[Found],
     options: LogOptions,
     add: Callable[[list[StructureEntry]], list[Ingested]],
 ) -> tuple[list[Found], list[Ingested], dict[str, LogOptions]]:
@@ -123,7 +123,7 @@ def facts_of(
 
     Parameters
     ----------
-    found : list of Found
+    files : list of Found
         Files of a survey.
     options : LogOptions
         Facts about all of them.
@@ -132,7 +132,7 @@ def facts_of(
 
     Returns
     -------
-    found : list of Found
+    files : list of Found
         The same; photos in the folder of such a project are part of it.
     ingested : list of Ingested
         What became of each structure.
@@ -140,12 +140,12 @@ def facts_of(
         By the file of the cameras.
     """
     projects: dict[str, Project] = {}
-    for one in filter(is_project, found):
+    for one in filter(is_project, files):
         with suppress(UppliedError, OSError):  # `learnt_flight` reports it
             project = project_at(one.path, options)
             projects |= {} if project is None else {str(one.path): project}
     if not projects:
-        return found, [], {}
+        return files, [], {}
     surfaces = {
         project.entry.structure_id: str(project.entry.path if isabs(name) else relpath(project.entry.path))
         for name, project in projects.items()
@@ -154,7 +154,7 @@ def facts_of(
     words = "structure of a photogrammetry project"
     structures = [replace(one, file=surfaces.get(one.name, one.name), words=words) for one in ingested]
     roots = {project.folder for project in projects.values()}
-    photos = {one.path for one in found if one.path.is_dir() and roots & {*one.path.resolve().parents}}
+    photos = {one.path for one in files if one.path.is_dir() and roots & {*one.path.resolve().parents}}
     words = "photos of a photogrammetry project"
-    found = [replace(one, status="part", words=words) if one.path in photos else one for one in found]
-    return found, structures, {name: project.facts for name, project in projects.items()}
+    files = [replace(one, status="part", words=words) if one.path in photos else one for one in files]
+    return files, structures, {name: project.facts for name, project in projects.items()}

@@ -30,7 +30,7 @@ class Zone:
     demand: Demand
     gap: ZoneGap
 
-    def told(self, shown: Bools, unattainable: Bools) -> str:
+    def summary(self, shown: Bools, unattainable: Bools) -> str:
         """What a flight makes of it, in square metres."""
         cloud, named = self.gap.cloud, f"zone {self.row['zone']} ({self.row['set']} {self.row['version']})"
         area, all_of_it = square_metres(cloud, shown), square_metres(cloud, np.ones(len(cloud), bool))

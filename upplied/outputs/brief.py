@@ -160,9 +160,7 @@ def _sorties(missions: Sequence[Mission]) -> str:
         first = f"{lat:.6f}, {lon:.6f}, {mission.height_m[0]:.1f}"
         name, seconds = f"{mission.number} of {mission.count}", f"{mission.duration_s:.0f}"
         cells.append((name, len(inside), photos, f"{length:.0f}", seconds, first))
-    headed = "".join(f"<th>{_text(each)}</th>" for each in head)
-    body = "".join("<tr>" + "".join(f"<td>{_text(each)}</td>" for each in row) + "</tr>" for row in cells)
-    return f"<h2>Flights</h2><table><tr>{headed}</tr>{body}</table>"
+    return _table("Flights", cells, head)
 
 
 def _line(mission: Mission) -> Line:
@@ -177,9 +175,10 @@ def _line(mission: Mission) -> Line:
     )
 
 
-def _table(title: str, rows: Sequence[tuple[str, str]]) -> str:
-    body = "".join(f"<tr><td>{_text(name)}</td><td>{_text(value)}</td></tr>" for name, value in rows)
-    return f"<h2>{_text(title)}</h2><table>{body}</table>"
+def _table(title: str, rows: Sequence[Sequence[object]], head: Sequence[str] = ()) -> str:
+    headed = "".join(f"<th>{_text(each)}</th>" for each in head)
+    body = "".join("<tr>" + "".join(f"<td>{_text(each)}</td>" for each in row) + "</tr>" for row in rows)
+    return f"<h2>{_text(title)}</h2><table>{headed and f'<tr>{headed}</tr>'}{body}</table>"
 
 
 def _listed(title: str, texts: Sequence[str]) -> str:

@@ -39,20 +39,20 @@ class MissionZones:
     camera: Camera
 
     @cached_property
-    def asked(self) -> list[dict[str, Any]]:
-        """Every zone that is asked of the structure."""
+    def required(self) -> list[dict[str, Any]]:
+        """Every zone that is required of the structure."""
         return zones_of(self.catalog, self.structure.kind, self.structure.structure_id)
 
     def judged(self, missions: Sequence[Mission] = ()) -> list[dict[str, Any]]:
         """What becomes of each zone by these sorties together, or by the plan where there are none."""
-        if not self.asked:
+        if not self.required:
             return []
         known = self.catalog.structure, self.catalog.cache
         plan, faces = self.plan, self.catalog.faces_labelled
-        asking = Asking(*known, self.structure, plan.supposed, self.camera, self.asked, faces)
+        asking = Asking(*known, self.structure, plan.supposed, self.camera, self.required, faces)
         return asking.judged(*self._looks(asking, missions))
 
-    def told(self, missions: Sequence[Mission] = ()) -> tuple[str, ...]:
+    def notes(self, missions: Sequence[Mission] = ()) -> tuple[str, ...]:
         """The same as notes of a mission."""
         return tuple(map(_words, self.judged(missions)))
 

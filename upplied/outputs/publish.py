@@ -46,7 +46,7 @@ class Published:
 
     index: Path
     written: tuple[str, ...]  # files, relative to the folder
-    kept: int  # files that were up to date
+    unchanged: int  # files that were up to date
     removed: tuple[str, ...]
     problems: tuple[str, ...]  # pairs whose page could not be made, or whose plan fails the gate, and why
 

@@ -73,19 +73,13 @@ def export_transfer(
 
     Where zones must be seen of the structure, what becomes of each stands beside them: ``FILE.zones.json``.
     """
-    row = _row(catalog, transfer_id)
-    options = as_settled(row, options or MissionOptions())
-    camera = catalog.demonstration(str(row["demonstration_id"])).camera
-    structure = catalog.structure(str(row["target_id"]))
+    row, zones, custody = _leaving(catalog, transfer_id)
     keep = partial(keep_overruled, catalog, row, "export", format)
-    faults, plan = undecided(catalog, row), plan_of(catalog, row)
-    zones = MissionZones(catalog, plan, structure, camera)
-    custody = custody_notes(catalog)
     exported = export(
-        *(plan, structure, format, path, options, camera, faults, keep),
-        lambda missions: (*zones.told(missions), *custody),
+        *(zones.plan, zones.structure, format, path, as_settled(row, options or MissionOptions())),
+        *(zones.camera, undecided(catalog, row), keep, lambda missions: (*zones.notes(missions), *custody)),
     )
-    if not zones.asked:
+    if not zones.required:
         return exported
     rows = [{name: None if value != value else value for name, value in one.items()}
             for one in zones.judged(exported.missions)]  # fmt: skip
@@ -97,24 +91,25 @@ def brief_transfer(
     catalog: Catalog, transfer_id: str, format: str, path: str | Path, options: MissionOptions | None = None
 ) -> Path:
     """The page for the pilot of one transfer, HTML, as it is flown in a format."""
-    row = _row(catalog, transfer_id)
-    options = as_settled(row, options or MissionOptions())
-    camera = catalog.demonstration(str(row["demonstration_id"])).camera
-    structure = catalog.structure(str(row["target_id"]))
-    plan = plan_of(catalog, row)
-    missions = missions_for(format, plan, structure, options, camera, undecided(catalog, row))
-    zone_notes = MissionZones(catalog, plan, structure, camera).told(missions)
+    row, zones, custody = _leaving(catalog, transfer_id)
+    options, warnings = as_settled(row, options or MissionOptions()), zones.plan.warnings
+    given = (format, zones.plan, zones.structure, options, zones.camera)
+    missions = missions_for(*given, undecided(catalog, row))
+    notes = (*zones.notes(missions), *custody)
     keep_overruled(catalog, row, "brief", format, missions[0].overruled)
-    warnings = json.loads(row.get("warnings") or "[]")
-    notes = (*zone_notes, *custody_notes(catalog))
     photos = reference_photos(catalog, warnings)
-    return replace_file(Path(path), brief_html(row, missions, structure, options, warnings, notes, photos))
+    page = brief_html(row, missions, zones.structure, options, warnings, notes, photos)
+    return replace_file(Path(path), page)
 
 
-def custody_notes(catalog: Catalog) -> tuple[str, ...]:
-    """The last decision and flight of a catalog, by their hashes, as a note of a mission."""
+def _leaving(catalog: Catalog, transfer_id: str) -> tuple[dict[str, Any], MissionZones, tuple[str, ...]]:
+    """The row of a plan, the plan with the zones of its structure, and what missions can be traced by."""
+    row = _row(catalog, transfer_id)
+    structure = catalog.structure(str(row["target_id"]))
+    camera = catalog.demonstration(str(row["demonstration_id"])).camera
     words = heads_in_words(chain_heads(catalog))
-    return (f"{CUSTODY}: {words}",) if words else ()
+    custody = (f"{CUSTODY}: {words}",) if words else ()
+    return row, MissionZones(catalog, plan_of(catalog, row), structure, camera), custody
 
 
 def keep_overruled(catalog: Catalog, row: Any, way: str, format: str, overruled: Sequence[Breach]) -> None:

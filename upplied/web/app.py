@@ -21,10 +21,10 @@ from starlette.routing import Route
 from upplied.catalog import Catalog
 from upplied.errors import CatalogError, UppliedError
 from upplied.outputs import pages
-from upplied.web.decisions import Decisions
 from upplied.web.guard import Guard
 from upplied.web.live import LivePages
 from upplied.web.login import Login
+from upplied.web.requests import Decisions
 from upplied.web.session import Sessions
 
 _MOST_BYTES = 4 << 20  # of a request

@@ -17,7 +17,7 @@ from upplied.outputs.page_html import fleet_html, pair_html, passport_html, stru
 from upplied.outputs.publish import PAGES, TITLE
 from upplied.outputs.render import brief_transfer, export_transfer
 from upplied.outputs.reports import Reader
-from upplied.web.decisions import Decisions
+from upplied.web.requests import Decisions
 
 
 class LivePages:

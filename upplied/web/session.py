@@ -27,8 +27,7 @@ from upplied.poses import from_yaw_pitch, optical_axis
 from upplied.proof.carried_edit import kept_edit
 from upplied.proof.edit import Asked, Edit
 from upplied.records import Ints
-from upplied.web.decisions import Decisions
-from upplied.web.requests import signed, viewpoint_of
+from upplied.web.requests import Decisions, signed, viewpoint_of
 from upplied.web.zone_requests import ZoneRequests
 
 _MOST_BASES = 50  # that were planned again and are held: a page goes back to them
@@ -96,7 +95,7 @@ class Session:
         self.editing = Editing(catalog, transfer_id)
         self.decisions = Decisions(catalog)
         self._lock = threading.Lock()
-        self._bases = [self.editing.kept]
+        self._bases = [self.editing.stored]
         stage("Drawing the structure")
         self._reader = Reader(catalog)
         self._mesh = self._reader.display_mesh(self.editing.target)
@@ -112,7 +111,7 @@ class Session:
         answers: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
             "plan": self._plan, "judge": self._judge, "replan": self._replan, "keep": self._keep,
             "decide": self._decide, "aim": self._aim, "zone": self.zones.drawn, "require": self.zones.require,
-            "zones": lambda _: {"zones": self.zones.judged(self.editing.kept.plan)},
+            "zones": lambda _: {"zones": self.zones.judged(self.editing.stored.plan)},
         }  # fmt: skip
         if what not in answers:
             return {"refused": f"{what[:40]}: this request does not exist"}
@@ -131,7 +130,7 @@ class Session:
         row, camera = self.editing.recipe.row, self.editing.recipe.demonstration.camera
         rows = self.catalog.transfers(every=True, structure=row["target_id"])
         now = rows[rows["transfer_id"] == self._draft].iloc[-1].to_dict()
-        plan = self.editing.kept.plan
+        plan = self.editing.stored.plan
         path = flown_path(plan)[0]
         clearance_m = self.editing.clearance_m(Asked())
         broken = place_breaches(path, self.editing.target, plan.supposed, clearance_m)
@@ -148,9 +147,9 @@ class Session:
             "heading_deg": self._heading_deg(),
             "usual_m": clearance_m,
             "declared_boxes": self.editing.target.surroundings.keep_out_m.tolist(),
-            "viewpoints": self._rows(self.editing.kept),
+            "viewpoints": self._rows(self.editing.stored),
             "in_force": self._in_force(),
-            **self._shown(judged, Edit(), Asked(), self.editing.kept),
+            **self._shown(judged, Edit(), Asked(), self.editing.stored),
         }
 
     def _heading_deg(self) -> float | None:
@@ -244,7 +243,7 @@ class Session:
             },
             "differences": self._differences(measures),
             "words": ", ".join(
-                filter(None, (edit.words, airspace.words, "planned again" if base.asked else ""))
+                filter(None, (edit.words, airspace.words, "planned again" if base.airspace else ""))
             ),
         }
 

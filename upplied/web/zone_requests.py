@@ -74,5 +74,5 @@ class ZoneRequests:
     @cached_property
     def _asking(self) -> Asking:
         editing, camera = self._editing, self._editing.recipe.demonstration.camera
-        known = editing.kept.plan.supposed, camera, self._required, self._catalog.faces_labelled
+        known = editing.stored.plan.supposed, camera, self._required, self._catalog.faces_labelled
         return Asking(self._catalog.structure, self._catalog.cache, editing.target, *known)

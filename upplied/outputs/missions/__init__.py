@@ -58,7 +58,7 @@ def export(
     path: str | Path,
     options: MissionOptions | None = None,
     camera: Camera | None = None,
-    found: Sequence[gate.Breach] = (),
+    objections: Sequence[gate.Breach] = (),
     keep: Callable[[Sequence[gate.Breach]], object] = lambda _: None,
     zones: Callable[[Sequence[Mission]], Sequence[str]] = lambda _: (),
 ) -> Exported:
@@ -76,7 +76,7 @@ def export(
     options : MissionOptions, optional
     camera : Camera, optional
         Of the demonstration, to check that thinning loses no view.
-    found : sequence of Breach, optional
+    objections : sequence of Breach, optional
         Rules that the plan is known to break already, for instance that it is superseded.
     keep : callable, optional
         Told which rules were overruled, before the first file is written.
@@ -94,13 +94,13 @@ def export(
     options = options or MissionOptions()
     goal = Path(path)
     limits = gate.limits_of(options, interval_of(options, camera)[0])
-    named = [*gate.plan_breaches(plan), *found]
+    named = [*gate.plan_breaches(plan), *objections]
     supposed = plan.supposed if isinstance(plan, Plan) else None
     if format == "mcap":
         content = mcap_bytes(plan, structure, camera)
         named += gate.breaches(read_mcap(content), structure, limits, supposed)
         overruled = gate.pass_or_refuse(structure.structure_id, named, options.overruled)
-        notes = (*gate.told(overruled), *zones(()))
+        notes = (*gate.notes_of(overruled), *zones(()))
         if notes:
             content = mcap_bytes(plan, structure, camera, notes)
         keep(overruled)
@@ -109,16 +109,16 @@ def export(
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
     write = _WRITERS[format][2]
-    missions = fenced(missions_for(format, plan, structure, options, camera, found), structure, supposed)
-    found_written: dict[str, gate.Breach] = {}  # of what was overruled, by its words
+    missions = fenced(missions_for(format, plan, structure, options, camera, objections), structure, supposed)
+    overruled_breaches: dict[str, gate.Breach] = {}  # of what was overruled, by its words
     for mission in missions:  # all, before the first is written
         reading = read_mission(format, encoded(write(mission, options)), mission)
         passed = gate.pass_or_refuse(
             mission.name, gate.breaches(reading, structure, limits, supposed), options.overruled
         )
-        found_written |= {str(breach): breach for breach in passed}
-    more = tuple(breach for breach in found_written.values() if breach not in missions[0].overruled)
-    notes = (*gate.told(more), *zones(missions))
+        overruled_breaches |= {str(breach): breach for breach in passed}
+    more = tuple(breach for breach in overruled_breaches.values() if breach not in missions[0].overruled)
+    notes = (*gate.notes_of(more), *zones(missions))
     missions = [
         replace(one, notes=(*notes, *one.notes), overruled=(*one.overruled, *more)) for one in missions
     ]
@@ -143,13 +143,13 @@ def missions_for(
     structure: Structure,
     options: MissionOptions,
     camera: Camera | None = None,
-    found: Sequence[gate.Breach] = (),
+    objections: Sequence[gate.Breach] = (),
 ) -> list[Mission]:
     """The sorties of a plan as the software behind a format flies them; parameters as of `export`."""
     flying = ANYTHING if format == "mcap" else _WRITERS[format][1]
     if format in ("qgc-plan", "mavlink"):
         flying = replace(flying, note=mavlink.NOTES[options.firmware])
-    missions = missions_of(plan, structure, options, flying, camera, (*gate.plan_breaches(plan), *found))
+    missions = missions_of(plan, structure, options, flying, camera, (*gate.plan_breaches(plan), *objections))
     if format == "mcap":
         return missions
     interval_s = interval_of(options, camera)[0]

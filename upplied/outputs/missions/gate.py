@@ -174,7 +174,7 @@ def _overrule(breach: Breach) -> str:
     return "--draft" if breach.rule in DRAFTS else f"--force {breach.rule}"
 
 
-def told(overruled: Iterable[Breach]) -> list[str]:
+def notes_of(overruled: Iterable[Breach]) -> list[str]:
     """Breaches that were overruled, as notes of a mission."""
     return [
         f"{DRAFT} {breach.found}" if breach.rule in DRAFTS else f"OVERRULED {breach}" for breach in overruled

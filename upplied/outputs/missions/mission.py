@@ -71,7 +71,7 @@ def missions_of(
     zooms = flying.zooms and not (flying.zooms_not_by and options.firmware == flying.zooms_not_by)
     broken += gate.zoom_breaches(path, zooms)
     overruled = gate.pass_or_refuse(name, broken, options.overruled)
-    notes = gate.told(overruled)
+    notes = gate.notes_of(overruled)
     if supposed is not None:
         notes.append(_NEVER_SCANNED)
     airspace = airspace_of(structure, supposed, path.positions, options)
@@ -92,7 +92,7 @@ def missions_of(
     inspected_pct = plan.measures.coverage_inspected_pct if isinstance(plan, Plan) else float("nan")
     lacking = [*gate.coverage_breaches(share, limits), *gate.overlap_breaches(shots.across, options.overlaps)]
     unseen = gate.pass_or_refuse(name, lacking, options.overruled)
-    notes += [note, *shots.notes, *gate.told(unseen)]
+    notes += [note, *shots.notes, *gate.notes_of(unseen)]
     short = path.take(waypoints) if zooms else replace(path.take(waypoints), fov_deg=None)
     if short.fov_deg is not None:
         notes.append(
@@ -105,7 +105,7 @@ def missions_of(
     most = min(options.max_waypoints or 10**9, flying.max_waypoints or 10**9)
     cutter = Cutter(short, transits, options, most, np.where(passing > 0, 0.0, flying.stop_s))
     sorties = cutter.sorties()
-    notes += _told(sorties, options, flying, transits, int((passing == 0).sum()))
+    notes += _notes(sorties, options, flying, transits, int((passing == 0).sum()))
     photo = shots.photo[waypoints]
     missions = []
     for at, sortie in enumerate(sorties):
@@ -167,7 +167,7 @@ def _passing(path: Trajectory, airspace: Airspace, options: MissionOptions, flyi
     return passing_m(path.positions, stops, airspace, options.corner_m)
 
 
-def _told(
+def _notes(
     sorties: list[Sortie], options: MissionOptions, flying: Flying, transits: Transits, stops: int
 ) -> list[str]:
     """What the person who flies must know of heights, return and sorties."""
