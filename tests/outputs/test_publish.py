@@ -24,7 +24,7 @@ from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
 from upplied.outputs import downloads, files, render
 from upplied.outputs import publish as publishing
 from upplied.outputs.foremost import first_pairs
-from upplied.outputs.missions import MissionOptions
+from upplied.outputs.missions import FORMATS, MissionOptions
 from upplied.outputs.pairs import Pair
 from upplied.outputs.publish import publish, publish_file, publish_pages
 from upplied.records import Placement
@@ -373,7 +373,7 @@ def test_a_released_plan_has_its_missions_beside_its_page_or_the_reason(tmp_path
     catalog.rows[0]["state"] = "released"
     publish_pages(catalog, tmp_path, pictures=0)
     told = Page((tmp_path / "transfers" / f"{name}.html").read_text()).data["transfer"]["missions"]
-    assert told == {label: f"../missions/{name}{suffix}" for suffix, label in downloads.FORMATS.values()}
+    assert told == {label: f"../missions/{name}{FORMATS[kind]}" for kind, label in downloads.LABELS.items()}
     plan = json.loads((tmp_path / "missions" / f"{name}.plan").read_text())
     assert plan["fileType"] == "Plan" and "draft" not in json.dumps(plan).lower()
     catalog.rows[0]["state"] = "recalled"

@@ -26,7 +26,7 @@ def doctor(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> i
     """Check everything that planning needs and report what is missing."""
     checks: dict[str, Callable[[], str]] = {
         "system": _system,
-        "Python": _python,
+        "Python": lambda: f"{sys.version.split()[0]} at {sys.executable}",
         "packages": _packages,
         "Open3D": _open3d,
         "numba": _numba,
@@ -54,10 +54,6 @@ def _system() -> str:
     if name == "glibc" and tuple(map(int, release.split(".")[:2])) < (2, 35):
         raise RuntimeError(f"glibc {release} (needs 2.35): use Debian 12, Ubuntu 22.04 or newer")
     return f"{platform.system()} {platform.machine()}, {name or 'libc'} {release}".strip()
-
-
-def _python() -> str:
-    return f"{sys.version.split()[0]} at {sys.executable}"
 
 
 def _packages() -> str:

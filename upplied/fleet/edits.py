@@ -26,7 +26,7 @@ from upplied.provenance import method, recorded
 
 _MOST_BYTES = 16 << 20
 _MOST_BOXES = 1000
-_FARTHEST_M = 100_000.0  # of a viewpoint or a corner of a box from the structure's origin
+FARTHEST_M = 100_000.0  # of a viewpoint or a corner of a box from the structure's origin
 _RULE = "a file as `upplied edit ID --out FILE` writes it"
 _EARLIER = ("rejected", "recalled")  # states of a changed plan whose change is not carried over
 
@@ -45,6 +45,12 @@ def viewpoint_row(number: int, wanted: Viewpoint) -> dict[str, float]:
     x, y, z = wanted.position
     row = {"x_m": x, "y_m": y, "z_m": z, "yaw_deg": wanted.yaw_deg, "pitch_deg": wanted.pitch_deg}
     return {"viewpoint": number, **{key: round(value, 4) for key, value in row.items()}}
+
+
+def viewpoint_of(row: Mapping[str, Any]) -> Viewpoint:
+    """The viewpoint of such a row, not checked but for its numbers being some."""
+    x, y, z, yaw, pitch = (float(row[name]) for name in ("x_m", "y_m", "z_m", "yaw_deg", "pitch_deg"))
+    return Viewpoint((x, y, z), yaw, pitch)
 
 
 def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> str:
@@ -81,11 +87,10 @@ def read_edit(what: str, document: Mapping[str, Any], editing: Editing, base: Ba
     count, after = len(base.viewpoints), {}
     try:
         for row in document["viewpoints"]:
-            x, y, z = (float(row[name]) for name in ("x_m", "y_m", "z_m"))
             number = int(row["viewpoint"])
             if number in after or not 0 <= number < count:
                 raise InputError(what, f"has a viewpoint {number} too many", f"0 to {count - 1}, each once")
-            after[number] = Viewpoint((x, y, z), float(row["yaw_deg"]), float(row["pitch_deg"]))
+            after[number] = viewpoint_of(row)
         boxes = np.array(document.get("keep_out", []), float).reshape(-1, 2, 3)
         clearance = float(document.get("clearance_m", 0.0))
     except (ValueError, KeyError, TypeError, OverflowError) as error:
@@ -94,8 +99,8 @@ def read_edit(what: str, document: Mapping[str, Any], editing: Editing, base: Ba
     if not np.isfinite([*numbers, clearance]).all() or not np.isfinite(boxes).all():
         raise InputError(what, "holds what is no number", _RULE)
     places = [*(p.position for p in after.values()), *boxes.reshape(-1, 3), (clearance, 0.0, 0.0)]
-    if np.abs(np.array(places)).max() > _FARTHEST_M:
-        raise InputError(what, "lies too far away", f"at most {_FARTHEST_M:g} m from the structure's origin")
+    if np.abs(np.array(places)).max() > FARTHEST_M:
+        raise InputError(what, "lies too far away", f"at most {FARTHEST_M:g} m from the structure's origin")
     if any(not -90 <= p.pitch_deg <= 90 for p in after.values()):
         raise InputError(what, "turns a camera beyond straight up or down", "-90 to 90 degrees of pitch")
     if len(boxes) > _MOST_BOXES:

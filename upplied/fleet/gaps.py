@@ -22,7 +22,7 @@ from upplied.planning.plan import METHOD_VERSION
 from upplied.polylines import leg_lengths
 from upplied.proof.gap import GapFlight, gap_flight
 from upplied.provenance import method, recorded
-from upplied.records import Bools, Cloud, Measures, Plan, SurfaceStates, Trajectory
+from upplied.records import Bools, Cloud, Measures, Plan, SurfaceStates
 from upplied.supposed_scene import obstacle, scene_for
 
 _OTHER, _SHOWN, _MISSED, _UNATTAINABLE = 0, 1, 2, 3  # of SURFACE_STATES
@@ -195,14 +195,10 @@ def _plan(
             min_clearance_m=clearance_m,
             path_length_m=flight.length_m,
             duration_s=float(path.t_s[-1]),
-            peak_speed_mps=_peak_speed(path),
+            peak_speed_mps=float((leg_lengths(path.positions) / np.diff(path.t_s)).max()),
         ),
         warnings=(headline, *of_zones, *untold),
         surface=SurfaceStates(surface.points, state, surface.normals),
         supposed=flown.supposed,
         flyable=True,
     )
-
-
-def _peak_speed(path: Trajectory) -> float:
-    return float((leg_lengths(path.positions) / np.diff(path.t_s)).max())

@@ -19,6 +19,7 @@ log = logging.getLogger(__name__)
 
 
 BATCH = 100  # outcomes that are committed together at the latest
+_STATUSES = ("ok", "refused", "failed", "superseded")
 EVERY_S = 10.0  # a killed run loses no more than this much work
 
 
@@ -109,14 +110,14 @@ class Result:
 
     def include(self, other: Result) -> None:
         """Add the counts of another shard."""
-        for status in ("ok", "refused", "failed", "superseded"):
+        for status in _STATUSES:
             setattr(self, status, getattr(self, status) + getattr(other, status))
         self.troubles += other.troubles
 
     @property
     def total(self) -> int:
         """All outcomes."""
-        return self.ok + self.refused + self.failed + self.superseded
+        return sum(getattr(self, status) for status in _STATUSES)
 
     def __str__(self) -> str:
         counted = f"{self.ok} ok, {self.refused} refused, {self.failed} failed"

@@ -9,10 +9,11 @@ from typing import Any
 
 from upplied.catalog import Catalog
 from upplied.errors import RefusedError
+from upplied.outputs.missions import FORMATS
 from upplied.outputs.render import export_transfer
 
-#: Suffix and name of what lies beside a transfer's page; other formats and options by `upplied export`.
-FORMATS = {"qgc-plan": (".plan", "QGroundControl"), "kml": (".kml", "KML"), "mcap": (".mcap", "MCAP")}
+#: What lies beside a transfer's page, and how it is called there; other formats by `upplied export`.
+LABELS = {"qgc-plan": "QGroundControl", "kml": "KML", "mcap": "MCAP"}
 
 
 def released(plans: Mapping[str, Mapping[str, Any]]) -> str:
@@ -29,9 +30,8 @@ def mission_file(catalog: Catalog, transfer_id: str, format: str) -> bytes:
     UppliedError
         If it does not pass the gate, or takes several sorties.
     """
-    suffix, _ = FORMATS[format]
     with tempfile.TemporaryDirectory() as folder:
-        written = export_transfer(catalog, transfer_id, format, Path(folder, f"mission{suffix}"))
+        written = export_transfer(catalog, transfer_id, format, Path(folder, f"mission{FORMATS[format]}"))
         if len(written.paths) > 1:  # one of several would look like all of it
             raise RefusedError(
                 f"the mission of {transfer_id}", f"takes {len(written.paths)} sorties", "one file here",

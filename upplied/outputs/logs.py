@@ -28,6 +28,8 @@ CAMERA_FRAME, BODY_FRAME = "camera_optical_frame", "base_link"
 _OPTICAL_XYZW = (-0.5, 0.5, -0.5, 0.5)  # ROS optical frame (z forward, y down) to camera (x forward, z up)
 _LATENCY_NS = 4_000_000  # from measurement to recorder
 _SECOND_NS = 1_000_000_000
+# How the camera sits on the body (x forward, y left, z up): its place, m, and its turn, 10 deg upwards.
+_MOUNT_M, _MOUNT = np.array([0.11, 0.0, -0.06]), Rotation.from_euler("y", -10.0, degrees=True)
 
 
 @dataclass(frozen=True)
@@ -42,19 +44,6 @@ class LogFrame:
     def rotation(self) -> Rotation:
         """Structure to log frame."""
         return Rotation.from_euler("z", self.heading_deg, degrees=True)
-
-
-@dataclass(frozen=True)
-class Mount:
-    """How the camera sits on the body (x forward, y left, z up)."""
-
-    position_m: tuple[float, float, float] = (0.11, 0.0, -0.06)
-    pitch_deg: float = 10.0  # of the optical axis, upwards
-
-    @property
-    def rotation(self) -> Rotation:
-        """Camera to body."""
-        return Rotation.from_euler("y", -self.pitch_deg, degrees=True)
 
 
 def write_log(
@@ -87,10 +76,10 @@ def write_log(
     Path
         The file, complete.
     """
-    frame, mount = frame or LogFrame(), Mount()
+    frame = frame or LogFrame()
     in_log = moved(demonstration.trajectory, frame.rotation.as_matrix(), np.array(frame.position_m))
-    poses = in_log if encoding == "pose_stamped" else _of_body(in_log, mount)
-    messages = _static(demonstration, encoding, mount)
+    poses = in_log if encoding == "pose_stamped" else _of_body(in_log)
+    messages = _static(demonstration, encoding)
     messages += _poses(demonstration, poses, frame, encoding)
     messages += _calibration(demonstration)
     if heavy_topic:
@@ -99,7 +88,7 @@ def write_log(
     buffer = io.BytesIO()
     writer = Writer(buffer)
     schemas = ros2_schemas.registered(writer, _SCHEMAS)
-    writer.add_metadata("inspection", _facts(demonstration, structure, frame, encoding, mount, simulated))
+    writer.add_metadata("inspection", _facts(demonstration, structure, frame, encoding, simulated))
     for number, (stamp, topic, schema, message) in enumerate(messages):
         writer.write_message(
             topic,
@@ -120,12 +109,10 @@ _SCHEMAS = (
 _Message = tuple[int, str, str, dict[str, Any]]  # stamp in ns, topic, schema, fields
 
 
-def _of_body(camera: Trajectory, mount: Mount) -> Trajectory:
+def _of_body(camera: Trajectory) -> Trajectory:
     """Poses of the body that carries the camera."""
-    body = Rotation.from_quat(camera.quat_xyzw) * mount.rotation.inv()
-    return Trajectory(
-        camera.t_s, camera.positions - body.apply(np.array(mount.position_m)), np.asarray(body.as_quat())
-    )
+    body = Rotation.from_quat(camera.quat_xyzw) * _MOUNT.inv()
+    return Trajectory(camera.t_s, camera.positions - body.apply(_MOUNT_M), np.asarray(body.as_quat()))
 
 
 def _facts(
@@ -133,7 +120,6 @@ def _facts(
     structure: Structure | None,
     frame: LogFrame,
     encoding: Encoding,
-    mount: Mount,
     simulated: bool,
 ) -> dict[str, str]:
     camera = demonstration.camera
@@ -155,8 +141,8 @@ def _facts(
     if simulated:
         facts["simulated"] = "true"
     if encoding == "odometry":
-        facts["body_T_camera_position_m"] = _numbers(mount.position_m)
-        facts["body_T_camera_quat_xyzw"] = _numbers(mount.rotation.as_quat())
+        facts["body_T_camera_position_m"] = _numbers(_MOUNT_M)
+        facts["body_T_camera_quat_xyzw"] = _numbers(_MOUNT.as_quat())
     return facts
 
 
@@ -164,12 +150,12 @@ def _numbers(values: Any) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def _static(demonstration: Demonstration, encoding: Encoding, mount: Mount) -> list[_Message]:
+def _static(demonstration: Demonstration, encoding: Encoding) -> list[_Message]:
     """Where the camera's optical frame hangs: on the body, or on the tracked camera."""
     optical = Rotation.from_quat(_OPTICAL_XYZW)
     parent, position, rotation = "camera_link", np.zeros(3), optical
     if encoding != "pose_stamped":
-        parent, position, rotation = BODY_FRAME, np.array(mount.position_m), mount.rotation * optical
+        parent, position, rotation = BODY_FRAME, _MOUNT_M, _MOUNT * optical
     stamp = int(demonstration.t_ns[0])
     link = ros2_schemas.transform(stamp, parent, CAMERA_FRAME, position, rotation.as_quat())
     return [(stamp, "/tf_static", "tf2_msgs/msg/TFMessage", {"transforms": [link]})]

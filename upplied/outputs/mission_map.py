@@ -40,7 +40,8 @@ def map_png(structure: Structure, lines: Sequence[Line], north_deg: float) -> by
         Bearing of the structure's +X, clockwise from true north.
     """
     around = structure.surroundings
-    rules = [np.array([[x, y, high[2]] for x, y in _corners(low, high)]) for low, high in around.keep_out_m]
+    tops = (((x, y), (u, y), (u, v), (x, v), z) for (x, y, _), (u, v, z) in around.keep_out_m)
+    rules = [np.array([[*corner, z] for corner in corners]) for *corners, z in tops]
     if len(around.geofence_m):
         rules.append(np.column_stack([around.geofence_m, np.zeros(len(around.geofence_m))]))
     return _drawn(structure, lines, View(north_deg + 180.0, 90.0), rules, "Map, north up")
@@ -76,7 +77,3 @@ def _drawn(
         drawn.append(tubes.path(place, 4 * radius_m, rgb(colour)))
     image = picture(solid(structure), tubes.joined(drawn), frame)
     return sheet_png([Panel(image, 0, 0, "", frame)], legend, title)
-
-
-def _corners(low: Floats, high: Floats) -> list[tuple[float, float]]:
-    return [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]

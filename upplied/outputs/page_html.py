@@ -74,11 +74,6 @@ def passport_html(reader: Reader, demonstration_id: str, pairs: Sequence[Pair], 
     return pages.page("about", demonstration_id, data, fallback, "../", live=live)
 
 
-def structure_script(reader: Reader, structure_id: str) -> str:
-    """The script that hands a structure to pages."""
-    return pages.structure_script(reader.structure_data(structure_id))
-
-
 def inspected_plans(pairs: Sequence[Pair]) -> dict[str, tuple[str, str]]:
     """By demonstration a plan that knows the inspected surface, and the hash of that."""
     plans: dict[str, tuple[str, str]] = {}

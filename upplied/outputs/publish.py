@@ -20,13 +20,13 @@ from upplied.outputs import downloads, pages
 from upplied.outputs.files import replace_file
 from upplied.outputs.fleet_page import fleet_data
 from upplied.outputs.foremost import first_pairs
+from upplied.outputs.missions import FORMATS
 from upplied.outputs.page_html import (
     fleet_html,
     inspected_plans,
     pair_html,
     passport_html,
     structure_html,
-    structure_script,
 )
 from upplied.outputs.pairs import Pair
 from upplied.outputs.reports import Reader
@@ -193,7 +193,7 @@ def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bo
     used = list(dict.fromkeys((pair.source_id, pair.target_id)))
     hashes = [reader.sha256("structures", name) for name in used]
     for name, sha256 in zip(used, hashes, strict=True):
-        place.put(f"data/{name}.js", digest([code, name, sha256]), partial(structure_script, reader, name))
+        place.put(f"data/{name}.js", digest([code, name, sha256]), partial(_script, reader, name))
     flown = reader.sha256("demonstrations", pair.demonstration_id)
     draft = _plain({} if pair.draft is None else {"draft": pair.draft})
     key = digest([code, _plain(pair.plans), _plain(pair.earlier), draft, pair.decided, hashes, flown])
@@ -208,12 +208,16 @@ def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bo
         place.put(f"pictures/{pair.name}.png", key, lambda: reader.picture(pair))
 
 
+def _script(reader: Reader, structure_id: str) -> str:
+    return pages.structure_script(reader.structure_data(structure_id))
+
+
 def _put_missions(place: _Folder, reader: Reader, pair: Pair, key: str) -> dict[str, str]:
     """Missions of the released plan beside its page: what each is, and where it lies or why it does not."""
     transfer_id = downloads.released(pair.plans)
     put: dict[str, str] = {}
-    for kind, (suffix, label) in downloads.FORMATS.items() if transfer_id else ():
-        name = f"missions/{pair.name}{suffix}"
+    for kind, label in downloads.LABELS.items() if transfer_id else ():
+        name = f"missions/{pair.name}{FORMATS[kind]}"
         try:
             place.put(name, key, partial(downloads.mission_file, reader.catalog, transfer_id, kind))
             put[label] = f"../{name}"

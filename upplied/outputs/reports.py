@@ -56,7 +56,7 @@ class Reader:
         self.demonstration = lru_cache(32)(catalog.demonstration)
         self._mesh = lru_cache(4)(self._mesh_of)
         self._hashes = lru_cache(2)(self._hashes_of)
-        self._data = lru_cache(4)(self._data_of)
+        self._data = lru_cache(4)(lambda name: structure_data(self.structure(name), self._mesh(name)))
         self._flown = lru_cache(32)(self._flown_of)
         self.refused: dict[str, list[str]] = {}  # pairs whose plan does not pass the gate, and why
         self._zones: dict[str, list[dict[str, Any]]] = {}  # of the last target
@@ -220,9 +220,6 @@ class Reader:
 
     def _origin(self, structure_id: str) -> Floats:
         return np.array(self._data(structure_id)["origin"])
-
-    def _data_of(self, structure_id: str) -> dict[str, Any]:
-        return structure_data(self.structure(structure_id), self._mesh(structure_id))
 
     def _flown_of(self, demonstration_id: str) -> dict[str, Any]:
         flown = self.demonstration(demonstration_id)

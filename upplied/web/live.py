@@ -13,7 +13,8 @@ from upplied.catalog import Catalog
 from upplied.errors import CatalogError
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
-from upplied.outputs.page_html import fleet_html, pair_html, passport_html, structure_html, structure_script
+from upplied.outputs.page_html import fleet_html, pair_html, passport_html, structure_html
+from upplied.outputs.pages import structure_script
 from upplied.outputs.publish import PAGES, TITLE
 from upplied.outputs.render import brief_transfer, export_transfer
 from upplied.outputs.reports import Reader
@@ -88,7 +89,7 @@ class LivePages:
         if room == "":
             return fleet_html(reader, pairs, TITLE, self._count, live=True)
         if room == "data":
-            return structure_script(reader, name)
+            return structure_script(reader.structure_data(name))
         if room == "structures":
             return structure_html(reader, name, pairs, live=True)
         if room == "demonstrations":

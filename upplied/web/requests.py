@@ -10,10 +10,10 @@ import numpy as np
 from upplied.catalog import Catalog
 from upplied.catalog.verbs.standing import unit_of
 from upplied.errors import InputError
+from upplied.fleet.edits import FARTHEST_M, viewpoint_of
 from upplied.proof.edit import Viewpoint
 
 _WORDS = {"reviewed": "is reviewed", "released": "is released", "rejected": "is rejected"}
-MOST_M = 100_000.0  # from the structure's origin: farther out nothing is flown
 
 
 class Decisions:
@@ -73,13 +73,15 @@ def text_of(request: Mapping[str, Any], name: str) -> str:
     return value
 
 
-def viewpoint_of(request: Mapping[str, Any]) -> Viewpoint:
+def place_looked_from(request: Mapping[str, Any]) -> Viewpoint:
     """The viewpoint that a request describes."""
     try:
-        values = [float(request[key]) for key in ("x_m", "y_m", "z_m", "yaw_deg", "pitch_deg")]
+        viewpoint = viewpoint_of(request)
     except (KeyError, TypeError, ValueError, OverflowError):
         raise InputError("the viewpoint", "cannot be read", "x_m, y_m, z_m, yaw_deg and pitch_deg") from None
-    x, y, z, yaw, pitch = values
-    if not np.isfinite(values).all() or max(map(abs, (x, y, z))) > MOST_M:
-        raise InputError("the viewpoint", "is out of range", f"finite, at most {MOST_M:g} m from the origin")
-    return Viewpoint((x, y, z), yaw, pitch)
+    values = [*viewpoint.position, viewpoint.yaw_deg, viewpoint.pitch_deg]
+    if not np.isfinite(values).all() or max(map(abs, viewpoint.position)) > FARTHEST_M:
+        raise InputError(
+            "the viewpoint", "is out of range", f"finite, at most {FARTHEST_M:g} m from the origin"
+        )
+    return viewpoint

@@ -27,7 +27,7 @@ from upplied.poses import from_yaw_pitch, optical_axis
 from upplied.proof.carried_edit import kept_edit
 from upplied.proof.edit import Asked, Edit
 from upplied.records import Ints
-from upplied.web.requests import Decisions, signed, viewpoint_of
+from upplied.web.requests import Decisions, place_looked_from, signed
 from upplied.web.zone_requests import ZoneRequests
 
 _MOST_BASES = 50  # that were planned again and are held: a page goes back to them
@@ -109,7 +109,8 @@ class Session:
     def answer(self, what: str, request: Mapping[str, Any]) -> dict[str, Any]:
         """The answer to a request of the page; ``refused`` says in words why there is none."""
         answers: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
-            "plan": self._plan, "judge": self._judge, "replan": self._replan, "keep": self._keep,
+            "plan": self._plan, "judge": lambda _: self._judged(*self._read(request)),
+            "replan": self._replan, "keep": self._keep,
             "decide": self._decide, "aim": self._aim, "zone": self.zones.drawn, "require": self.zones.require,
             "zones": lambda _: {"zones": self.zones.judged(self.editing.stored.plan)},
         }  # fmt: skip
@@ -130,7 +131,7 @@ class Session:
         row, camera = self.editing.recipe.row, self.editing.recipe.demonstration.camera
         rows = self.catalog.transfers(every=True, structure=row["target_id"])
         now = rows[rows["transfer_id"] == self._draft].iloc[-1].to_dict()
-        plan = self.editing.stored.plan
+        plan, placement = self.editing.stored.plan, self.editing.target.placement
         path = flown_path(plan)[0]
         clearance_m = self.editing.clearance_m(Asked())
         broken = place_breaches(path, self.editing.target, plan.supposed, clearance_m)
@@ -144,22 +145,13 @@ class Session:
             "state": decision_words({str(name): value for name, value in now.items()}),
             "structure": self._structure,
             "camera": {"hfov_deg": camera.hfov_deg, "vfov_deg": camera.vfov_deg},
-            "heading_deg": self._heading_deg(),
+            "heading_deg": None if placement is None else placement.heading_deg,  # of +X, from true north
             "usual_m": clearance_m,
             "declared_boxes": self.editing.target.surroundings.keep_out_m.tolist(),
             "viewpoints": self._rows(self.editing.stored),
             "in_force": self._in_force(),
             **self._shown(judged, Edit(), Asked(), self.editing.stored),
         }
-
-    def _heading_deg(self) -> float | None:
-        """Heading of the structure's +X clockwise from true north; None where its place is unknown."""
-        placement = self.editing.target.placement
-        return None if placement is None else placement.heading_deg
-
-    def _judge(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        base, edit, airspace = self._read(request)
-        return self._judged(base, edit, airspace)
 
     def _replan(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The other viewpoints planned again in the airspace of the request, with the fixed ones put back."""
@@ -204,7 +196,7 @@ class Session:
 
     def _aim(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The place on the surface that a viewpoint's camera looks at; none where it looks past it."""
-        looking = viewpoint_of(request)
+        looking = place_looked_from(request)
         quats = from_yaw_pitch(np.radians([looking.yaw_deg]), np.radians([looking.pitch_deg]))
         origin, axis = np.array([looking.position]), optical_axis(quats)
         reach = float(self.editing.scene.cast(origin, axis)[0][0])

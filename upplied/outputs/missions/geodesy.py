@@ -24,10 +24,9 @@ def placement_of(structure: Structure) -> Placement:
 
 def to_geodetic(points: Floats, placement: Placement) -> Floats:
     """Latitude, longitude (deg) and altitude (m, datum of the placement), (N, 3), of points (N, 3), m."""
-    east, north = _turn(points[:, 0], points[:, 1], placement.heading_deg)
-    lat, lon, alt = enu2geodetic(
-        east, north, points[:, 2], placement.lat_deg, placement.lon_deg, placement.alt_m
-    )
+    bearing, (x, y, up) = np.radians(placement.heading_deg), points.T
+    east, north = x * np.sin(bearing) - y * np.cos(bearing), x * np.cos(bearing) + y * np.sin(bearing)
+    lat, lon, alt = enu2geodetic(east, north, up, placement.lat_deg, placement.lon_deg, placement.alt_m)
     return np.stack([lat, lon, alt], axis=1)
 
 
@@ -51,9 +50,3 @@ def heading_and_pitch(quat_xyzw: Floats, heading_deg: float) -> tuple[Floats, Fl
     """
     yaw, pitch = yaw_pitch(quat_xyzw)
     return np.mod(heading_deg - np.degrees(yaw), 360.0), np.degrees(pitch)
-
-
-def _turn(x: Floats, y: Floats, heading_deg: float) -> tuple[Floats, Floats]:
-    """East and north of +X forward, +Y left."""
-    bearing = np.radians(heading_deg)
-    return x * np.sin(bearing) - y * np.cos(bearing), x * np.cos(bearing) + y * np.sin(bearing)

@@ -9,7 +9,7 @@ from typing import Any
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import written
 from upplied.outputs.missions.mavlink import TAKEOFF, WAYPOINT, Item, items
-from upplied.outputs.missions.records import Fence, Mission
+from upplied.outputs.missions.records import Mission
 
 _FIRMWARE = {"px4": 12, "ardupilot": 3}
 _MULTICOPTER = 2
@@ -20,6 +20,10 @@ def qgc_plan_text(mission: Mission, options: MissionOptions) -> str:
     """The mission as JSON of simple items; parameters that are to stay as they are become null."""
     lat, lon, alt = (float(value) for value in mission.home)
     simple = [_simple_item(item, at + 1, mission) for at, item in enumerate(items(mission, options))]
+    polygons = [
+        {"version": 1, "inclusion": fence.inside, "polygon": fence.corners.tolist()}
+        for fence in mission.fences
+    ]
     plan = {
         "fileType": "Plan",
         "version": 1,
@@ -34,15 +38,10 @@ def qgc_plan_text(mission: Mission, options: MissionOptions) -> str:
             "plannedHomePosition": [lat, lon, alt],
             "items": simple,
         },
-        "geoFence": {"version": 2, "circles": [], "polygons": [_polygon(fence) for fence in mission.fences]},
+        "geoFence": {"version": 2, "circles": [], "polygons": polygons},
         "rallyPoints": {"version": 2, "points": mission.rally.tolist()},
     }
     return json.dumps(plan, indent=1, allow_nan=False) + "\n"
-
-
-def _polygon(fence: Fence) -> dict[str, Any]:
-    corners = [[float(lat), float(lon)] for lat, lon in fence.corners]
-    return {"version": 1, "inclusion": fence.inside, "polygon": corners}
 
 
 def _simple_item(item: Item, number: int, mission: Mission) -> dict[str, Any]:
