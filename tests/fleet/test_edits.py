@@ -51,7 +51,7 @@ def catalog(tmp_path) -> Catalog:
     made = open_catalog(tmp_path / "catalog")
     made.add_structures([CUBE])
     made.add_demonstrations([FLOWN])
-    made.add_plans([planned("first")])
+    made.add_plans([planned("first", counterpart_summary="its only part")])
     return made
 
 
@@ -81,6 +81,7 @@ def test_a_change_is_carried_over_to_the_next_draft_once(catalog, tmp_path):
     (kept,) = catalog.edits().to_dict("records")
     assert (kept["base_id"], kept["transfer_id"], kept["by"]) == (first, made, "Ada")
     assert newest(catalog)["transfer_id"] == made and carry_edits(catalog) == []
+    assert newest(catalog)["counterpart_summary"] == "its only part"  # the changed plan says it as well
     # the night plans the pair anew, a little lower: the same two viewpoints are changed in it
     lower = replace(PATH, positions=PATH.positions - LITTLE)
     catalog.add_plans([planned("second", trajectory=lower)])
