@@ -127,7 +127,7 @@ _PRESETS: dict[str, Settings] = {
         registration=RegistrationSettings(acceptance=1.0, least_probability=0.6),
         correspondence=CorrespondenceSettings(method="parts", least_probability=0.8, siblings=3),
         visibility=VisibilitySettings(occlusion=True, max_incidence_deg=75.0),
-        transfer=TransferSettings(method="counterparts"),
+        transfer=TransferSettings(method="counterparts", standoff="kept"),
         refine=RefineSettings(method="view"),
         route=RouteSettings(enforce=True),
         verdict=VerdictSettings(enforce=True),

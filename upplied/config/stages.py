@@ -104,6 +104,12 @@ class RefineSettings:
     deviation: float | None = None  # bound on the Frechet distance, z-scored; None: a warning alone
     # Of what the flight was about, the share that the target must have at all.
     least_counterpart: float = 0.5
+    # Passes that are added for what is left unseen where the demonstrated mm/px is kept: in how many rounds, in
+    # how much of the demonstrated time times the ratio of the areas, and of the mean share that a second shows,
+    # how much a second of a pass must show.
+    added_rounds: int = 2
+    longer: float = 1.05
+    least_rate: float = 0.03
 
 
 @dataclass(frozen=True)
@@ -140,6 +146,9 @@ class InspectionSettings:
     """When a plan shows a patch at least as well as the expert did: the same for every preset."""
 
     least_resolution: float = 0.8  # of what the stand-off mode asks for that patch
+    planned_resolution: float = (
+        1 / 1.1
+    )  # the same, that a plan is made for where the demonstrated mm/px is kept
     max_incidence_deg: float = 75.0  # from the normal, of the look that shows it
     max_motion_px: float = 1.0  # of the picture during one exposure, unless the expert's own was more
     exposure_s: float = 1 / 500  # of one picture, where the camera's own is not known
@@ -208,15 +217,13 @@ class OptimiseSettings:
 
     context: float = 0.0  # share of all that is to be shown which goes to what was seen beside the inspected
     standoff: float = 1.0  # of being a stand-off too near or too far, beyond the tolerance, mean square
-    # The same where the user asks for it in metres, kept or by a ground sampling distance: then it is no wish
-    # among others. On a cube, a bridge and a ship 1.6 times as large it costs 2 to 3 points of coverage.
-    standoff_in_metres: float = 200.0
     standoff_tolerance: float = 0.08  # of the wanted stand-off
     # Of lacking a metre of the safety distance, and of coming a metre nearer than the carried path anywhere.
     clearance: float = 5.0
-    axis: float = 0.5  # of looking a radian farther past what was inspected than the expert did, mean square
+    axis: float = 1.0  # of looking a radian farther past what was inspected than the expert did, mean square
     turning: float = 0.005  # of turning the camera by as much again as the demonstration
-    leaving: float = 0.5  # of lying a stand-off from the carried flight, mean square
+    # Of lying a stand-off from the carried flight, mean square, over how many times as large the surface is.
+    leaving: float = 0.2
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
     starts: int = 2  # that are optimised, of those that are tried
     rounds: int = 3  # of casting rays

@@ -135,7 +135,7 @@ def _look(flight: Flown, spot: Spot, t_s: float, photo: dict[Any, Any]) -> Look:
         "sha256": str(photo.get("sha256", "")),
         "distance_m": distance,
         "incidence_deg": float(np.degrees(np.arccos(np.clip(-(ray @ spot.normal) / distance, -1, 1)))),
-        "mm_px": 1e3 * footprint_m(camera, position, quat, spot.place, spot.normal),
+        "mm_px": 1e3 * footprint_m(camera, position, spot.place, spot.normal),
         "blur_px": _blur_px(flight, camera, ray, distance, t_s),
         **dict(zip(("left_px", "top_px", "right_px", "bottom_px"), (*low, *high), strict=True)),
         "in_picture_pct": 100 * float(inside.mean()),

@@ -139,7 +139,7 @@ def located(
     if len(corners) > 1:
         outline = (position + reach[1:, None] * (rays_of(camera, corners) @ turn.T))[hit[1:]]
     size = _sized(view, corners, outline, errors, noise)
-    fine = 1e3 * footprint_m(camera, position, quat_xyzw, place, normal)
+    fine = 1e3 * footprint_m(camera, position, place, normal)
     looked = float(reach[0]), incidence, fine
     return Located(place, normal, outline, *looked, off, pose, pixel, mesh, *size)
 

@@ -57,16 +57,8 @@ def pixels_of(camera: Camera, position: Floats, quat_xyzw: Floats, points: Float
     return np.asarray(size / 2 + off * focal)
 
 
-def footprint_m(camera: Camera, position: Floats, quat_xyzw: Floats, place: Floats, normal: Floats) -> float:
-    """Longer side of what a pixel covers of the surface at a place, m."""
-    from upplied.planning.visibility.pictures import stretch
-
+def footprint_m(camera: Camera, position: Floats, place: Floats, normal: Floats) -> float:
+    """Longer side of what a pixel in the picture's middle covers of the surface at a place, m."""
     ray = place - position
     distance = float(np.linalg.norm(ray))
-    axis = matrices(quat_xyzw)[:, 0]
-    cosine = max(abs(float(ray @ normal)) / distance, 1e-6)
-    along = float(ray @ axis) / distance
-    if camera.hfov_deg > _FLAT_DEG or along < 1e-3:
-        return distance / cosine / focal_of(camera)[0]
-    facing = -float(axis @ normal) * (1 if ray @ normal < 0 else -1)
-    return distance * along * float(stretch(along, facing, cosine)) / focal_of(camera)[0]
+    return distance / max(abs(float(ray @ normal)) / distance, 1e-6) / focal_of(camera)[0]

@@ -267,7 +267,7 @@ def _words(wanted: Wanted, look: Trajectory, camera: Camera) -> str:
     ray = position - spot.place
     distance = float(np.linalg.norm(ray))
     off = float(np.degrees(np.arccos(np.clip(ray @ wanted.direction / distance, -1, 1))))
-    pixel = 1e3 * footprint_m(camera, position, look.quat_xyzw[0], spot.place, spot.normal)
+    pixel = 1e3 * footprint_m(camera, position, spot.place, spot.normal)
     text = f"finding {wanted.finding_id}: from {distance:.1f} m at {pixel:.2f} mm/px"
     if wanted.reference:
         text += f", as {wanted.reference} showed it"

@@ -87,7 +87,7 @@ def shows(poses: Trajectory, spot: Spot, camera: Camera, graph: Roadmap, mm_px: 
     seen = visible(poses.positions, poses.quat_xyzw, cloud, narrow, TRULY, graph.airspace.scene).seen[:, 0]
     for at in np.flatnonzero(seen):
         pose = poses.positions[at], poses.quat_xyzw[at]
-        seen[at] = 1e3 * footprint_m(camera, *pose, spot.place, spot.normal) <= mm_px
+        seen[at] = 1e3 * footprint_m(camera, pose[0], spot.place, spot.normal) <= mm_px
     return np.asarray(seen, bool)
 
 

@@ -219,7 +219,7 @@ def _planned(
         # Where is the same flown on the target? (lines 14 to 16)
         carried = carry(takes, settings)
         # Which path near there shows the most for what it costs, and how fast is it flown? (lines 17 and 18)
-        trajectory, is_viewpoint, demonstrated_s = propose(carried, settings)
+        trajectory, is_viewpoint, demonstrated_s, added = propose(carried, settings)
     except RefusedError as refusal:
         reason = "; ".join((str(refusal), *in_the_way(takes[0].pair)))
         return replace(plan, status="refused", reason=reason, warnings=(), not_flyable="")

@@ -138,7 +138,7 @@ def edited(
         parts.append(_cut(whole, int(index[last]) + 1, len(plan)))
     made = _joined(parts, graph)
     path = Waypoints(made.positions, from_yaw_pitch(made.yaw, made.pitch), made.t_s, made.is_viewpoint)
-    timed, flags, demonstrated_s = retime(path, plan, limits)
+    timed, flags, demonstrated_s, _ = retime(path, plan, limits)
     return replace(timed, fov_deg=fov_at(plan, demonstrated_s)), flags
 
 

@@ -197,16 +197,11 @@ def _as_planned(part: Part, poses: Trajectory, seen: Bools, looks: Floats) -> Bo
 
 def _looks(part: Part, poses: Trajectory) -> tuple[Floats, Floats, Floats]:
     """Distance, m, angle from the normal, deg, and what a pixel covers over its angle, m, (P, M)."""
-    axis, normal = optical_axis(poses.quat_xyzw), part.cloud.outward
+    normal = part.cloud.outward
     ray = part.cloud.points[None] - poses.positions[:, None]
     distance = np.maximum(np.linalg.norm(ray, axis=2), 1e-12)
     cosine = np.clip(-(ray * normal[None]).sum(axis=2) / distance, -1, 1)
-    along = np.einsum("pmi,pi->pm", ray, axis) / distance
-    return (
-        distance,
-        np.degrees(np.arccos(cosine)),
-        sampled_m(distance, along, -axis @ normal.T, cosine, part.camera),
-    )
+    return distance, np.degrees(np.arccos(cosine)), sampled_m(distance, cosine)
 
 
 def _all(flags: Bools) -> Bools:
@@ -288,5 +283,5 @@ def timed(
         pace = np.minimum(pace, np.minimum(most_mps[leg], most_mps[leg + 1]))
     times = np.append(0.0, np.cumsum(np.diff(along) / pace)) + np.arange(len(along)) * 1e-6
     path = Waypoints(line, quats, times, shown)
-    timed, is_viewpoint, _ = retime(path, Trajectory(times, line, quats), limits)
+    timed, is_viewpoint, *_ = retime(path, Trajectory(times, line, quats), limits)
     return timed, is_viewpoint

@@ -91,8 +91,7 @@ def poses_for(
     places = np.full((len(left), 3), np.nan)
     if left.any():
         rest = Cloud(part.cloud.points[left], part.cloud.outward[left])
-        far = np.full(len(rest), part.camera.max_range_m)
-        places[left] = seen_from(rest, graph.airspace, part.camera, part.asked, far, pitch)
+        places[left] = seen_from(rest, graph.airspace, part.camera, part.asked, pitch_deg=pitch)
     left &= np.isfinite(places[:, 0])
     while left.any():
         open_ = np.flatnonzero(left)

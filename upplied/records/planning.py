@@ -160,3 +160,9 @@ class Waypoints(Rows):
     quat_xyzw: Floats  # (W, 4) unit, camera to structure
     t_s: Floats  # (W,) s, time of the demonstration that each corresponds to; never decreases
     is_viewpoint: Bools  # (W,)
+    # (W,) on passes beside the demonstrated ones, and on the ways to them and back; none where not given
+    added: Bools = field(default_factory=lambda: np.zeros(0, bool))
+
+    def __post_init__(self) -> None:
+        if len(self.added) != len(self.positions):
+            object.__setattr__(self, "added", np.zeros(len(self.positions), bool))

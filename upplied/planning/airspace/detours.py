@@ -233,7 +233,8 @@ def _with_inserted(path: Waypoints, positions: Floats, origin: Floats) -> Waypoi
     turned = interpolate(Trajectory(index, path.positions, path.quat_xyzw), origin).quat_xyzw
     viewpoint = np.zeros(len(origin), bool)
     viewpoint[own] = path.is_viewpoint[np.round(origin[own]).astype(int)]
-    return Waypoints(positions, turned, np.interp(origin, index, path.t_s), viewpoint)
+    added = path.added[np.floor(origin + 1e-9).astype(int)] & path.added[np.ceil(origin - 1e-9).astype(int)]
+    return Waypoints(positions, turned, np.interp(origin, index, path.t_s), viewpoint, added)
 
 
 def _around_added(origin: Floats) -> Bools:

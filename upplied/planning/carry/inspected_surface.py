@@ -6,13 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from upplied.config import Settings, focal_px
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.demonstration.repetition import Take, look_limits
+from upplied.planning.geometry.clouds import spacing
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import Views, dwell
-from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Record
+from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Ints, Record
+
+_CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -141,3 +145,32 @@ def coverage(inspected: InspectedSurface, seen: Bools, whole: bool = False) -> f
     if whole:
         total, missed = total + inspected.without, missed + inspected.without
     return 100 * (1 - missed / total) if total > 0 else float("nan")
+
+
+def target_attention(takes: Sequence[Take], inspected: InspectedSurface) -> tuple[Floats, Ints]:
+    """Attention (N,) of what each target sample corresponds to, and the sample (N,) it is judged like."""
+    cloud = inspected.cloud
+    attention, like = np.zeros(len(cloud)), np.zeros(len(cloud), np.int64)
+    nearest = np.full(len(cloud), _CORRESPONDS * spacing(cloud))
+    for take in takes:
+        match, weight = take.pair.surface.correspondences, take.inspection.attention.weight
+        known = np.flatnonzero((match.target_index >= 0) & np.isfinite(match.target_points[:, 0]))
+        if not len(known):
+            continue
+        distance, place = cKDTree(match.target_points[known]).query(cloud.points)
+        mine = distance < nearest
+        nearest = np.where(mine, distance, nearest)
+        attention = np.where(mine, weight[known[place]], attention)
+        like = np.where(mine, match.target_index[known[place]], like)
+    return attention, like
+
+
+def area_ratio(takes: Sequence[Take], inspected: InspectedSurface) -> float:
+    """How many times as large what corresponds to the inspected surface is; 1 where nothing does."""
+    there = float(inspected.cloud.areas @ target_attention(takes, inspected)[0])
+    here = 0.0
+    for take in takes:
+        fit = take.pair.surface
+        known = fit.correspondences.target_index >= 0
+        here += float((fit.source.areas * take.inspection.attention.weight)[known].sum())
+    return there / here if here > 0 and there > 0 else 1.0

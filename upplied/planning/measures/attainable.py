@@ -46,7 +46,8 @@ def attainable(
     settings : VisibilitySettings
         Its limit on the incidence.
     farthest_m : array, shape (N,), m, optional
-        From how far off, at most, each sample is to be seen; the camera's range where not given.
+        From how far off, at most, each sample is to be seen frontally, and by the cosine of the incidence
+        nearer obliquely; the camera's range where not given.
 
     Returns
     -------
@@ -95,10 +96,9 @@ def seen_from(
     """
     tilt, turn, share = _candidates(settings.max_incidence_deg)
     nearest = max(max(camera.min_range_m, airspace.clearance_m) * 1.001, 1e-3)
-    farthest = np.full(len(cloud), camera.max_range_m * 0.999)
-    if farthest_m is not None:
-        farthest = np.minimum(farthest, farthest_m)
-    possible = farthest > nearest
+    most = camera.max_range_m * 0.999
+    farthest = np.full(len(cloud), np.inf) if farthest_m is None else farthest_m
+    possible = np.minimum(farthest, most) > nearest
     frames = _frames(cloud)
     served = np.full((len(cloud), 3), np.nan)  # from where each sample was seen
     tried = 0
@@ -107,11 +107,14 @@ def seen_from(
         # As many again as were tried, since most samples are served soon.
         batch = slice(tried, tried + max(1, min(tried, _BATCH // len(left))))
         positions = cloud.points[left][:, None] + _from_sample(
-            frames[left], tilt[batch], turn[batch], _distances(share[batch], nearest, farthest[left])
+            frames[left],
+            tilt[batch],
+            turn[batch],
+            _distances(share[batch], nearest, np.minimum(farthest[left, None] * np.cos(tilt[batch]), most)),
         )
         _serve(served, positions, left, cloud, airspace, pitch_deg)
         tried = batch.stop
-    limits = camera.min_range_m, farthest, settings.max_incidence_deg
+    limits = (camera.min_range_m, most), farthest, settings.max_incidence_deg
     _ask_neighbours(served, cloud, airspace, *limits, pitch_deg)
     return served
 
@@ -136,7 +139,7 @@ def _ask_neighbours(
     served: Floats,
     cloud: Cloud,
     airspace: Airspace,
-    nearest: float,
+    range_m: tuple[float, float],
     farthest: Floats,
     max_incidence_deg: float,
     pitch_deg: tuple[float, float] | None = None,
@@ -155,7 +158,8 @@ def _ask_neighbours(
         ray = positions - cloud.points[left[open_]][:, None]
         length = np.linalg.norm(ray, axis=2)
         facing = np.einsum("nki,ni->nk", ray, cloud.outward[left[open_]])
-        fits = (facing >= limit * length) & (length >= nearest) & (length <= farthest[left[open_], None])
+        fits = (facing >= limit * length) & (length >= range_m[0]) & (length <= range_m[1])
+        fits &= length**2 <= farthest[left[open_], None] * facing
         positions[~fits] = np.inf  # in no airspace
         _serve(served, positions, left[open_], cloud, airspace, pitch_deg)
         if np.isnan(served[left, 0]).sum() == before:
@@ -179,7 +183,7 @@ def _candidates(max_incidence_deg: float) -> tuple[Floats, Floats, Floats]:
 
 def _distances(share: Floats, nearest: float, farthest: Floats) -> Floats:
     """Distances (samples, candidates), m, at shares of the way from near to far on a logarithmic scale."""
-    return np.asarray(nearest * (farthest[:, None] / nearest) ** share)
+    return np.asarray(np.where(farthest > nearest, nearest * (farthest / nearest) ** share, np.inf))
 
 
 def _frames(cloud: Cloud) -> Floats:

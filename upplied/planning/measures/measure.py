@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from upplied.config import Settings
 from upplied.planning.airspace.clearance import path_clearance
@@ -22,9 +21,10 @@ from upplied.planning.carry.inspected_surface import (
     coverage,
     inspected_by,
     inspected_surface,
+    target_attention,
 )
 from upplied.planning.demonstration.repetition import Take, look_limits
-from upplied.planning.geometry.clouds import spacing, weighted_percentile
+from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.geometry.frechet import frechet, frechet_floored, frechet_z
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.visibility.observations import Views
@@ -32,7 +32,6 @@ from upplied.polylines import leg_lengths
 from upplied.records import (
     Bools,
     Floats,
-    Ints,
     Measures,
     Record,
     SurfaceStates,
@@ -141,9 +140,6 @@ def _view_quality(inspected: InspectedSurface, views: Views) -> tuple[float, flo
     return ratio, weighted_percentile(angle, inspected.need[used], 95)
 
 
-_CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Shown(Record):
     """The inspected surface on the target, and what became of it."""
@@ -170,7 +166,7 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
     pair, rule = takes[0].pair, settings.inspection
     inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
     cloud = inspected.cloud
-    attention, like = _target_attention(takes, inspected)
+    attention, like = target_attention(takes, inspected)
     asked_m = np.where(np.isfinite(inspected.standoff_m), inspected.standoff_m, inspected.standoff_m[like])
     farthest = asked_m / rule.least_resolution
     as_well = planned.shown_well(cloud, farthest, *look_limits(takes, rule))
@@ -179,24 +175,6 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
     camera, airspace = takes[0].inspection.camera, airspace_of(pair, settings)
     never[missed] = ~attainable_beside(missed, cloud, airspace, camera, farthest)
     return Shown(inspected, as_well, never, attention)
-
-
-def _target_attention(takes: Sequence[Take], inspected: InspectedSurface) -> tuple[Floats, Ints]:
-    """Attention (N,) of what each target sample corresponds to, and the sample (N,) it is judged like."""
-    cloud = inspected.cloud
-    attention, like = np.zeros(len(cloud)), np.zeros(len(cloud), np.int64)
-    nearest = np.full(len(cloud), _CORRESPONDS * spacing(cloud))
-    for take in takes:
-        match, weight = take.pair.surface.correspondences, take.inspection.attention.weight
-        known = np.flatnonzero((match.target_index >= 0) & np.isfinite(match.target_points[:, 0]))
-        if not len(known):
-            continue
-        distance, place = cKDTree(match.target_points[known]).query(cloud.points)
-        mine = distance < nearest
-        nearest = np.where(mine, distance, nearest)
-        attention = np.where(mine, weight[known[place]], attention)
-        like = np.where(mine, match.target_index[known[place]], like)
-    return attention, like
 
 
 def inspected_measures(found: Shown, planned: Views, takes: Sequence[Take]) -> dict[str, float]:

@@ -11,8 +11,10 @@ from upplied.config import FIDELITIES, Settings
 from upplied.errors import RefusedError
 from upplied.planning.airspace.detours import Ways, airspace_of, safe_positions
 from upplied.planning.carry.carried import Carried, Goal
+from upplied.planning.carry.inspected_surface import area_ratio
 from upplied.planning.demonstration.repetition import Take, steady_radps
 from upplied.planning.geometry.frechet import frechet_floored
+from upplied.planning.trajectory.added_passes import Pace, with_added_passes
 from upplied.planning.trajectory.optimise import Problem, Start, optimise
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import demonstrated_speed
@@ -29,6 +31,7 @@ _LEAST_TURN_RAD = (
     np.pi / 2
 )  # that a demonstration counts as having turned, so that little turning is not dear
 _HALVINGS = 20  # of the way to the demonstrated shape
+_WORTHWHILE = 5e-3  # share of the need, that added passes must show more
 
 
 def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
@@ -83,22 +86,60 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         ),
         aside_rad=_aside(take),
         level=settings.transfer.plane,
+        area_ratio=area_ratio([take], goal.inspected),
     )
-    state, variables = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
-    at, curve = state.curve(variables, _STEP_M)
+    shape = FIDELITIES[settings.refine.fidelity].shape
+    best = optimise(problem, shape, settings.optimise)
+    origin, added = np.arange(len(flown)), np.zeros(len(flown), bool)
+    for _ in range(settings.refine.added_rounds if _is_absolute(goal) else 0):
+        longer = with_added_passes(
+            best.path, problem.view, ways, _pace(problem, take, settings), _half_rad(take, settings)
+        )
+        if longer is None:
+            break
+        try:
+            path = replace(longer.path, positions=safe(longer.path.positions))
+        except RefusedError:
+            break
+        further = problem.along(path, longer.origin, longer.added)
+        result = optimise(further, shape, settings.optimise)
+        if result.shown < best.shown + _WORTHWHILE:
+            break
+        best, problem = result, further
+        origin, added = origin[longer.origin], added[longer.origin] | longer.added
+    at, curve = best.state.curve(best.variables, _STEP_M)
     positions = safe(curve.positions)
     if settings.refine.deviation is not None:
         positions = _within(settings.refine.deviation, positions, at, goal, safe)
     low, high = np.radians([settings.retime.min_gimbal_pitch_deg, settings.retime.max_gimbal_pitch_deg])
     own = np.zeros(len(at), bool)
     whole = np.flatnonzero(at == np.round(at))
-    own[whole] = carried.path.is_viewpoint[at[whole].astype(int)]
+    own[whole] = carried.path.is_viewpoint[origin[at[whole].astype(int)]]
     return Waypoints(
         positions,
         from_yaw_pitch(curve.yaw, np.clip(curve.pitch, low, high)),
-        np.interp(at, np.arange(float(len(flown))), carried.path.t_s),
+        np.interp(at, np.arange(float(len(origin))), carried.path.t_s[origin]),
         own,
+        added[np.floor(at).astype(int)] | added[np.ceil(at).astype(int)],
     )
+
+
+def _is_absolute(goal: Goal) -> bool:
+    return goal.standoff.in_metres and goal.height_m is None
+
+
+def _pace(problem: Problem, take: Take, settings: Settings) -> Pace:
+    """How fast passes are flown, and in how much time all of them: as much more as the surface is larger."""
+    flight = take.inspection.flight
+    allowed_s = settings.refine.longer * max(problem.area_ratio, 1.0) * float(flight.t_s[-1] - flight.t_s[0])
+    return Pace(problem.speed_mps, problem.pan_radps, allowed_s, settings.refine.least_rate)
+
+
+def _half_rad(take: Take, settings: Settings) -> float:
+    """Half the angle across the flight within which a wall is shown as finely as asked."""
+    camera, rule = take.inspection.camera, settings.inspection
+    fine = float(np.arccos(np.sqrt(max(rule.planned_resolution, rule.least_resolution))))
+    return min(fine, float(np.radians(min(camera.hfov_deg, camera.vfov_deg, 120.0))) / 2)
 
 
 def _starts(carried: Carried, safe: Callable[[Floats], Floats]) -> list[Start]:
@@ -171,7 +212,9 @@ def _view(take: Take, goal: Goal, settings: Settings) -> View:
     own = wanted.need / max(wanted.need.sum(), 1e-12)
     need = context * seen / max(seen.sum(), 1e-12) + (1 - context) * own
     inspected = wanted.need > 0
-    resolved_m = np.where(inspected, wanted.standoff_m / settings.inspection.least_resolution, np.inf)
+    rule, absolute = settings.inspection, goal.standoff.in_metres
+    share = max(rule.planned_resolution, rule.least_resolution) if absolute else rule.least_resolution
+    resolved_m = np.where(inspected, wanted.standoff_m / share, np.inf)
     return View(
         wanted.cloud,
         need / max(need.sum(), 1e-12),

@@ -149,11 +149,11 @@ def _directions(
     half = half_rad[row]
     axes = matrices(from_yaw_pitch(yaw, pitch))
     round_ = half[:, 0] >= np.pi / 2
-    return row, yaw, pitch, _in_picture(places, row, axes, points, reach, half * _INSIDE, round_)
+    return row, yaw, pitch, in_picture(places, row, axes, points, reach, half * _INSIDE, round_)
 
 
 @njit(cache=True)
-def _in_picture(
+def in_picture(
     places: Floats, row: Ints, axes: Floats, points: Floats, reach: Bools, half: Floats, round_: Bools
 ) -> Bools:
     """Which of the points in reach fall into the picture of each orientation, (C, m)."""

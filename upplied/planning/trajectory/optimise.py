@@ -26,7 +26,7 @@ from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, St
 from upplied.planning.trajectory.view import View
 from upplied.polylines import leg_lengths
 from upplied.poses import from_yaw_pitch
-from upplied.records import Floats, Ints, Record
+from upplied.records import Bools, Floats, Ints, Record
 
 _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond the limit may come within it
 _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and last: far first, then exactly
@@ -58,9 +58,38 @@ class Problem(Record):
     pan_radps: float  # at which a turning camera is still sharp
     aside_rad: Floats  # (M,) of the expert's optical axis from what was inspected; NaN where none was seen
     level: bool = False  # the path stays in its plane
+    area_ratio: float = 1.0  # of what is to be shown, to what was inspected
+
+    def along(self, path: Flown, origin: Ints, added: Bools) -> Problem:
+        """The same asked of a path with stations added to its own; `origin` are those that each stands for."""
+        own, fov_deg = np.flatnonzero(~added), self.view.fov_deg
+        shape = self.demonstrated
+        return replace(
+            self,
+            starts=[Start(path, path)],
+            demonstrated=replace(shape, station=own if shape.station is None else own[shape.station]),
+            view=self.view if fov_deg is None else replace(self.view, fov_deg=fov_deg[origin]),
+            standoff=replace(self.standoff, station=own[self.standoff.station]),
+            speed_mps=self.speed_mps[origin],
+            aside_rad=self.aside_rad[origin],
+        )
 
 
-def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -> tuple[State, Floats]:
+@dataclass(frozen=True, eq=False, repr=False)
+class Optimised(Record):
+    """A state, its variables, and the share of what is needed that its path truly shows."""
+
+    state: State
+    variables: Floats
+    shown: float
+
+    @property
+    def path(self) -> Flown:
+        """The path at its stations."""
+        return self.state.flown(self.variables)
+
+
+def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -> Optimised:
     """The state whose path shows most for what it costs, and its variables.
 
     Parameters
@@ -73,14 +102,12 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
 
     Returns
     -------
-    State
-    array
-        Its variables.
+    Optimised
     """
     samples, need = _sampled(problem.view, weights.samples)
     searches = [_Search.of(problem, start, samples, need, shape_weight, weights) for start in problem.starts]
     if len(samples) == 0:
-        return searches[0].state, searches[0].first
+        return Optimised(searches[0].state, searches[0].first, 0.0)
     first = [search.worth(search.first) for search in searches]
     ranked = np.argsort(-np.array(first), kind="stable")[: weights.starts].tolist()
     results = [(first[0], searches[0], searches[0].first)]
@@ -90,7 +117,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
         if searches[number].shown(variables) >= least:
             results.append((worth, searches[number], variables))
     _, search, variables = max(results, key=lambda result: result[0])
-    return search.state, variables
+    return Optimised(search.state, variables, search.shown(variables))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,12 +145,17 @@ class _Search(Record):
     ) -> _Search:
         state, shape = _state(problem, start, weights), problem.demonstrated
         first = state.nearest(start.safe)
-        firmly = weights.standoff_in_metres if problem.standoff.in_metres else weights.standoff
         lasting: list[tuple[float, Term]] = [
             (shape_weight, shape),
-            (firmly, StandoffKept.of(problem.standoff, state.flown(first), weights.standoff_tolerance)),
+            (
+                weights.standoff,
+                StandoffKept.of(problem.standoff, state.flown(first), weights.standoff_tolerance),
+            ),
             (weights.turning, Turning(start.mapped.yaw, start.mapped.pitch, problem.turned_rad)),
-            (weights.leaving, Leaving.of(problem.starts[0].safe.positions, _standoff_m(problem))),
+            (
+                weights.leaving / max(problem.area_ratio, 1.0),
+                Leaving.of(problem.starts[0].safe.positions, _standoff_m(problem)),
+            ),
         ]
 
         def price(off: Floats) -> Floats:

@@ -20,7 +20,7 @@ from upplied.poses import fov_at
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
 
-def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory, Bools, Floats]:
+def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory, Bools, Floats, Bools]:
     """The planned trajectory, which of its poses are viewpoints, and the demonstration's times.
 
     Parameters
@@ -37,6 +37,8 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
         Which of them are viewpoints.
     array, shape (P,), s
         The time of the joined flights (`repetition.joined`) that each corresponds to.
+    array of bool, shape (P,)
+        Which of them are on passes added to the demonstrated ones.
 
     Raises
     ------
@@ -64,10 +66,10 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
 
 
 def _zooming(
-    flight: Trajectory, planned: Trajectory, is_viewpoint: Bools, demonstrated_s: Floats
-) -> tuple[Trajectory, Bools, Floats]:
+    flight: Trajectory, planned: Trajectory, is_viewpoint: Bools, demonstrated_s: Floats, added: Bools
+) -> tuple[Trajectory, Bools, Floats, Bools]:
     """The same, zooming as the demonstration did at the moments that the poses correspond to."""
-    return replace(planned, fov_deg=fov_at(flight, demonstrated_s)), is_viewpoint, demonstrated_s
+    return replace(planned, fov_deg=fov_at(flight, demonstrated_s)), is_viewpoint, demonstrated_s, added
 
 
 def _in_joined_times(

@@ -36,7 +36,7 @@ def retime(
     settings: RetimeSettings,
     breaks: Ints | None = None,
     sharp: Sharp | None = None,
-) -> tuple[Trajectory, Bools, Floats]:
+) -> tuple[Trajectory, Bools, Floats, Bools]:
     """Give a path its times.
 
     Parameters
@@ -61,9 +61,11 @@ def retime(
         Which of its poses are viewpoints.
     array
         Time of the demonstration, s, that each of its poses corresponds to.
+    array of bool
+        Which of them are on added passes.
     """
     if not settings.limits or len(path) < 2:
-        return at_demonstrated_speed(path, flight), np.array(path.is_viewpoint, bool), path.t_s
+        return at_demonstrated_speed(path, flight), np.array(path.is_viewpoint, bool), path.t_s, path.added
     anything = np.full(len(path), np.inf)
     path, sharp = _without_repeats(path, Sharp(anything, anything) if sharp is None else sharp)
     hover = hovering(path, flight, settings.least_stop_s, breaks)
@@ -76,7 +78,7 @@ def retime(
     pan = np.radians(np.where(legs_show, pan_degps, np.inf))
     times = _timed(stations, bound, pan, settings)
     quats = from_yaw_pitch(stations.yaw, stations.pitch)
-    return Trajectory(times, stations.positions, quats), stations.is_viewpoint, stations.t_s
+    return Trajectory(times, stations.positions, quats), stations.is_viewpoint, stations.t_s, stations.added
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,6 +101,7 @@ class _Stations(Record):
     at_rest: Bools  # (S,)
     sharp: Sharp  # of S stations
     hold_s: Floats  # (S - 1,) time to hover, on legs of no length
+    added: Bools  # (S,) on added passes
 
 
 def at_demonstrated_speed(path: Waypoints, flight: Trajectory) -> Trajectory:
@@ -178,6 +181,7 @@ def _divided(path: Waypoints, hover: Floats, sharp: Sharp) -> _Stations:
         at_rest=own & rest[waypoint],
         sharp=Sharp(*(np.minimum(of[ends[0]], of[ends[1]]) for of in (sharp.speed_mps, sharp.pan_degps))),
         hold_s=hold,
+        added=path.added[ends[0]] & path.added[ends[1]],
     )
 
 

@@ -100,7 +100,7 @@ def _sharp_speeds(
 
 
 def steadied_swings(
-    sharp: Sharp, path_t_s: Floats, timed: tuple[Trajectory, Bools, Floats], steady_radps: float
+    sharp: Sharp, path_t_s: Floats, timed: tuple[Trajectory, Bools, Floats, Bools], steady_radps: float
 ) -> Sharp:
     """The limits with slow swings of the camera made steady, so that fast ones stay the exception.
 
@@ -118,7 +118,7 @@ def steadied_swings(
     steady_radps : float
         Up to which a camera turns steadily.
     """
-    flown, _, demonstrated_s = timed
+    flown, _, demonstrated_s, _ = timed
     steps, steady_degps = moments(flown), np.degrees(steady_radps)
     fast = sharp.pan_degps > steady_degps
     first = np.flatnonzero(np.diff(fast, prepend=~fast[:1]))  # of each swing, and of each stretch between two

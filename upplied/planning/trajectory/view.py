@@ -19,7 +19,9 @@ class View(Record):
 
     cloud: Cloud  # N surface samples of the target with normals
     need: Floats  # (N,) share of all that is to be shown; sums to 1, 0 where nothing is
-    farthest_m: Floats  # (N,) from where each is still resolved well enough
+    farthest_m: (
+        Floats  # (N,) from where a frontal look resolves each well enough, an oblique one times its cosine
+    )
     inspected: Bools  # (N,) those that the demonstration was about; the others lay behind them
     camera: Camera
     settings: VisibilitySettings
@@ -83,8 +85,9 @@ class View(Record):
 
     def _near(self, pose: Ints, sample: Ints, positions: Floats, asked: Ints, coarse: Floats | None) -> Bools:
         ray = self.cloud.points[asked][sample] - positions[pose]
-        squared = np.einsum("ij,ij->i", ray, ray) * (1.0 if coarse is None else coarse[pose] ** 2)
-        return np.asarray(squared <= self.farthest_m[asked][sample] ** 2)
+        squared = np.einsum("ij,ij->i", ray, ray) * (1.0 if coarse is None else coarse[pose])
+        facing = -np.einsum("ij,ij->i", ray, self.cloud.outward[asked][sample])  # distance times the cosine
+        return np.asarray(squared <= self.farthest_m[asked][sample] * facing)
 
     def _frontal(self, pose: Ints, sample: Ints, positions: Floats, asked: Ints) -> Bools:
         """Those that are seen as frontally as single samples ask for."""

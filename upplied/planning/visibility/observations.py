@@ -70,14 +70,14 @@ class Views(Record):
         )
 
     def shown_well(self, cloud: Cloud, farthest_m: Floats, sharp_radps: float, least_cosine: float) -> Bools:
-        """Which samples (N,) some pose sees near, frontally and slowly enough, all at once.
+        """Which samples (N,) some pose sees finely, frontally and slowly enough, all at once.
 
         Parameters
         ----------
         cloud : Cloud
             What `seen` is of, with normals.
         farthest_m : array, shape (N,), m
-            NaN: not asked for.
+            Of a frontal look; an oblique one must be nearer by the cosine of its incidence. NaN: not asked for.
         sharp_radps : float
             Largest motion of the sample in the picture.
         least_cosine : float
@@ -168,7 +168,7 @@ def _shown_well(
             if shown[index] or not seen[pose, index]:
                 continue
             distance, cosine = sight_to(positions[pose], points[index], normals[index], ray)
-            if not distance * coarse[pose] <= farthest_m[index] or cosine < least_cosine:
+            if not distance * coarse[pose] <= farthest_m[index] * cosine or cosine < least_cosine:
                 continue
             shown[index] = motion_of(ray, distance, velocity[pose], turn[pose]) <= sharp_radps
     return shown
@@ -182,7 +182,8 @@ _NEIGHBOUR = np.cos(np.radians(30.0))
 class Dwell(Rows):
     """The sharp looks at each of N patches."""
 
-    near_m: Floats  # (N,) distance of the nearest, of one camera where it zooms; inf for none
+    # (N,) distance of the finest over the cosine of its incidence, of one camera where it zooms; inf for none
+    near_m: Floats
     carried_m: Floats  # (N,) the same after the lines of sight are carried to another structure
     frontal: Floats  # (N,) cosine of the least incidence; -1 for none
     held_s: Floats  # (N,) how long in all
@@ -275,9 +276,12 @@ def _dwelt(
             if not seen[pose, index]:
                 continue
             distance, cosine = sight_to(positions[pose], points[index], normals[index], ray)
-            if cosine < least_cosine or motion_of(ray, distance, velocity[pose], turn[pose]) > sharp:
+            if (
+                cosine < max(least_cosine, 1e-6)
+                or motion_of(ray, distance, velocity[pose], turn[pose]) > sharp
+            ):
                 continue
-            near[index] = min(near[index], distance * coarse[pose])
+            near[index] = min(near[index], distance / cosine * coarse[pose])
             frontal[index] = max(frontal[index], cosine)
             held[index] += step_s[pose]
             time[index] += step_s[pose] * t_s[pose]
@@ -285,7 +289,7 @@ def _dwelt(
             for axis in range(3):
                 carried[axis] = carry[axis, 0] * ray[0] + carry[axis, 1] * ray[1] + carry[axis, 2] * ray[2]
                 squared += carried[axis] * carried[axis]
-            reached[index] = min(reached[index], np.sqrt(squared) * coarse[pose])
+            reached[index] = min(reached[index], np.sqrt(squared) / cosine * coarse[pose])
             best, side = -np.inf, 0
             for way in range(len(ways)):
                 along = -(ways[way, 0] * carried[0] + ways[way, 1] * carried[1] + ways[way, 2] * carried[2])

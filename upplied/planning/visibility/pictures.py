@@ -1,8 +1,8 @@
 """How finely, frontally and sharply a flight pictures each patch of a surface: one judgement for every look.
 
 The ground sample distance is the longer side of what one pixel covers of the patch: distance times the
-angle of the pixel, over the cosine of the incidence. The angle is that of the pixel in which the patch lies;
-towards the edge of a flat picture it is smaller than in the middle, which `stretch` counts exactly.
+angle of the picture's middle pixel, over the cosine of the incidence. Towards the edge of a flat picture pixels
+cover less; that is not counted, since it would reward looking past a subject.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, vectorize
+from numba import njit
 
 from upplied.planning.visibility.moments import Moments, motion_of, sight_to
 from upplied.planning.visibility.observations import Views, stations_at
@@ -92,39 +92,9 @@ def _defocus(
     return np.where(pose >= 0, blur, np.nan)
 
 
-@njit(cache=True, inline="always")
-def stretch(along: float, facing: float, cosine: float) -> float:  # pragma: no cover - compiled
-    """Longer side of a pixel's footprint on a patch, over that of a pixel on a wall as deep and frontal.
-
-    The image plane is carried to the patch by a linear map; this is its larger singular value.
-
-    Parameters
-    ----------
-    along : float
-        Cosine of the angle between the line of sight and the optical axis.
-    facing : float
-        Cosine of the angle between the optical axis and the patch's inward normal.
-    cosine : float
-        Of the incidence.
-    """
-    square = 2 * facing * along / cosine + (1 - facing * facing) / (cosine * cosine)
-    area = along / cosine
-    return float(np.sqrt((square + np.sqrt(max(square * square - 4 * area * area, 0.0))) / 2))
-
-
-def sampled_m(distance: Floats, along: Floats, facing: Floats, cosine: Floats, camera: Camera) -> Floats:
-    """`Pictures.sampled_m` of looks from a distance, m, by the angles of `stretch`; infinite from behind."""
-    wide = np.maximum(cosine, 1e-6)
-    reach = distance / wide
-    if camera.hfov_deg <= _FLAT_DEG:
-        with np.errstate(invalid="ignore"):  # of what is behind the camera
-            reach = np.where(along > 1e-3, distance * along * _stretches(along, facing, wide), reach)
-    return np.where(cosine > 1e-6, reach, np.inf)
-
-
-@vectorize(cache=True)
-def _stretches(along: float, facing: float, cosine: float) -> float:  # pragma: no cover - compiled
-    return stretch(along, facing, cosine)
+def sampled_m(distance: Floats, cosine: Floats) -> Floats:
+    """`Pictures.sampled_m` of looks from a distance, m, by the cosine of the incidence; infinite from behind."""
+    return np.where(cosine > 1e-6, distance / np.maximum(cosine, 1e-6), np.inf)
 
 
 @njit(cache=True)
@@ -157,14 +127,10 @@ def _pictured(
             speed = motion_of(ray, distance, v, w)
             if speed > sharp:
                 continue
-            reach, deep = distance / cosine, distance
+            reach, deep = distance / cosine * coarse[pose], distance
             along = (ray[0] * axis[0] + ray[1] * axis[1] + ray[2] * axis[2]) / distance
             if flat and along > 1e-3:
-                facing = 0.0
-                for each in range(3):
-                    facing -= axis[each] * normals[index, each]
                 deep = distance * along
-                reach = deep * stretch(along, facing, cosine)
                 swept[0] = -(v[0] + w[1] * ray[2] - w[2] * ray[1])
                 swept[1] = -(v[1] + w[2] * ray[0] - w[0] * ray[2])
                 swept[2] = -(v[2] + w[0] * ray[1] - w[1] * ray[0])
@@ -173,7 +139,6 @@ def _pictured(
                 for each in range(3):
                     square += (swept[each] - ray[each] / deep * away) ** 2
                 speed = np.sqrt(square) / deep
-            reach *= coarse[pose]
             looks[index] += reach <= asked[index]
             if reach < sampled[index]:
                 sampled[index], depth[index], frontal[index] = reach, deep, cosine

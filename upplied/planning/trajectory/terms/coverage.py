@@ -154,7 +154,7 @@ def _missed(
             )
             facing = -(ux * normals[i, 0] + uy * normals[i, 1] + uz * normals[i, 2])
             a, da = _step(facing - least_cosine[i], width)
-            b, db = _step(1.0 - d * coarse[m] / farthest_m[i], width)
+            b, db = _step(facing - d * coarse[m] / farthest_m[i], width)  # fine enough, as obliquely as it is
             c, dc = _step(h / d, width)  # sine of the angle to the border's plane
             e, de = _step(v / d, width)
             if a * b * c * e == 0.0:
@@ -162,7 +162,8 @@ def _missed(
             share = _MOST * a * b * c * e
             shown[count], what[count] = share, i
             left[i] *= 1.0 - share
-            ga, gb, gc, ge = da * b * c * e, a * db * c * e, a * b * dc * e, a * b * c * de
+            gb, gc, ge = a * db * c * e, a * b * dc * e, a * b * c * de
+            ga = da * b * c * e + gb  # of the cosine of the incidence
             fx, fy = 1.0, 0.0
             if round_:
                 fx, fy = x / max(ahead, 1e-9), y / max(ahead, 1e-9)

@@ -12,7 +12,7 @@ from upplied.planning.constants import MOST_RATIO
 from upplied.planning.geometry.frechet import spread
 from upplied.planning.trajectory.state import Flown
 from upplied.polylines import leg_lengths
-from upplied.records import Floats, Record
+from upplied.records import Floats, Ints, Record
 
 _BEYOND_M = 0.05  # kept beyond the limits, for what lies between the stations
 _SHORTEST = 0.1  # of the usual leg: what hovers is not torn apart
@@ -60,6 +60,7 @@ class Shape(Record):
     demonstrated: Floats  # (M, 3) m, about its mean, axes of the source
     standing: Floats  # (3, 3) turns the target's axes into the source's
     unit_m: Floats  # (3,) deviation of the path along each of those axes
+    station: Ints | None = None  # (M,) of a path with more stations, that it is about; None: all of them
 
     @classmethod
     def of(cls, demonstrated: Floats, standing: Floats) -> Shape:
@@ -74,10 +75,11 @@ class Shape(Record):
 
     def value(self, flown: Flown) -> tuple[float, Flown]:
         """Mean squared departure, and its slope: that of the nearest image adds none (it is the nearest)."""
-        turned = flown.positions @ self.standing.T
+        own = slice(None) if self.station is None else self.station
+        turned = flown.positions[own] @ self.standing.T
         off = (turned - self._image(turned)) / self.unit_m
-        slope = (2 / len(off)) * (off / self.unit_m) @ self.standing
-        nothing = np.zeros(len(off))
+        slope, nothing = np.zeros_like(flown.positions), np.zeros(len(flown))
+        slope[own] = (2 / len(off)) * (off / self.unit_m) @ self.standing
         return float((off**2).sum(axis=1).mean()), Flown(slope, nothing, nothing)
 
     def _image(self, turned: Floats) -> Floats:
