@@ -108,7 +108,7 @@ class RefineSettings:
     # how much of the demonstrated time times the ratio of the areas, and of the mean share that a second shows,
     # how much a second of a pass must show.
     added_rounds: int = 2
-    longer: float = 1.05
+    longer: float = 1.2
     least_rate: float = 0.03
 
 

@@ -18,6 +18,7 @@ from upplied.planning.trajectory.added_passes import Pace, with_added_passes
 from upplied.planning.trajectory.optimise import Problem, Start, optimise
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import demonstrated_speed
+from upplied.planning.trajectory.sharpness import sharply_timed
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.axis import aims, angles
 from upplied.planning.trajectory.terms.path import Shape
@@ -92,9 +93,8 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     best = optimise(problem, shape, settings.optimise)
     origin, added = np.arange(len(flown)), np.zeros(len(flown), bool)
     for _ in range(settings.refine.added_rounds if _is_absolute(goal) else 0):
-        longer = with_added_passes(
-            best.path, problem.view, ways, _pace(problem, take, settings), _half_rad(take, settings)
-        )
+        pace = _pace(problem, best.path, carried.path.t_s[origin], carried, goal, settings)
+        longer = with_added_passes(best.path, problem.view, ways, pace, _half_rad(take, settings))
         if longer is None:
             break
         try:
@@ -128,11 +128,17 @@ def _is_absolute(goal: Goal) -> bool:
     return goal.standoff.in_metres and goal.height_m is None
 
 
-def _pace(problem: Problem, take: Take, settings: Settings) -> Pace:
+def _pace(problem: Problem, path: Flown, t_s: Floats, carried: Carried, goal: Goal, settings: Settings) -> Pace:
     """How fast passes are flown, and in how much time all of them: as much more as the surface is larger."""
-    flight = take.inspection.flight
+    take, flight = carried.take, carried.take.inspection.flight
     allowed_s = settings.refine.longer * max(problem.area_ratio, 1.0) * float(flight.t_s[-1] - flight.t_s[0])
-    return Pace(problem.speed_mps, problem.pan_radps, allowed_s, settings.refine.least_rate)
+    pace = Pace(problem.speed_mps, problem.pan_radps, allowed_s, settings.refine.least_rate)
+    poses = from_yaw_pitch(path.yaw, path.pitch)
+    waypoints = Waypoints(path.positions, poses, t_s, np.zeros(len(path), bool))
+    timed = sharply_timed(waypoints, flight, [take], goal.inspected, settings)[0]
+    # In its own seconds: a path takes longer than it is long, since it is slowed for bends and sharp pictures.
+    about_s = float(pace.seconds(path, np.arange(len(path))).sum())
+    return replace(pace, allowed_s=allowed_s * about_s / max(float(timed.t_s[-1] - timed.t_s[0]), 1e-3))
 
 
 def _half_rad(take: Take, settings: Settings) -> float:

@@ -12,10 +12,10 @@ from upplied.config import Settings
 from upplied.planning.airspace.detours import Ways, airspace_of, route
 from upplied.planning.carry.carried import Carried
 from upplied.planning.carry.inspected_surface import InspectedSurface
-from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined, steady_radps
+from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined
 from upplied.planning.trajectory.complete import completed
 from upplied.planning.trajectory.retime import retime
-from upplied.planning.trajectory.sharpness import sharp_limits, steadied_swings
+from upplied.planning.trajectory.sharpness import sharply_timed
 from upplied.poses import fov_at
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
@@ -57,12 +57,7 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
     if not goals or not settings.retime.limits:
         return _zooming(flight, *retime(path, flight, settings.retime, breaks_of(takes)))
     inspected = InspectedSurface.together([goal.inspected for goal in goals])
-    sharp = sharp_limits(path, flight, takes, inspected, settings)
-    timed = retime(path, flight, settings.retime, breaks_of(takes), sharp)
-    steadied = steadied_swings(sharp, path.t_s, timed, steady_radps(takes, settings.inspection))
-    if steadied is not sharp:
-        timed = retime(path, flight, settings.retime, breaks_of(takes), steadied)
-    return _zooming(flight, *timed)
+    return _zooming(flight, *sharply_timed(path, flight, takes, inspected, settings))
 
 
 def _zooming(

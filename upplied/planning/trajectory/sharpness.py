@@ -15,9 +15,9 @@ from numba import njit
 from upplied.config import Settings
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.constants import MAJORITY
-from upplied.planning.demonstration.repetition import USUAL_PCT, Take, look_limits, steady_radps
+from upplied.planning.demonstration.repetition import USUAL_PCT, Take, breaks_of, look_limits, steady_radps
 from upplied.planning.geometry.clouds import weighted_percentile
-from upplied.planning.trajectory.retime import Sharp
+from upplied.planning.trajectory.retime import Sharp, retime
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.moments import moments
@@ -28,6 +28,22 @@ from upplied.records import Bools, Floats, Trajectory, Waypoints
 _SAMPLES = 600  # of the inspected surface, that are asked for
 MARGIN = 0.95  # of the limit, for what speeds differ within a leg
 _SLOWEST_MPS = 0.1
+
+
+def sharply_timed(
+    path: Waypoints,
+    flight: Trajectory,
+    takes: Sequence[Take],
+    inspected: InspectedSurface,
+    settings: Settings,
+) -> tuple[Trajectory, Bools, Floats, Bools]:
+    """A path in its time (`retime.retime`), under the limits of `sharp_limits`, with slow swings made steady."""
+    sharp = sharp_limits(path, flight, takes, inspected, settings)
+    timed = retime(path, flight, settings.retime, breaks_of(takes), sharp)
+    steadied = steadied_swings(sharp, path.t_s, timed, steady_radps(takes, settings.inspection))
+    if steadied is sharp:
+        return timed
+    return retime(path, flight, settings.retime, breaks_of(takes), steadied)
 
 
 def sharp_limits(
