@@ -104,12 +104,10 @@ class RefineSettings:
     deviation: float | None = None  # bound on the Frechet distance, z-scored; None: a warning alone
     # Of what the flight was about, the share that the target must have at all.
     least_counterpart: float = 0.5
-    # Passes that are added for what is left unseen where the demonstrated mm/px is kept: in how many rounds, in
-    # how much of the demonstrated time times the ratio of the areas, and of the mean share that a second shows,
-    # how much a second of a pass must show.
-    added_rounds: int = 2
-    longer: float = 1.2
-    least_rate: float = 0.03
+    # Passes are added for what is left unseen where the demonstrated mm/px is kept.
+    added_rounds: int = 2  # of adding passes and optimising the whole path, at most
+    longer: float = 1.2  # the path's time, at most, over the demonstration's times the ratio of the areas
+    least_rate: float = 0.03  # of what a second shows in the mean, that a second of an added pass must show
 
 
 @dataclass(frozen=True)

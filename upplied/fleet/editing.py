@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from upplied.catalog import Catalog, recipe
 from upplied.config import digest
@@ -116,7 +117,9 @@ class Editing:
         shown = measured.measures.coverage_inspected_pct
         short = f"shows {shown:.1f} % of the inspected surface (required: {least:g} %)"
         return JudgedEdit(
-            replace(measured, is_viewpoint=stops, flyable=True, not_flyable=""),
+            replace(
+                measured, is_viewpoint=stops, added=_added(path_flown, base), flyable=True, not_flyable=""
+            ),
             tuple(broken),
             short if shown < least else "",
         )
@@ -195,6 +198,14 @@ class Editing:
                 self._roadmaps.popitem(last=False)
         self._roadmaps.move_to_end(name)
         return self._roadmaps[name]
+
+
+def _added(path: Trajectory, base: Base) -> Bools | None:
+    """Which poses of an edited path lie on added passes: those whose nearest pose of the plan does."""
+    plan = base.plan
+    if plan.added is None or plan.trajectory is None:
+        return None
+    return np.asarray(plan.added[cKDTree(plan.trajectory.positions).query(path.positions)[1]], bool)
 
 
 def flown_path(plan: Plan) -> tuple[Trajectory, Bools]:

@@ -225,9 +225,10 @@ def _planned(
         return replace(plan, status="refused", reason=reason, warnings=(), not_flyable="")
     # A flight of photos becomes one: as many as its camera takes, where they are needed.
     if demonstration.stills:
-        trajectory, is_viewpoint, demonstrated_s = _photographed(takes, settings, trajectory, demonstrated_s)
+        path = trajectory, demonstrated_s, added
+        trajectory, is_viewpoint, demonstrated_s, added = _photographed(takes, settings, *path)
     # How good is it? The same measures for every preset.
-    measures, surface, warnings = judge(trajectory, demonstrated_s, takes, settings)
+    measures, surface, warnings = judge(trajectory, demonstrated_s, takes, settings, added)
     likely, certain = plan.measures.acceptance_probability, plan.measures.counterpart_probability
     measures = replace(measures, acceptance_probability=likely, counterpart_probability=certain)
     # May it be flown? What falls short is refused, or says so where it is for comparison.
@@ -246,6 +247,7 @@ def _planned(
         not_flyable=short,
         trajectory=trajectory,
         is_viewpoint=is_viewpoint,
+        added=added if settings.refine.method == "view" else None,
         measures=measures,
         surface=surface,
         supposed=pair.supposed,
@@ -255,14 +257,15 @@ def _planned(
 
 
 def _photographed(
-    takes: Sequence[Take], settings: Settings, trajectory: Trajectory, demonstrated_s: Floats
-) -> tuple[Trajectory, Bools, Floats]:
+    takes: Sequence[Take], settings: Settings, trajectory: Trajectory, demonstrated_s: Floats, added: Bools
+) -> tuple[Trajectory, Bools, Floats, Bools]:
     """The path with its photos for viewpoints, no two nearer in time than the camera takes them."""
     camera, pair = takes[0].inspection.camera, takes[0].pair
     inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
     surface = inspected.cloud.at(inspected.need > 0)
     shots = photographed(trajectory, camera, pair.target_scene, surface, least_interval(camera)[0])
-    return shots.path, shots.photo, np.interp(shots.planned_s, trajectory.t_s, demonstrated_s)
+    at = np.clip(np.searchsorted(trajectory.t_s, shots.planned_s), 0, len(added) - 1)
+    return shots.path, shots.photo, np.interp(shots.planned_s, trajectory.t_s, demonstrated_s), added[at]
 
 
 def transfer_key(

@@ -25,7 +25,7 @@ from upplied.planning.trajectory.retime import retime
 from upplied.planning.visibility.observations import stations
 from upplied.planning.visibility.pictures import sampled_m
 from upplied.polylines import arc_length, leg_lengths
-from upplied.poses import from_yaw_pitch, optical_axis, yaw_pitch
+from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.proof.bound import bound_m
 from upplied.proof.tour import short_tour
 from upplied.proof.zone_gap import Part, ZoneGap, joined, poses_for

@@ -43,6 +43,7 @@ class Measures(Record):
     frechet_z: float = float("nan")
     frechet_floored: float = float("nan")
     frechet_m: float = float("nan")
+    frechet_demonstrated_m: float = float("nan")
     min_clearance_m: float = float("nan")
     surface_error_m: float = float("nan")
     never_scanned_m2: float = float("nan")
@@ -141,6 +142,7 @@ class Plan(Record):
     reason: str = ""
     trajectory: Trajectory | None = None
     is_viewpoint: Bools | None = None  # (N,) of the trajectory
+    added: Bools | None = None  # (N,) on passes added to the demonstrated ones, or on transits to them
     registration: Registration | None = None
     measures: Measures = field(default_factory=Measures)
     counterpart_summary: str = ""

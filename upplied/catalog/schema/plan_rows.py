@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from upplied.catalog.schema.rows import Row, json_text, same_named
-from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table, zoom_of
+from upplied.catalog.schema.steps import ORIGINS, added_of, pose_arrays, poses_sha256, step_table, zoom_of
 from upplied.catalog.schema.tables import TABLES
 from upplied.config import Settings, settings_for
 from upplied.errors import CatalogError
@@ -99,6 +99,7 @@ def waypoint_table(name: str, plan: Plan) -> pa.Table:
         "commit_id": "",
         "t_s": np.asarray(plan.trajectory.t_s, float),
         "is_viewpoint": _viewpoint_flags(plan),
+        "origin": None if plan.added is None else np.array(ORIGINS)[plan.added.astype(int)],
     }
     return step_table(TABLES["waypoints"], columns, plan.trajectory)
 
@@ -114,6 +115,7 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
         reason=row["reason"],
         trajectory=trajectory_of(waypoints) if planned else None,
         is_viewpoint=np.array(waypoints["is_viewpoint"]) if planned else None,
+        added=added_of(waypoints) if planned else None,
         registration=_registration_of(row["registration_json"]),
         measures=Measures(**{name: nan if value is None else value for name, value in measures.items()}),
         counterpart_summary=row["counterpart_summary"],
@@ -174,7 +176,9 @@ def _values(record: Any) -> dict[str, Any]:
 def _plan_sha256(plan: Plan) -> str:
     assert plan.trajectory is not None
     path = plan.trajectory
-    return poses_sha256(path.t_s, path.positions, path.quat_xyzw, _viewpoint_flags(plan), path.fov_deg)
+    return poses_sha256(
+        path.t_s, path.positions, path.quat_xyzw, _viewpoint_flags(plan), path.fov_deg, plan.added
+    )
 
 
 def _viewpoint_flags(plan: Plan) -> Bools:

@@ -31,13 +31,13 @@ def step_table(table: Table, columns: dict[str, Any], path: Trajectory | Demonst
         **dict(zip(_QUATERNION, stored_quats(path.quat_xyzw).T, strict=True)),
         **(dict.fromkeys(_ZOOM) if fov_deg is None else dict(zip(_ZOOM, fov_deg.T, strict=True))),
     }
-    arrays = [_column(columns[name], count) for name in table.names]
+    arrays = [_column(columns[each.name], count, each.type) for each in table.columns]
     return pa.table(arrays, schema=table.schema)
 
 
-def _column(values: Any, count: int) -> pa.Array:
+def _column(values: Any, count: int, type_: pa.DataType) -> pa.Array:
     if values is None:
-        return pa.nulls(count, pa.float64())
+        return pa.nulls(count, type_)
     return pa.repeat(values, count) if isinstance(values, str) else pa.array(np.ascontiguousarray(values))
 
 
@@ -47,6 +47,16 @@ def zoom_of(steps: pa.Table) -> Floats | None:
         return None
     angles = np.column_stack([steps[name].to_numpy(zero_copy_only=False) for name in _ZOOM]).astype(float)
     return None if np.isnan(angles).all() else angles
+
+
+ORIGINS = ("demonstrated", "added")
+
+
+def added_of(steps: pa.Table) -> Bools | None:
+    """Which rows of `waypoints` (N,) lie on added passes; None where that was not stored."""
+    if "origin" not in steps.column_names or steps["origin"].null_count:
+        return None
+    return np.asarray(pc.equal(steps["origin"], ORIGINS[1]))
 
 
 def stored_quats(quat_xyzw: Floats) -> Floats:
@@ -69,9 +79,17 @@ def poses_sha256(
     quat_xyzw: Floats,
     flags: Bools | None = None,
     fov_deg: Floats | None = None,
+    added: Bools | None = None,
 ) -> str:
     """Hash of poses as they are stored, the same on every machine."""
-    return _sha256_of([t, np.asarray(positions, float), stored_quats(quat_xyzw), flags, fov_deg])
+    return _sha256_of(
+        [t, np.asarray(positions, float), stored_quats(quat_xyzw), flags, fov_deg, _if_any(added)]
+    )
+
+
+def _if_any(added: Bools | None) -> Bools | None:
+    """Paths without added passes hash as they did before there were any."""
+    return added if added is not None and added.any() else None
 
 
 def _sha256_of(parts: Sequence[Any]) -> str:
@@ -97,6 +115,7 @@ def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) ->
     key = TABLES[name].names[0]
     times = steps["t_s" if name == "waypoints" else "t_ns"].to_numpy()
     flags = np.asarray(steps["is_viewpoint"]) if name == "waypoints" else None
+    added = added_of(steps) if name == "waypoints" else None
     numbers, (positions, quats), zooms = steps["seq"].to_numpy(), pose_arrays(steps), zoom_of(steps)
     starts = _starts(steps, (key, "commit_id"))
     if not len(starts):
@@ -119,7 +138,8 @@ def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) ->
         else:
             poses = [times[own], positions[own], quats[own], None if flags is None else flags[own]]
             zoom = zooms[own] if zooms is not None and zooming[at] else None
-            if _sha256_of([*poses, zoom]) != sha256[owner]:
+            more = None if added is None else _if_any(added[own])
+            if _sha256_of([*poses, zoom, more]) != sha256[owner]:
                 yield owner[0], "the steps do not match the hash in their row"
 
 

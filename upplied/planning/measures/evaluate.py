@@ -22,9 +22,10 @@ from upplied.planning.carry.standoff import (
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take, begins_of, joined
+from upplied.planning.geometry.frechet import frechet, frechet_floored
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.measures.fidelity import fidelity
-from upplied.planning.measures.measure import inspected_measures, measure, shown_of, surface_states
+from upplied.planning.measures.measure import FRECHET, inspected_measures, measure, shown_of, surface_states
 from upplied.planning.measures.resolution import resolution
 from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
@@ -52,12 +53,13 @@ def judge(
     demonstrated_s: Floats | None,
     takes: Sequence[Take],
     settings: Settings,
+    added: Bools | None = None,
 ) -> tuple[Measures, SurfaceStates | None, tuple[str, ...]]:
     """All measures of a planned trajectory, what becomes of the target's surface, and warnings in words.
 
     What a repeated demonstration should see is what all its takes should see together. `demonstrated_s` are
     the times of the joined flights that the poses correspond to; without them (of a flown path) it is
-    not asked how many viewpoints keep their stand-off.
+    not asked how many viewpoints keep their stand-off. `added` are the poses on added passes.
     """
     pair, camera = takes[0].pair, takes[0].inspection.camera
     carried = np.concatenate([demonstrated_on_target(take) for take in takes])
@@ -93,6 +95,8 @@ def judge(
         **resolution(trajectory, true[1], shown.inspected, takes, airspace, settings),
     )
     measures = replace(measures, never_scanned_m2=pair.missing.area_m2)
+    if added is not None and not added.all():
+        measures = replace(measures, **_shape_of_demonstrated(trajectory, added, carried, pair, measures))
     if demonstrated_s is not None:
         measures = replace(
             measures, standoff_kept_pct=_standoff_kept(trajectory, demonstrated_s, takes, settings)
@@ -104,6 +108,19 @@ def judge(
         + _blurred(measures, camera, settings)
     )
     return measures, surface_states(shown), warnings
+
+
+def _shape_of_demonstrated(
+    trajectory: Trajectory, added: Bools, carried: Floats, pair: Pair, measures: Measures
+) -> dict[str, float]:
+    """How far the part of a plan that is carried from the demonstration departs from it."""
+    if not added.any():
+        return {"frechet_demonstrated_m": measures.frechet_m}
+    own, axes = trajectory.positions[~added], standing(pair)
+    return {
+        "frechet_demonstrated_m": frechet(carried, own, FRECHET),
+        "frechet_floored": frechet_floored(carried @ axes.T, own @ axes.T, FRECHET),
+    }
 
 
 def _standoff_kept(

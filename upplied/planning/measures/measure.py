@@ -39,7 +39,7 @@ from upplied.records import (
 )
 from upplied.scene import Scene
 
-_FRECHET = 1e-4  # of the distances of paths, to which they are known: a decision fewer for each half of it
+FRECHET = 1e-4  # of the distances of paths, to which they are known: a decision fewer for each half of it
 
 
 def measure(
@@ -91,9 +91,9 @@ def measure(
             quality["coverage_attainable_pct"] = coverage(true[0], attainable)
     return Measures(
         coverage_paper_pct=coverage(paper[0], paper[1].total),
-        frechet_z=frechet_z(carried @ axes.T, planned.positions @ axes.T, _FRECHET),
-        frechet_floored=frechet_floored(carried @ axes.T, planned.positions @ axes.T, _FRECHET),
-        frechet_m=frechet(carried, planned.positions, _FRECHET),
+        frechet_z=frechet_z(carried @ axes.T, planned.positions @ axes.T, FRECHET),
+        frechet_floored=frechet_floored(carried @ axes.T, planned.positions @ axes.T, FRECHET),
+        frechet_m=frechet(carried, planned.positions, FRECHET),
         min_clearance_m=path_clearance(scene, planned.positions).distance_m,
         surface_error_m=scene.error_m,
         path_length_m=path_length(planned.positions),

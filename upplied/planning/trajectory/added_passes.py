@@ -1,7 +1,7 @@
 """Further passes in the expert's manner, for what a path leaves unseen in the time that there is.
 
-Of the strips beside a path, stretches that show most for their time are taken one after the other and put into
-the path where the way there and back is shortest; so neighbours are flown back and forth.
+Of the strips beside a path, stretches that show most for their time are taken one after the other and put
+into the path where the transits to and from them are shortest; so neighbours are flown back and forth.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Pace(Record):
 
 
 def with_added_passes(path: Flown, view: View, ways: Ways, pace: Pace, half_rad: float) -> Extended | None:
-    """The path with stretches of strips beside it that show what it misses; None where none is worth its time.
+    """The path with stretches of strips that show what it misses; None where none is worth its time.
 
     Parameters
     ----------

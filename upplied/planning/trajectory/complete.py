@@ -128,15 +128,17 @@ def _is_absolute(goal: Goal) -> bool:
     return goal.standoff.in_metres and goal.height_m is None
 
 
-def _pace(problem: Problem, path: Flown, t_s: Floats, carried: Carried, goal: Goal, settings: Settings) -> Pace:
-    """How fast passes are flown, and in how much time all of them: as much more as the surface is larger."""
+def _pace(
+    problem: Problem, path: Flown, t_s: Floats, carried: Carried, goal: Goal, settings: Settings
+) -> Pace:
+    """How fast passes are flown, and in how much time: as much more as the surface is larger."""
     take, flight = carried.take, carried.take.inspection.flight
     allowed_s = settings.refine.longer * max(problem.area_ratio, 1.0) * float(flight.t_s[-1] - flight.t_s[0])
     pace = Pace(problem.speed_mps, problem.pan_radps, allowed_s, settings.refine.least_rate)
     poses = from_yaw_pitch(path.yaw, path.pitch)
     waypoints = Waypoints(path.positions, poses, t_s, np.zeros(len(path), bool))
     timed = sharply_timed(waypoints, flight, [take], goal.inspected, settings)[0]
-    # In its own seconds: a path takes longer than it is long, since it is slowed for bends and sharp pictures.
+    # In seconds of its pace: it takes longer than that, slowed for bends and sharp pictures.
     about_s = float(pace.seconds(path, np.arange(len(path))).sum())
     return replace(pace, allowed_s=allowed_s * about_s / max(float(timed.t_s[-1] - timed.t_s[0]), 1e-3))
 

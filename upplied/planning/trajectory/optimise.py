@@ -59,10 +59,9 @@ class Problem(Record):
     aside_rad: Floats  # (M,) of the expert's optical axis from what was inspected; NaN where none was seen
     level: bool = False  # the path stays in its plane
     area_ratio: float = 1.0  # of what is to be shown, to what was inspected
-    views: bool = True  # extra views are put in
 
     def along(self, path: Flown, origin: Ints, added: Bools) -> Problem:
-        """The same asked of a path with stations added to its own; `origin` are those that each stands for."""
+        """The same asked of a path with stations added to its own; `origin` is the one each belongs to."""
         own, fov_deg = np.flatnonzero(~added), self.view.fov_deg
         shape = self.demonstrated
         return replace(
@@ -188,7 +187,7 @@ class _Search(Record):
         variables, results = self.first, []
         for number, width in enumerate(np.geomspace(_WIDEST, _NARROWEST, weights.rounds)):
             path = state.flown(variables)
-            if number == weights.rounds // 2 and self.problem.views:  # what small moves can show is shown by now
+            if number == weights.rounds // 2:  # what small moves can show is shown by now
                 turn = weights.turning / problem.turned_rad
                 way = float(problem.speed_mps.mean()) / problem.pan_radps
                 price = Price(_standoff_m(problem), self.price, turn, way)

@@ -37,7 +37,7 @@ def sharply_timed(
     inspected: InspectedSurface,
     settings: Settings,
 ) -> tuple[Trajectory, Bools, Floats, Bools]:
-    """A path in its time (`retime.retime`), under the limits of `sharp_limits`, with slow swings made steady."""
+    """A path with its times (`retime.retime`): sharp, and with slow swings of the camera made steady."""
     sharp = sharp_limits(path, flight, takes, inspected, settings)
     timed = retime(path, flight, settings.retime, breaks_of(takes), sharp)
     steadied = steadied_swings(sharp, path.t_s, timed, steady_radps(takes, settings.inspection))

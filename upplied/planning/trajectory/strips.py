@@ -1,8 +1,8 @@
 """Strips beside a path: lines of places over the surface next to what the path looks at, in its manner.
 
-A strip runs as the flight does, at its distance and angle from the surface, half a swath further to the side
-than the one before. The swath is what the camera shows finely enough across its way. Strips follow the surface:
-round a hull they bend with it, and they end where it ends.
+A strip runs as the flight does, at its distance and angle from the surface, half a swath further to the
+side than the one before. The swath is what the camera shows finely enough across its way. Strips follow the
+surface: round a hull they bend with it, and they end where it ends.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def _next_to(here: _Places, step_m: float, samples: tuple[cKDTree, Floats, Float
 def _on_surface(
     places: Floats, like: Floats, samples: tuple[cKDTree, Floats, Floats], most_m: float
 ) -> tuple[Floats, Floats, Bools]:
-    """Places (K, 3) put on the surface whose side faces as `like` does, its normals there, and which are near."""
+    """Places (K, 3) put on the side of the surface that faces as `like` does, its normals, which are near."""
     tree, points, normals = samples
     distance, near = tree.query(places, k=min(_NEAREST, len(points)))
     weight = (np.einsum("kni,ki->kn", normals[near], like) > 0).astype(float)

@@ -77,7 +77,7 @@ class Views(Record):
         cloud : Cloud
             What `seen` is of, with normals.
         farthest_m : array, shape (N,), m
-            Of a frontal look; an oblique one must be nearer by the cosine of its incidence. NaN: not asked for.
+            Of a frontal look; an oblique one is nearer by the cosine of its incidence. NaN: not asked for.
         sharp_radps : float
             Largest motion of the sample in the picture.
         least_cosine : float

@@ -1,8 +1,8 @@
 """How finely, frontally and sharply a flight pictures each patch of a surface: one judgement for every look.
 
 The ground sample distance is the longer side of what one pixel covers of the patch: distance times the
-angle of the picture's middle pixel, over the cosine of the incidence. Towards the edge of a flat picture pixels
-cover less; that is not counted, since it would reward looking past a subject.
+angle of the picture's middle pixel, over the cosine of the incidence. Towards the edge of a flat picture
+pixels cover less; that is not counted, since it would reward looking past a subject.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def _defocus(
 
 
 def sampled_m(distance: Floats, cosine: Floats) -> Floats:
-    """`Pictures.sampled_m` of looks from a distance, m, by the cosine of the incidence; infinite from behind."""
+    """`Pictures.sampled_m` of looks from a distance, m, by the cosine of the incidence; inf from behind."""
     return np.where(cosine > 1e-6, distance / np.maximum(cosine, 1e-6), np.inf)
 
 
