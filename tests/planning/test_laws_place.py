@@ -68,7 +68,7 @@ def test_targets_of_every_kind_get_the_moved_plan(fleet, kind, preset, request):
 def test_a_scaled_target_gets_the_scaled_plan(fleet, preset, scale):
     """With the stand-off scaled; distances in metres that do not scale, the safety distance, stay clear."""
     flight, source, target = scene(fleet, "cube", 1)
-    options = settings_for(preset, verdict=ANY)
+    options = settings_for(preset, verdict=ANY, transfer={"standoff": "scaled"})
     plan = plan_transfer(flight, source, target, options)
     scaled = plan_transfer(flight, source, moved_structure(target, scale=scale), options)
     assert frechet(scaled.trajectory.positions / scale, plan.trajectory.positions) < 0.02 * target.diagonal_m

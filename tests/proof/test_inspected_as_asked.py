@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from upplied.config import CloudSettings, InspectionSettings
 from upplied.planning.surface.samples import surface_samples
@@ -48,23 +47,16 @@ def at_beats(path: Trajectory) -> Trajectory:
 
 
 def finest_mm(path: Trajectory) -> Floats:
-    """What a pixel covers at best (N,), mm: its corners cast onto the plane of a patch, pose by pose."""
+    """What the middle pixel covers at best (N,), mm: distance over the cosine of the incidence, pose by pose."""
     finest = np.full(len(SURFACE), np.inf)
     poses = at_beats(path)
     normal, pixel = SURFACE.outward, np.tan(np.radians(CAMERA.hfov_deg / 2)) / (CAMERA.width_px / 2)
     for index in range(len(poses)):
         one = poses.take(slice(index, index + 1))
         seen = truly_seen(CUBE, one, SURFACE, CAMERA)
-        turn = Rotation.from_quat(one.quat_xyzw[0])
         ray = SURFACE.points - one.positions[0]
-        ahead, left, up = turn.inv().apply(ray).T
-        reach = (ray * normal).sum(axis=1)
-        sides = []
-        for across, above in ((pixel, 0.0), (0.0, pixel)):
-            seen_at = np.column_stack([np.ones(len(ray)), left / ahead + across, up / ahead + above])
-            other = turn.apply(seen_at)
-            sides.append(other * (reach / (other * normal).sum(axis=1))[:, None] - ray)
-        covered = 1e3 * np.linalg.svd(np.stack(sides, axis=2), compute_uv=False)[:, 0]
+        squared, facing = (ray**2).sum(axis=1), -(ray * normal).sum(axis=1)
+        covered = 1e3 * pixel * squared / np.where(seen, facing, 1.0)
         finest = np.where(seen, np.minimum(finest, covered), finest)
     return finest
 

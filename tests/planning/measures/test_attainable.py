@@ -146,7 +146,7 @@ def test_positions_are_tried_on_the_normal_and_round_it_up_to_the_limit() -> Non
 
 
 def test_distances_grow_by_equal_factors() -> None:
-    found = _distances(np.array([0, 0.5, 1]), 2.0, np.array([8.0, 32.0]))
+    found = _distances(np.array([0, 0.5, 1]), 2.0, np.array([[8.0], [32.0]]))
     np.testing.assert_allclose(found, [[2, 4, 8], [2, 8, 32]])
 
 
@@ -176,7 +176,7 @@ def asked(airspace: Airspace, served: Floats, nearest: float = 1.0, farthest: fl
     """Three samples of a floor in a row, with what served the first."""
     cloud = Cloud(np.array([[0.0, 0, 0], [1, 0, 0], [8, 0, 0]]), np.tile([0.0, 0, 1], (3, 1)))
     found = np.vstack([served, np.full((2, 3), np.nan)])
-    _ask_neighbours(found, cloud, airspace, nearest, np.full(3, farthest), 60.0)
+    _ask_neighbours(found, cloud, airspace, (nearest, farthest), np.full(3, 1e9), 60.0)
     return np.isfinite(found[:, 0]).tolist()
 
 

@@ -111,7 +111,8 @@ def test_shown_as_well_is_what_brute_force_says(take: Take, plan: Trajectory) ->
     for row in range(len(poses)):
         length = np.linalg.norm(cloud.points - poses.positions[row], axis=1)
         slow = motion_by_difference(poses, row, cloud.points, velocity[row], turn[row]) <= sharp
-        near = length <= np.nan_to_num(inspected.standoff_m) / 0.8
+        facing = ((poses.positions[row] - cloud.points) * cloud.normals).sum(axis=1)  # length times the cosine
+        near = length**2 <= np.nan_to_num(inspected.standoff_m) / 0.8 * facing
         as_well |= seen[row] & slow & near
     wanted = inspected.need > 0
     assert 0.05 < as_well[wanted].mean() < 0.9  # the plan shows some of it, and misses some
@@ -135,7 +136,9 @@ def test_what_is_asked_for_is_the_best_sharp_look_of_the_demonstration(take: Tak
             steps.poses, row, fit.source.points, steps.velocity[row], steps.turn[row]
         )
         length = np.linalg.norm(fit.source.points - steps.poses.positions[row], axis=1)
-        near = np.where(seen[row] & (moved <= sharp), np.minimum(near, length), near)
+        facing = ((steps.poses.positions[row] - fit.source.points) * fit.source.normals).sum(axis=1)
+        fine = length**2 / np.where(seen[row], facing, np.inf)
+        near = np.where(seen[row] & (moved <= sharp), np.minimum(near, fine), near)
     weight = inspection.attention.weight * fit.source.area_m2
     need, distance = np.zeros(len(fit.target)), np.zeros(len(fit.target))
     for sample, index in enumerate(fit.correspondences.target_index):

@@ -11,7 +11,7 @@ from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.extra_views import (
     Price,
-    _in_picture,
+    in_picture,
     _Places,
     _taken,
     places_beside,
@@ -200,7 +200,7 @@ def test_in_the_picture_is_what_both_angles_say() -> None:
     row, turns = rng.integers(0, 3, 12), Rotation.random(12, random_state=1)
     reach, round_ = rng.random((3, 60)) < 0.8, np.arange(12) % 2 == 0
     half = np.column_stack([np.where(round_, 2.0, 0.6), np.full(12, 0.5)])
-    found = _in_picture(places, row, turns.as_matrix(), points, reach, half, round_)
+    found = in_picture(places, row, turns.as_matrix(), points, reach, half, round_)
     for at in range(12):
         x, y, z = turns[at].inv().apply(points - places[row[at]]).T
         ahead = np.hypot(x, y) if round_[at] else x

@@ -66,8 +66,7 @@ def shown(view: View, path: Flown) -> float:
 
 
 def result(view: View, asked: Problem, shape: float = 0.3, **weights) -> Flown:
-    state, variables = optimise(asked, shape, replace(OptimiseSettings(), **weights))
-    return state.flown(variables)
+    return optimise(asked, shape, replace(OptimiseSettings(), **weights)).path
 
 
 def test_it_shows_more_of_what_a_flight_too_low_misses(wall: View):
@@ -185,8 +184,8 @@ def test_a_start_that_nothing_improves_is_kept(wall: View):
     path = along(yaw=np.pi / 2 + 0.3)
     seen = wall.shown(path.positions, from_yaw_pitch(path.yaw, path.pitch), np.arange(len(wall.need)))
     asked = problem(replace(wall, need=seen / seen.sum(), inspected=seen), path)
-    state, variables = optimise(asked, 0.3, OptimiseSettings(axis=50.0))
-    np.testing.assert_array_equal(variables, state.nearest(path))
+    done = optimise(asked, 0.3, OptimiseSettings(axis=50.0))
+    np.testing.assert_array_equal(done.variables, done.state.nearest(path))
 
 
 def test_the_carried_flight_is_left_only_for_what_that_shows(wall: View):

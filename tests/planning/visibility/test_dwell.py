@@ -44,8 +44,8 @@ def test_looks_are_counted_as_they_are_defined(seed: int, stretch: Floats | None
             if not shown.seen[station, index] or cosine < COSINE or motion > SHARP:
                 continue
             counted += 1
-            near, frontal = min(near, distance), max(frontal, cosine)
-            carried = min(carried, np.linalg.norm(carry @ ray))
+            near, frontal = min(near, distance / cosine), max(frontal, cosine)
+            carried = min(carried, np.linalg.norm(carry @ ray) / cosine)
             held += steps.step_s[pose]
             moment += steps.step_s[pose] * steps.poses.t_s[pose]
             sides[np.argmax(-ways @ carry @ ray)] = True

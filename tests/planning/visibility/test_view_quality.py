@@ -62,8 +62,8 @@ def test_shown_well_is_near_frontal_and_sharp_at_once(seed: int) -> None:
             )
             known[index] |= bool(
                 seen[pose, index]
-                and distance * coarse[pose] <= farthest[index]
                 and -way @ normals[index] >= 0.2
+                and distance * coarse[pose] / (-way @ normals[index]) <= farthest[index]
                 and motion <= 2.0
             )
     assert np.array_equal(views.shown_well(Cloud(points, normals), farthest, 2.0, 0.2), known)

@@ -10,7 +10,7 @@ import numpy as np
 from upplied.config import Settings
 from upplied.errors import RefusedError, SettingsError
 from upplied.planning.carry.affine import AxisMap, published_map, registered_map
-from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by, inspected_surface
+from upplied.planning.carry.inspected_surface import InspectedSurface, area_ratio, inspected_by, inspected_surface
 from upplied.planning.carry.on_target import at_height, demonstrated_on_target, plane_height, standing
 from upplied.planning.carry.published import published
 from upplied.planning.carry.standoff import Standoff
@@ -32,6 +32,7 @@ class Goal(Record):
     reference: Floats  # (K, 3) m, the demonstrated positions, by which the shape is measured
     standing: Floats  # (3, 3) turns the target's axes into the source's
     height_m: float | None  # of the plane that the path stays in
+    area_ratio: float = 1.0  # of what corresponds to the inspected surface, to that surface
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,7 +81,8 @@ def _carried(take: Take, settings: Settings) -> Carried:
         flown[:, 2] = height_m
     seen = inspected_surface(fit.source, fit.target, fit.correspondences, inspection.truly).need
     reference = demonstrated_on_target(take)
-    goal = Goal(inspected, seen, flown, standoff, reference, standing(pair), height_m)
+    ratio = area_ratio([take], inspected)
+    goal = Goal(inspected, seen, flown, standoff, reference, standing(pair), height_m, ratio)
     return Carried(take, path, goal, _simply_carried(take, path, height_m))
 
 

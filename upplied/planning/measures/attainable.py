@@ -23,6 +23,7 @@ _DISTANCES = 8
 _NEIGHBOURS = 24
 _BESIDE = 9  # of a missed sample, itself and others, that are tried with it
 _ROUNDS = 6  # of asking neighbours
+_ANYWHERE_M = 1e9
 _BATCH = 6000  # rays at a time: one more position is tried for samples just served than need be
 
 
@@ -97,7 +98,7 @@ def seen_from(
     tilt, turn, share = _candidates(settings.max_incidence_deg)
     nearest = max(max(camera.min_range_m, airspace.clearance_m) * 1.001, 1e-3)
     most = camera.max_range_m * 0.999
-    farthest = np.full(len(cloud), np.inf) if farthest_m is None else farthest_m
+    farthest = np.full(len(cloud), _ANYWHERE_M) if farthest_m is None else farthest_m
     possible = np.minimum(farthest, most) > nearest
     frames = _frames(cloud)
     served = np.full((len(cloud), 3), np.nan)  # from where each sample was seen
@@ -183,7 +184,7 @@ def _candidates(max_incidence_deg: float) -> tuple[Floats, Floats, Floats]:
 
 def _distances(share: Floats, nearest: float, farthest: Floats) -> Floats:
     """Distances (samples, candidates), m, at shares of the way from near to far on a logarithmic scale."""
-    return np.asarray(np.where(farthest > nearest, nearest * (farthest / nearest) ** share, np.inf))
+    return np.asarray(np.where(farthest > nearest, nearest * (np.maximum(farthest, nearest) / nearest) ** share, np.inf))
 
 
 def _frames(cloud: Cloud) -> Floats:

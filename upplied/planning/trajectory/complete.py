@@ -11,7 +11,6 @@ from upplied.config import FIDELITIES, Settings
 from upplied.errors import RefusedError
 from upplied.planning.airspace.detours import Ways, airspace_of, safe_positions
 from upplied.planning.carry.carried import Carried, Goal
-from upplied.planning.carry.inspected_surface import area_ratio
 from upplied.planning.demonstration.repetition import Take, steady_radps
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.added_passes import Pace, with_added_passes
@@ -87,7 +86,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         ),
         aside_rad=_aside(take),
         level=settings.transfer.plane,
-        area_ratio=area_ratio([take], goal.inspected),
+        area_ratio=goal.area_ratio,
     )
     shape = FIDELITIES[settings.refine.fidelity].shape
     best = optimise(problem, shape, settings.optimise)

@@ -85,9 +85,12 @@ class View(Record):
 
     def _near(self, pose: Ints, sample: Ints, positions: Floats, asked: Ints, coarse: Floats | None) -> Bools:
         ray = self.cloud.points[asked][sample] - positions[pose]
-        squared = np.einsum("ij,ij->i", ray, ray) * (1.0 if coarse is None else coarse[pose])
-        facing = -np.einsum("ij,ij->i", ray, self.cloud.outward[asked][sample])  # distance times the cosine
-        return np.asarray(squared <= self.farthest_m[asked][sample] * facing)
+        squared = np.einsum("ij,ij->i", ray, ray)
+        reach = np.sqrt(squared)  # times the cosine of the incidence, where there is one
+        if self.cloud.normals is not None:
+            reach = -np.einsum("ij,ij->i", ray, self.cloud.normals[asked][sample])
+        wide = 1.0 if coarse is None else coarse[pose]
+        return np.asarray(squared * wide <= self.farthest_m[asked][sample] * reach)
 
     def _frontal(self, pose: Ints, sample: Ints, positions: Floats, asked: Ints) -> Bools:
         """Those that are seen as frontally as single samples ask for."""
