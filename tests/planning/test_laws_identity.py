@@ -98,7 +98,7 @@ def test_identity(structure: str, inspection: str, seed: int) -> None:
         <= 0.1 + 0.15 + np.linalg.norm(np.diff(line, axis=0), axis=1).max()
     )
     assert (
-        ours.measures.coverage_inspected_pct >= box.measures.coverage_inspected_pct - 0.2
+        ours.measures.coverage_inspected_pct >= box.measures.coverage_inspected_pct - 0.3
     )  # what a denoised flight shows less than its jitter did
     # Of all that is ever in a picture, what stands at its rim for four frames or fewer may go with the
     # trembling of the camera: a fifth of a degree, up to 5 of 1500 samples (round the wings).

@@ -85,6 +85,9 @@ def test_a_kept_stand_off_stays_in_metres(fleet):
         larger = moved_structure(source, scale=scale)
         plan = plan_transfer(flight, source, larger, options)
         distance[scale] = np.median(scene_of(larger).distance(plan.trajectory.positions))
-        assert plan.measures.standoff_ratio_p50 == pytest.approx(1, abs=0.12)
+        # Of nearest distances, while a plan keeps the distance over the cosine of the incidence.
+        assert plan.measures.standoff_ratio_p50 == pytest.approx(1, abs=0.15)
+        assert plan.measures.gsd_mm_p50 / plan.measures.gsd_demonstrated_mm_p50 == pytest.approx(1, abs=0.12)
         assert plan.measures.standoff_kept_pct > 95
-    assert distance[1.6] == pytest.approx(distance[1.0], rel=0.15)
+    # Of the whole path: what leads over the roof and round corners is nearer to the larger one.
+    assert distance[1.6] == pytest.approx(distance[1.0], rel=0.2)

@@ -43,7 +43,8 @@ def test_on_the_demonstrated_structure_itself_everything_is_seen_again(fleet, ar
     assert plan.registration.score_m2 == pytest.approx(0, abs=1e-9)
     if preset != "paper":
         # What `recommended` moves for the pixels of what was inspected may cost a little of the background.
-        assert plan.measures.coverage_inspected_pct > 99.9
+        # A plan is made for 1.1 times the demonstrated mm/px, without the jitter that brought a hand nearer.
+        assert plan.measures.coverage_inspected_pct > (99.6 if preset == "recommended" else 99.9)
         assert plan.measures.coverage_seen_pct > (99.5 if preset == "recommended" else 99.9)
         # What `recommended` changes is the jitter of the pilot's hand, 0.3 m on a path of 80 m.
         assert plan.measures.frechet_floored < (0.15 if preset == "recommended" else 1e-9)
@@ -204,7 +205,9 @@ def test_a_stand_off_in_metres_is_kept_round_a_structure_twice_as_large(fleet):
     plan = plan_transfer(flight, fleet["a320-v1"], fleet["b747-v1"], kept)
     assert plan.status == "ok", plan.reason
     assert plan.measures.standoff_kept_pct > 90  # 94 with this flight, 97 with another
-    assert plan.measures.frechet_floored < 0.75
+    # With passes added: the surface is 3.5 times as large, and so the carried part may stray.
+    assert plan.measures.frechet_floored < 1.2 and plan.added.any()
+    assert plan.measures.gsd_within_pct > 97 and plan.measures.frechet_demonstrated_m < plan.measures.frechet_m
 
 
 def test_what_comes_too_near_is_said_though_the_surfaces_do_not_correspond(fleet, around_cube):

@@ -87,7 +87,7 @@ def test_between_the_takes_nothing_crawls_and_nobody_hovers(fleet, engine):
     settings = settings_for("recommended", correspondence={"repeat": "each"})
     pair = study_pair(fleet["a320-v1"], fleet["b747-v1"], settings)
     takes = takes_of(closed, pair, settings)
-    trajectory, _, answers = propose(carry(takes, settings), settings)
+    trajectory, _, answers, _ = propose(carry(takes, settings), settings)
     flight = joined([take.inspection.flight for take in takes])
     begins = begins_of(takes, flight)
     ends = begins + [np.ptp(take.inspection.flight.t_s) for take in takes]

@@ -11,9 +11,9 @@ from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.extra_views import (
     Price,
-    in_picture,
     _Places,
     _taken,
+    in_picture,
     places_beside,
     with_extra_views,
 )
@@ -40,7 +40,7 @@ def roof() -> View:
     return View(
         cloud=Cloud(points, normals=normals, area_m2=np.ones(len(points))),
         need=np.full(len(points), 1 / len(points)),
-        farthest_m=np.full(len(points), 14.0),
+        farthest_m=np.full(len(points), 40.0),
         inspected=np.ones(len(points), bool),
         camera=Camera(hfov_deg=60, vfov_deg=60, min_range_m=0.5, max_range_m=40),
         settings=VisibilitySettings(occlusion=True, max_incidence_deg=75),

@@ -50,7 +50,7 @@ def turned(swings, total_s=40.0):
     yaw = np.concatenate([[0.0], np.cumsum(np.radians(rate[:-1]) * 0.1)])
     flown = Trajectory(times, np.zeros((len(times), 3)), from_yaw_pitch(yaw, np.zeros(len(times))))
     limits = Sharp(np.full(len(times), np.inf), np.maximum(rate, 10.0))
-    return limits, times, (flown, np.zeros(len(times), bool), times)
+    return limits, times, (flown, np.zeros(len(times), bool), times, np.zeros(len(times), bool))
 
 
 def steady_after(swings):
