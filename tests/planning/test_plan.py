@@ -207,7 +207,9 @@ def test_a_stand_off_in_metres_is_kept_round_a_structure_twice_as_large(fleet):
     assert plan.measures.standoff_kept_pct > 90  # 94 with this flight, 97 with another
     # With passes added: the surface is 3.5 times as large, and so the carried part may stray.
     assert plan.measures.frechet_floored < 1.2 and plan.added.any()
-    assert plan.measures.gsd_within_pct > 97 and plan.measures.frechet_demonstrated_m < plan.measures.frechet_m
+    assert (
+        plan.measures.gsd_within_pct > 97 and plan.measures.frechet_demonstrated_m < plan.measures.frechet_m
+    )
 
 
 def test_what_comes_too_near_is_said_though_the_surfaces_do_not_correspond(fleet, around_cube):

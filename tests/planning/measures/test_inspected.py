@@ -111,7 +111,9 @@ def test_shown_as_well_is_what_brute_force_says(take: Take, plan: Trajectory) ->
     for row in range(len(poses)):
         length = np.linalg.norm(cloud.points - poses.positions[row], axis=1)
         slow = motion_by_difference(poses, row, cloud.points, velocity[row], turn[row]) <= sharp
-        facing = ((poses.positions[row] - cloud.points) * cloud.normals).sum(axis=1)  # length times the cosine
+        facing = ((poses.positions[row] - cloud.points) * cloud.normals).sum(
+            axis=1
+        )  # length times the cosine
         near = length**2 <= np.nan_to_num(inspected.standoff_m) / 0.8 * facing
         as_well |= seen[row] & slow & near
     wanted = inspected.need > 0

@@ -223,9 +223,7 @@ def test_one_sharp_corner_slows_the_path_down_there_and_nowhere_else(seed: int) 
     )
     both = Waypoints(whole.positions, whole.quat_xyzw, whole.t_s, np.ones(len(whole), bool))
     planned, *_ = retime(both, whole, LIMITS)
-    alone, *_ = retime(
-        Waypoints(line, level, t_s, np.ones(400, bool)), Trajectory(t_s, line, level), LIMITS
-    )
+    alone, *_ = retime(Waypoints(line, level, t_s, np.ones(400, bool)), Trajectory(t_s, line, level), LIMITS)
     far = planned.positions[:, 0] < path.positions[0, 0] - 60
     same = alone.positions[:, 0] < path.positions[0, 0] - 60
     assert planned.t_s[: far.argmin()] == pytest.approx(alone.t_s[: same.argmin()], rel=0.03, abs=0.15)

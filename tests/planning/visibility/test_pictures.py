@@ -84,7 +84,9 @@ def test_the_finest_of_several_looks_counts_and_those_fine_enough_are_numbered()
     oblique = (4.0**2 + 1) / 4.0  # distance over the cosine of the incidence
     assert found.sampled_m == pytest.approx([6.0, oblique]) and found.looks.tolist() == [1, 3]
     none = looked(cloud, positions, quats, seen, least_cosine=0.99, asked_m=np.array([1.0, 1.0]))
-    assert none.looks.tolist() == [0, 0] and none.sampled_m[1] == pytest.approx(10.1)  # the others are too oblique
+    assert none.looks.tolist() == [0, 0] and none.sampled_m[1] == pytest.approx(
+        10.1
+    )  # the others are too oblique
     fast = looked(cloud, positions, quats, seen, velocity=np.tile([0.0, 5.0, 0], (3, 1)), sharp=0.6)
     assert fast.sampled_m == pytest.approx([10.0, 10.1]) and fast.looks.tolist() == [1, 1]
 

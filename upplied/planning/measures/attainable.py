@@ -184,7 +184,9 @@ def _candidates(max_incidence_deg: float) -> tuple[Floats, Floats, Floats]:
 
 def _distances(share: Floats, nearest: float, farthest: Floats) -> Floats:
     """Distances (samples, candidates), m, at shares of the way from near to far on a logarithmic scale."""
-    return np.asarray(np.where(farthest > nearest, nearest * (np.maximum(farthest, nearest) / nearest) ** share, np.nan))
+    return np.asarray(
+        np.where(farthest > nearest, nearest * (np.maximum(farthest, nearest) / nearest) ** share, np.nan)
+    )
 
 
 def _frames(cloud: Cloud) -> Floats:
