@@ -407,7 +407,7 @@ def test_a_mission_shows_a_place_as_its_photo_did_and_as_finely_as_asked(filled)
     assert made.shown == (name,) and not made.refused
     assert plan.trajectory is not None and plan.is_viewpoint is not None and plan.flyable
     shot = plan.trajectory.take(plan.is_viewpoint)
-    position, quat = shot.positions[0], shot.quat_xyzw[0]
+    position = shot.positions[0]
     assert 1e3 * footprint_m(CAMERA, position, MARK, np.array([1.0, 0.0, 0.0])) <= 5.0
     wanted = np.array([8.0, -1.0, 0.0]) / np.hypot(8.0, 1.0)  # the photo at 10 s was taken from y = 0
     way = (position - MARK) / np.linalg.norm(position - MARK)

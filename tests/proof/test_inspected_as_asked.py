@@ -47,7 +47,7 @@ def at_beats(path: Trajectory) -> Trajectory:
 
 
 def finest_mm(path: Trajectory) -> Floats:
-    """What the middle pixel covers at best (N,), mm: distance over the cosine of the incidence, pose by pose."""
+    """What the middle pixel covers at best (N,), mm: distance over the cosine of the incidence."""
     finest = np.full(len(SURFACE), np.inf)
     poses = at_beats(path)
     normal, pixel = SURFACE.outward, np.tan(np.radians(CAMERA.hfov_deg / 2)) / (CAMERA.width_px / 2)

@@ -106,7 +106,7 @@ class RefineSettings:
     least_counterpart: float = 0.5
     # Passes are added for what is left unseen where the demonstrated mm/px is kept.
     added_rounds: int = 2  # of adding passes and optimising the whole path, at most
-    longer: float = 1.2  # the path's time, at most, over the demonstration's times the ratio of the areas
+    longer: float = 1.15  # the path's time, at most, over the demonstration's times the ratio of the areas
     least_rate: float = 0.03  # of what a second shows in the mean, that a second of an added pass must show
 
 
@@ -220,8 +220,7 @@ class OptimiseSettings:
     clearance: float = 5.0
     axis: float = 1.0  # of looking a radian farther past what was inspected than the expert did, mean square
     turning: float = 0.005  # of turning the camera by as much again as the demonstration
-    # Of lying a stand-off from the carried flight, mean square, over how many times as large the surface is.
-    leaving: float = 0.2
+    leaving: float = 0.2  # of lying a stand-off from the carried flight, mean square
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
     starts: int = 2  # that are optimised, of those that are tried
     rounds: int = 3  # of casting rays

@@ -23,6 +23,7 @@ from upplied.records import Bools, Floats, Ints, Record
 _MISSED = 600  # samples, at most, that stand for all that is missed
 _LEAST = 2e-3  # share of the need that a stretch must add
 _END_S = 2.0  # to slow down and turn at each end of a stretch
+_PRICES = np.array([1.0, 3.0, 9.0, 27.0])  # of a second, over the least rate
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,19 +75,20 @@ def with_added_passes(path: Flown, view: View, ways: Ways, pace: Pace, half_rad:
     tour = _Tour(path, ways, pace)
     spare_s = pace.allowed_s - float(pace.seconds(path, np.arange(len(path))).sum())
     while strips:
-        offers = [_offer(strip, left, tour) for strip in strips]
+        offers = [offer for strip in strips for offer in _offers(strip, left, tour)]
         worth = np.array(
             [offer.gain / offer.seconds if offer.seconds <= spare_s else 0.0 for offer in offers]
         )
+        worth[[offer.gain < _LEAST for offer in offers]] = 0.0
         best = int(worth.argmax())
         offer = offers[best]
-        if worth[best] < pace.least_rate / pace.allowed_s or offer.gain < _LEAST:
+        if worth[best] * pace.allowed_s < pace.least_rate:
             break
         if tour.put_in(offer):
             left[offer.strip.shows[offer.rows].any(axis=0)] = 0.0
             spare_s -= offer.seconds
         else:
-            strips.pop(best)
+            strips.remove(offer.strip)
     return tour.flown() if tour.inserted else None
 
 
@@ -102,22 +104,28 @@ class _Offer(Record):
     seconds: float
 
 
-def _offer(strip: Strip, left: Floats, tour: _Tour) -> _Offer:
-    """The stretch of a strip that is worth most, put where that takes least."""
-    shows = strip.shows
+def _offers(strip: Strip, left: Floats, tour: _Tour) -> list[_Offer]:
+    """Stretches of a strip that are worth most by several prices of time, put where that takes least.
+
+    A low price takes a strip as a whole, a high one what of it shows much in little time.
+    """
+    shows, pace = strip.shows, tour.pace
     count = shows.sum(axis=0)
-    asked = np.flatnonzero((count > 0) & (left > 0))
-    middle = np.argmax(2 * np.cumsum(shows[:, asked], axis=0) >= count[asked], axis=0)
-    gain = np.bincount(middle, left[asked], len(strip.station))
-    seconds = tour.pace.seconds(strip.poses, strip.station)
-    net = gain - np.append(seconds, 0.0) * tour.pace.least_rate / tour.pace.allowed_s
-    first, last = _best_run(net)
-    rows = np.arange(first, last + 1)
-    gap, place, turned, way_m = tour.cheapest(strip.poses.positions[[first, last]])
-    speed = max(float(tour.pace.speed_mps[strip.station[first]]), 0.1)
-    total = float(left[shows[rows].any(axis=0)].sum())
-    spent = float(seconds[first:last].sum()) + way_m / speed + 2 * _END_S
-    return _Offer(strip, rows[::-1] if turned else rows, gap, place, total, spent)
+    wanted = np.flatnonzero((count > 0) & (left > 0))
+    middle = np.argmax(2 * np.cumsum(shows[:, wanted], axis=0) >= count[wanted], axis=0)
+    gain = np.bincount(middle, left[wanted], len(strip.station))
+    seconds = np.append(pace.seconds(strip.poses, strip.station), 0.0)
+    speed = max(float(np.median(pace.speed_mps[strip.station])), 0.1)
+    offers = []
+    for first, last in dict.fromkeys(
+        _best_run(gain - seconds * rate / pace.allowed_s) for rate in pace.least_rate * _PRICES
+    ):
+        rows = np.arange(first, last + 1)
+        gap, place, turned, way_m = tour.cheapest(strip.poses.positions[[first, last]])
+        total = float(left[shows[rows].any(axis=0)].sum())
+        spent = float(seconds[first:last].sum()) + way_m / speed + 2 * _END_S
+        offers.append(_Offer(strip, rows[::-1] if turned else rows, gap, place, total, spent))
+    return offers
 
 
 def _best_run(values: Floats) -> tuple[int, int]:
@@ -138,21 +146,13 @@ class _Tour:
     def cheapest(self, ends: Floats) -> tuple[int, int, bool, float]:
         """Where a stretch between two ends (2, 3) makes the way least longer: gap, place there, turned, m."""
         positions = self.path.positions
-        gaps, places, before, after = (
-            [np.arange(len(positions) - 1)],
-            [np.zeros(len(positions) - 1, int)],
-            [positions[:-1]],
-            [positions[1:]],
-        )
-        for gap, stretches in self.inserted.items():
-            chain = self._chain(gap)
-            for place in range(len(stretches) + 1):
-                gaps.append(np.array([gap]))
-                places.append(np.array([place]))
-                before.append(chain[2 * place][None])
-                after.append(chain[2 * place + 1][None])
-        gap, place = np.concatenate(gaps), np.concatenate(places)
-        start, stop = np.vstack(before), np.vstack(after)
+        free = np.array([gap for gap in range(len(positions) - 1) if gap not in self.inserted], np.int64)
+        chains = {gap: self._chain(gap) for gap in self.inserted}
+        taken = [(gap, place) for gap, ends in chains.items() for place in range(len(ends) // 2)]
+        gaps = np.concatenate([free, np.array([gap for gap, _ in taken], np.int64)])
+        places = np.concatenate([np.zeros(len(free), np.int64), np.array([at for _, at in taken], np.int64)])
+        start = np.vstack([positions[free], *(chains[gap][2 * at][None] for gap, at in taken)])
+        stop = np.vstack([positions[free + 1], *(chains[gap][2 * at + 1][None] for gap, at in taken)])
         direct = np.linalg.norm(stop - start, axis=1)
         costs = np.stack(
             [
@@ -160,10 +160,8 @@ class _Tour:
                 for a, b in ((0, 1), (1, 0))
             ]
         )
-        taken = np.isin(gap[: len(positions) - 1], list(self.inserted))
-        costs[:, : len(positions) - 1][:, taken] = np.inf
-        turned, row = np.unravel_index(int(costs.argmin()), costs.shape)
-        return int(gap[row]), int(place[row]), bool(turned), float(costs[turned, row])
+        turned, row = divmod(int(costs.argmin()), costs.shape[1])
+        return int(gaps[row]), int(places[row]), bool(turned), float(costs[turned, row])
 
     def _chain(self, gap: int) -> list[Floats]:
         """The places that legs of a gap start and stop at, in turn."""

@@ -86,7 +86,6 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         ),
         aside_rad=_aside(take),
         level=settings.transfer.plane,
-        area_ratio=goal.area_ratio,
     )
     shape = FIDELITIES[settings.refine.fidelity].shape
     best = optimise(problem, shape, settings.optimise)
@@ -132,7 +131,7 @@ def _pace(
 ) -> Pace:
     """How fast passes are flown, and in how much time: as much more as the surface is larger."""
     take, flight = carried.take, carried.take.inspection.flight
-    allowed_s = settings.refine.longer * max(problem.area_ratio, 1.0) * float(flight.t_s[-1] - flight.t_s[0])
+    allowed_s = settings.refine.longer * max(goal.area_ratio, 1.0) * float(flight.t_s[-1] - flight.t_s[0])
     pace = Pace(problem.speed_mps, problem.pan_radps, allowed_s, settings.refine.least_rate)
     poses = from_yaw_pitch(path.yaw, path.pitch)
     waypoints = Waypoints(path.positions, poses, t_s, np.zeros(len(path), bool))

@@ -58,7 +58,6 @@ class Problem(Record):
     pan_radps: float  # at which a turning camera is still sharp
     aside_rad: Floats  # (M,) of the expert's optical axis from what was inspected; NaN where none was seen
     level: bool = False  # the path stays in its plane
-    area_ratio: float = 1.0  # of what is to be shown, to what was inspected
 
     def along(self, path: Flown, origin: Ints, added: Bools) -> Problem:
         """The same asked of a path with stations added to its own; `origin` is the one each belongs to."""
@@ -153,7 +152,7 @@ class _Search(Record):
             ),
             (weights.turning, Turning(start.mapped.yaw, start.mapped.pitch, problem.turned_rad)),
             (
-                weights.leaving / max(problem.area_ratio, 1.0),
+                weights.leaving,
                 Leaving.of(problem.starts[0].safe.positions, _standoff_m(problem)),
             ),
         ]
