@@ -66,6 +66,7 @@ def waypoints(rng: np.random.Generator, ids: list[str]) -> pa.Table:
         "qw": np.abs(quats[:, 3]),
         "is_viewpoint": rng.random(count) < 0.3,
         "commit_id": pa.repeat("", count),
+        "origin": pa.repeat("demonstrated", count),
     }
     columns |= {name: pa.nulls(count, pa.float64()) for name in ("hfov_deg", "vfov_deg")}
     return pa.table([columns[name] for name in TABLES["waypoints"].names], schema=TABLES["waypoints"].schema)

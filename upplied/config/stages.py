@@ -104,8 +104,8 @@ class RefineSettings:
     deviation: float | None = None  # bound on the Frechet distance, z-scored; None: a warning alone
     # Of what the flight was about, the share that the target must have at all.
     least_counterpart: float = 0.5
-    # Passes are added for what is left unseen where the demonstrated mm/px is kept.
-    added_rounds: int = 2  # of adding passes and optimising the whole path, at most
+    # How often passes are added for what is left unseen, at most, where the demonstrated mm/px is kept.
+    added_rounds: int = 2
     longer: float = 1.15  # the path's time, at most, over the demonstration's times the ratio of the areas
     least_rate: float = 0.03  # of what a second shows in the mean, that a second of an added pass must show
 
@@ -144,9 +144,8 @@ class InspectionSettings:
     """When a plan shows a patch at least as well as the expert did: the same for every preset."""
 
     least_resolution: float = 0.8  # of what the stand-off mode asks for that patch
-    planned_resolution: float = (
-        1 / 1.1
-    )  # the same, that a plan is made for where the demonstrated mm/px is kept
+    # The same, that a plan is made for where the demonstrated mm/px is kept: 1.1 times as coarse, no coarser.
+    planned_resolution: float = 1 / 1.1
     max_incidence_deg: float = 75.0  # from the normal, of the look that shows it
     max_motion_px: float = 1.0  # of the picture during one exposure, unless the expert's own was more
     exposure_s: float = 1 / 500  # of one picture, where the camera's own is not known

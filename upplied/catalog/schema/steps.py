@@ -54,7 +54,7 @@ ORIGINS = ("demonstrated", "added")
 
 def added_of(steps: pa.Table) -> Bools | None:
     """Which rows of `waypoints` (N,) lie on added passes; None where that was not stored."""
-    if "origin" not in steps.column_names or steps["origin"].null_count:
+    if "origin" not in steps.column_names or not pc.all(pc.is_in(steps["origin"], pa.array(ORIGINS))).as_py():
         return None
     return np.asarray(pc.equal(steps["origin"], ORIGINS[1]))
 

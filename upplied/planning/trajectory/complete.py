@@ -132,6 +132,10 @@ def _pace(
     """How fast passes are flown, and in how much time: as much more as the surface is larger."""
     take, flight = carried.take, carried.take.inspection.flight
     allowed_s = settings.refine.longer * max(goal.area_ratio, 1.0) * float(flight.t_s[-1] - flight.t_s[0])
+    area, asked = problem.view.cloud.areas, goal.inspected.need > 0
+    allowed_s *= max(
+        float(area[problem.view.inspected].sum() / max(area[asked].sum(), 1e-9)), 1.0
+    )  # and zones
     pace = Pace(problem.speed_mps, problem.pan_radps, allowed_s, settings.refine.least_rate)
     poses = from_yaw_pitch(path.yaw, path.pitch)
     waypoints = Waypoints(path.positions, poses, t_s, np.zeros(len(path), bool))
