@@ -87,7 +87,7 @@ def test_a_kept_stand_off_stays_in_metres(fleet):
         distance[scale] = np.median(scene_of(larger).distance(plan.trajectory.positions))
         # Of nearest distances, while a plan keeps the distance over the cosine of the incidence.
         assert plan.measures.standoff_ratio_p50 == pytest.approx(1, abs=0.2)
-        assert plan.measures.gsd_mm_p50 / plan.measures.gsd_demonstrated_mm_p50 == pytest.approx(1, abs=0.12)
+        assert 0.75 < plan.measures.gsd_mm_p50 / plan.measures.gsd_demonstrated_mm_p50 < 1.1
         assert plan.measures.standoff_kept_pct > 95
     # Of the whole path: what leads over the roof and round corners is nearer to the larger one.
     assert distance[1.6] == pytest.approx(distance[1.0], rel=0.2)

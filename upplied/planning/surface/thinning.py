@@ -10,6 +10,8 @@ from upplied.config import CloudSettings
 from upplied.records import Cloud, Floats, Ints, Structure
 from upplied.vectors import points_on_triangles
 
+_ALIKE = 1e-6  # share by which distances may differ and be equal
+
 
 def voxel_cloud(structure: Structure, settings: CloudSettings) -> Cloud:
     """The sub-sampled cloud, kappa, of a structure: one centroid per occupied voxel.
@@ -111,15 +113,17 @@ def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
 
 
 def shares(points: Floats, normals: Floats, area: Floats, chosen: Ints) -> Floats:
-    """The area (K,) of all candidates, each given to the nearest kept sample on its own side."""
-    tree, sides = cKDTree(points[chosen]), normals[chosen]
-    choice = tree.query(points)[1]
-    # The nearest of all is mostly on the same side.
-    doubt = np.flatnonzero(~(np.einsum("ni,ni->n", sides[choice], normals) > 0))
-    near = tree.query(points[doubt], k=[*range(1, min(8, len(chosen)) + 1)])[1]
-    facing = np.einsum("nki,ni->nk", sides[near], normals[doubt]) > 0
-    choice[doubt] = near[np.arange(len(doubt)), np.argmax(facing, axis=1)]
-    return np.asarray(np.bincount(choice, weights=area, minlength=len(chosen)), float)
+    """The area (K,) of all candidates, each given to the nearest kept samples on its own side.
+
+    On a grid many candidates are as near to four: they are given to all of them, and no last bit decides.
+    """
+    distance, near = cKDTree(points[chosen]).query(points, k=[*range(1, min(8, len(chosen)) + 1)])
+    facing = np.einsum("nki,ni->nk", normals[chosen][near], normals) > 0
+    facing[~facing.any(axis=1)] = True
+    distance = np.where(facing, distance, np.inf)
+    alike = distance <= (1 + _ALIKE) * distance.min(axis=1, keepdims=True)
+    parts = alike * (area / alike.sum(axis=1))[:, None]
+    return np.asarray(np.bincount(near.ravel(), parts.ravel(), minlength=len(chosen)), float)
 
 
 @njit(cache=True)
