@@ -12,8 +12,7 @@ from test_separation import scanned
 
 from upplied.inputs import repair
 from upplied.inputs.concerns import concerns, cut_off
-from upplied.inputs.flight.clean import UNSET, breaks, clean
-from upplied.inputs.flight.clock import steady
+from upplied.inputs.flight.clean import UNSET, breaks, clean, steady
 from upplied.inputs.flight.inspection import phases
 from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.tracks import Track, at_times
@@ -23,11 +22,11 @@ from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.measured import _best, _off_centre
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import inside, sight_of
-from upplied.inputs.passport.steadiness import steadiness
+from upplied.inputs.passport.velocity import steadiness
 from upplied.inputs.raw import RawMesh
+from upplied.inputs.repair import topology_of
 from upplied.inputs.separation import separated
 from upplied.inputs.sidecar import LogOptions
-from upplied.inputs.topology import topology_of
 from upplied.poses import from_yaw_pitch
 from upplied.records import Camera, Surroundings
 from upplied.samples.fleet import member

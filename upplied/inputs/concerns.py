@@ -1,18 +1,19 @@
-"""What a structure shows by itself of the rules: units, axes, far coordinates, size, names of parts."""
+"""What a structure shows by itself of the rules, and all that was found in its file."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
 import numpy as np
 
-from upplied.inputs.known_kinds import unlike_its_kind
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import Outlier
 from upplied.inputs.raw import RawMesh
-from upplied.inputs.rules import Verdict, broken
-from upplied.inputs.structure_rules import RULES
-from upplied.records import Floats, Ints
+from upplied.inputs.repair import Repairs
+from upplied.inputs.rules import Verdict, broken, refusals
+from upplied.inputs.structure_rules import RULES, unlike_its_kind
+from upplied.records import Floats, Ints, Record
 
 _FAR_M = 10_000.0  # from the origin: single precision is off by a millimetre there
 _EFFECT = re.compile(
@@ -164,3 +165,37 @@ def _landmarks(vertices: Floats, entry: StructureEntry) -> list[str]:
         if off > room:
             found.append(f"the landmark {name} lies {off:.1f} m outside its box")
     return found
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Findings(Record):
+    """Of one file; lengths in metres in the structure frame, triangles after repair."""
+
+    unit_m: float
+    unit_from: str  # "manifest", "file" or "assumed"
+    up: str
+    forward: str
+    repairs: Repairs
+    parts: int = 0  # connected, welded
+    hidden_parts: int = 0  # that no outside ray reaches
+    hidden_triangles: int = 0
+    area_m2: float = 0.0
+    outside_area_m2: float = 0.0  # that can be seen from outside, each face counted once
+    watertight: bool = False
+    boundary_edges: int = 0
+    nonmanifold_edges: int = 0
+    outliers: tuple[Outlier, ...] = ()
+    done: tuple[str, ...] = ()  # what was repaired, converted or dropped, in words
+    assumed: tuple[str, ...] = ()  # where nothing declares the file
+    verdicts: tuple[Verdict, ...] = ()  # the rules that it breaks
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a person should look at, in words."""
+        odd = (verdict for verdict in self.verdicts if verdict.severity == "warn")
+        return (*self.assumed, *(verdict.found for verdict in odd))
+
+    @property
+    def problems(self) -> tuple[Verdict, ...]:
+        """Why it is refused."""
+        return refusals(self.verdicts)

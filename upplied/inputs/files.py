@@ -10,6 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
+
+from defusedxml import ElementTree
 
 from upplied.errors import InputError
 
@@ -41,15 +44,7 @@ def _check_regular(mode: int, path: Path | str) -> None:
 
 
 def read_regular(path: Path | str, most: int, what: str = "", remedy: str = "check the path") -> bytes:
-    """The bytes of a regular file, as many as it has when it is opened.
-
-    Parameters
-    ----------
-    path : path
-    most : int
-        Bytes it may have.
-    what : str
-        What messages call it; its path where empty.
+    """The bytes of a regular file, at most so many; `what` is its name in messages, its path where empty.
 
     Raises
     ------
@@ -67,6 +62,14 @@ def read_regular(path: Path | str, most: int, what: str = "", remedy: str = "che
         raise InputError(what, f"cannot be read: {error.strerror or error}", "", "check the path") from None
     except ValueError as error:
         raise InputError(what, f"is no path: {error}") from None
+
+
+def plain_xml(data: bytes) -> Any:
+    """The root of XML without DTD and entities, the namespaces of its tags left aside."""
+    root = ElementTree.fromstring(data, forbid_dtd=True)
+    for element in root.iter():
+        element.tag = str(element.tag).rpartition("}")[2]
+    return root
 
 
 @contextmanager

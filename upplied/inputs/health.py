@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from upplied.inputs.findings import Findings
+from upplied.inputs.concerns import Findings
 from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifest_keys import UNITS
 from upplied.inputs.manifests import StructureEntry
@@ -74,10 +74,7 @@ class HealthReport(Record):
 def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:
     """What a mesh or cloud file holds, what was repaired, and what a person should look at.
 
-    Parameters
-    ----------
-    entry_or_path : StructureEntry or path
-        For a path alone, units and axes are as the file declares, else assumed, and the report says so.
+    For a path alone, units and axes are as the file declares, else assumed, and the report says so.
 
     Raises
     ------

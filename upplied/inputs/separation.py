@@ -55,17 +55,9 @@ class Separation(Record):
 
 
 def separated(structure: Structure) -> Separation:
-    """The structure apart from ground, clutter and neighbours.
+    """The structure, in metres with Z up, apart from ground, clutter and neighbours; deterministic.
 
-    Parameters
-    ----------
-    structure : Structure
-        In metres, Z up: a mesh, or points.
-
-    Returns
-    -------
-    Separation
-        Deterministic. All of it is the structure where no ground is found and it is one cluster.
+    All of it is the structure where no ground is found and it is one cluster.
     """
     points, owner, area = _samples(structure)
     above, thick = _ground(points)

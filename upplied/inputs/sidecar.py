@@ -116,22 +116,10 @@ _FAR_M = 1e7
 def inspection(
     path: Path, metadata: list[tuple[str, dict[str, str]]], options: LogOptions
 ) -> tuple[LogOptions, list[str]]:
-    """All facts about a flight, each from its strongest source.
+    """All facts about a flight, each from its strongest source, and in words the options that were overruled.
 
-    Parameters
-    ----------
-    path : Path
-        Of the log; the side-car lies next to it.
-    metadata : list of (name, mapping)
-        The metadata records of the log.
-    options : LogOptions
-
-    Returns
-    -------
-    facts : LogOptions
-        Checked; `demonstration_id` is filled in, `structure_id` may be missing.
-    notes : list of str
-        Options that were overruled.
+    `metadata` are the named records of the log. The facts are checked; `demonstration_id` is filled in,
+    `structure_id` may be missing.
 
     Raises
     ------

@@ -48,16 +48,7 @@ class Pace:
 
 
 def paced(track: Track, gap_s: float, settings: PassportSettings) -> tuple[Track, Pace]:
-    """The track with its gaps and hovers shortened, and what was found.
-
-    Parameters
-    ----------
-    track : Track
-        Clean, of the camera.
-    gap_s : float
-        A longer silence breaks the flight.
-    settings : PassportSettings
-    """
+    """The clean track of a camera with its gaps and hovers shortened, and what was found."""
     step_ns = np.diff(track.t_ns)
     step_m = leg_lengths(track.positions)
     gap = step_ns > gap_s * 1e9

@@ -103,22 +103,10 @@ def are_unit(quat_xyzw: Floats) -> Bools:
 
 
 def at_times(track: Track, t_ns: Ints, gap_s: float) -> tuple[Floats, Floats]:
-    """A clean track at other times: linear and spherical in between, NaN outside and in gaps.
+    """A clean track at other times: positions (M, 3) and quaternions (M, 4), NaN outside and in gaps.
 
-    Two topics of one estimator rarely begin together: the ends are held for a tenth of a second.
-
-    Parameters
-    ----------
-    track : Track
-        Strictly increasing in time, finite.
-    t_ns : array, shape (M,), ns
-    gap_s : float
-        No value is made across a longer silence or across a reset.
-
-    Returns
-    -------
-    positions : array, shape (M, 3)
-    quat_xyzw : array, shape (M, 4)
+    Linear and spherical in between, never across a longer silence than `gap_s` or a reset. Two topics of one
+    estimator rarely begin together: the ends are held for a tenth of a second.
     """
     positions, quats = np.full((len(t_ns), 3), np.nan), np.full((len(t_ns), 4), np.nan)
     if len(track) < 2:
@@ -176,17 +164,10 @@ class PoseShape(NamedTuple):
 def pose_track(table: Table, shape: PoseShape, only: str = "") -> Track:
     """The track of a table that holds one pose a row; poses of other frames than most are dropped.
 
-    Parameters
-    ----------
-    table : Table
-    shape : PoseShape
-    only : str
-        Name of the frame, parent or child, whose poses are meant where there are several.
-
     Raises
     ------
     InputError
-        If there are several bodies, and none is named.
+        If there are several bodies, and `only` names the frame, parent or child, of none.
     """
     track = replace(shape.track(table), dropped=Counter(table.dropped))
     if not len(table):

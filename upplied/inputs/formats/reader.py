@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from upplied.errors import UppliedError
-from upplied.inputs.formats import clouds, collada, gltf, obj, off, ply, stl, threemf
+from upplied.inputs.formats import clouds, collada, gltf, obj, ply, stl, threemf
 from upplied.inputs.formats.content import REFUSED, SAME, content_of
 from upplied.inputs.raw import RawMesh, Source
 from upplied.inputs.repair import used_vertices
@@ -17,7 +17,7 @@ READERS: dict[str, Callable[[Source], RawMesh]] = {
     "ply": ply.read_ply,
     "stl": stl.read_stl,
     "obj": obj.read_obj,
-    "off": off.read_off,
+    "off": obj.read_off,
     "glb": gltf.read_gltf,
     "gltf": gltf.read_gltf,
     "dae": collada.read_collada,

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from upplied.inputs.flight.inspection import MIDDLE
+from upplied.inputs.flight.inspection import met_in_the_middle
 from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track, are_unit
 from upplied.inputs.passport.sight import inside
 from upplied.inputs.schemas.px4 import FRD_R_FLU, NED_R_ENU
@@ -176,12 +176,8 @@ def best_fits(
         Clean, as logged.
     to_camera : callable
         Makes of a track in the log's frame the camera's poses in the structure's.
-    scene : Scene
-        Of the structure.
     ground_m : float
         Height of the ground, m, structure frame; minus infinity where it is not known.
-    reach_m : float
-        How far the camera sees, m.
     enough : float
         Share of the poses that fit as they are at which no other convention is tried.
     """
@@ -218,9 +214,7 @@ def fits(positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_
     flat = positions.reshape(-1, 3)
     good = np.where(flat[:, 2] >= ground_m, 1.0, 0.0)
     where = np.flatnonzero(good)
-    rays = (Rotation.from_quat(quats.reshape(-1, 4)[where]).as_matrix() @ MIDDLE.T).swapaxes(1, 2)
-    range_m = scene.cast(np.repeat(flat[where], len(MIDDLE), axis=0), rays.reshape(-1, 3))[0]
-    met = range_m.reshape(-1, len(MIDDLE)) <= reach_m
+    met = met_in_the_middle(flat[where], quats.reshape(-1, 4)[where], scene, reach_m)
     good[where] = np.mean([met[:, 0], met.any(axis=1)], axis=0)
     where = np.flatnonzero(good)
     good[where] *= scene.distance(flat[where]) >= 0.3

@@ -16,8 +16,15 @@ from upplied.inputs.passport.aim import Aim, aim_of
 from upplied.inputs.passport.conventions import Fit, best_fits
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Sight, ground_of, sight_of
-from upplied.inputs.passport.steadiness import Steadiness, steadiness
-from upplied.inputs.passport.velocity import Motion, Pace99, motion_of, pace99_of, turning_of
+from upplied.inputs.passport.velocity import (
+    Motion,
+    Pace99,
+    Steadiness,
+    motion_of,
+    pace99_of,
+    steadiness,
+    turning_of,
+)
 from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, UNVERIFIED, ZOOM_UNHEARD
 from upplied.inputs.sources.source import Source

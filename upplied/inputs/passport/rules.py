@@ -251,17 +251,7 @@ RULES: dict[str, Rule] = {rule.name: rule for rule in (*(check.rule for check in
 def judged(
     measured: Measured, settings: PassportSettings, allow: tuple[str, ...] = (), strict: bool = False
 ) -> tuple[Verdict, ...]:
-    """The rules that a flight breaks, in the order of the table.
-
-    Parameters
-    ----------
-    measured : Measured
-    settings : PassportSettings
-    allow : tuple of str
-        Names of rules that are overruled.
-    strict : bool
-        Whether warnings are refusals too.
-    """
+    """The rules that a flight breaks, in the order of the table, those of the names in `allow` overruled."""
     findings = ((check.rule, check.broken(measured, settings)) for check in CHECKS)
     verdicts = [
         broken(rule, words, remedy=rule.remedy or measured.other_advice) for rule, words in findings if words
