@@ -95,6 +95,11 @@ CHECKS: tuple[FlightRule, ...] = (
          "another convention makes sense of poses that make none as given", "", _fits_otherwise,
          "as {m.other_words} ({m.other}), {m.other_fit_pct:.0f} % of the poses could be of an inspection,"
          " as given {m.fit_pct:.0f} %"),
+    _rule("stand-off", "refuse", "steadier_ratio",
+         "a pilot keeps his distance: where another convention alone has it so, he flew that", "",
+         lambda m, s: s.steadier_ratio * max(m.other_varies, 0.05) <= m.stand_off_varies,
+         "as {m.other_words} ({m.other}), the stand-off would vary by {m.other_varies:.0%}, as given"
+         " it varies by {m.stand_off_varies:.0%}"),
     _rule("below-ground", "refuse", "most_below_ground_pct ground_slack_m",
          "no vehicle flies in the ground", "check heights, axes and the declared ground",
          lambda m, s: m.below_ground_pct > s.most_below_ground_pct,
