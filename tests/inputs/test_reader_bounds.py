@@ -109,13 +109,13 @@ def test_a_steadier_stand_off_is_named_beyond_its_ratio_alone(ratio: float, name
     """Before two sides of a box of 12 m x 10 m at 3 m; with x and y exchanged at 2 m and at 4 m."""
     box = replace(CUBE, vertices=(CUBE.vertices - MIDDLE) / SIDE * [12, 10, 10])
     along = np.linspace(-3, 3, 40)
-    places = np.vstack([np.column_stack([0 * along + 9, along, 0 * along]),
-                        np.column_stack([along, 0 * along + 8, 0 * along])])  # fmt: skip
+    places = np.vstack([np.column_stack([0 * along + 9, along, 0 * along + 3]),
+                        np.column_stack([along, 0 * along + 8, 0 * along + 3])])  # fmt: skip
     quats = from_yaw_pitch(np.repeat([np.pi, -np.pi / 2], 40), np.zeros(80))
 
     def steadier(poses: conventions.Poses) -> tuple[float, float, list[fits.Fit]]:
         track = Track(np.arange(80) + 1, *poses, np.arange(80) + 1)
-        return fits.steadier(track, lambda logged: logged, scene_of(box), -np.inf, 1e3, ratio)
+        return fits.steadier(track, lambda logged: logged, scene_of(box), 0.0, 1e3, ratio)
 
     assert steadier((places, quats)) == (pytest.approx(0, abs=1e-6), pytest.approx(0, abs=1e-6), [])
     varies, least, found = steadier(conventions.NAMED["swapped-xy-poses"].change(places, quats))
