@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError, SettingsError
 from upplied.inputs.logs import LogOptions, fingerprint, read_demonstration
-from upplied.inputs.passport import conventions, rules
+from upplied.inputs.passport import conventions, fits, measured, rules
 from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.measured import Measured
 from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings, changed
@@ -351,6 +351,21 @@ def test_a_stand_off_that_comes_and_goes_names_the_convention_in_which_it_is_kep
     assert repaired.passport["measured"]["stand_off_varies"] < 0.1
     overruled = taken(wrong, tmp_path / "a.mcap", allow=("stand-off",)).passport
     assert overruled["verdict"] == "overruled"
+
+
+@pytest.mark.parametrize(
+    ("share", "rule", "name"), [(0.9, "fits-otherwise", "ned"), (0.7, "stand-off", "y-up")]
+)
+def test_the_convention_that_fits_clearly_better_is_named_before_the_steadier_one(
+    tmp_path: Path, monkeypatch, share: float, rule: str, name: str
+) -> None:
+    better, steadier = (fits.Fit(conventions.NAMED[each], share) for each in ("ned", "y-up"))
+    monkeypatch.setattr(measured, "best_fits", lambda *_: (0.6, [better]))
+    monkeypatch.setattr(measured, "steadier", lambda *_: (0.9, 0.1, [steadier]))
+    with pytest.raises(InputError) as error:
+        taken(right(0), tmp_path / "a.mcap")
+    assert f"{rule}: as" in str(error.value) and f"({name})" in str(error.value)
+    assert ("stand-off: " in str(error.value)) is (rule == "stand-off")
 
 
 def test_a_right_log_is_taken(tmp_path: Path) -> None:

@@ -155,14 +155,17 @@ def test_a_flight_breaks_where_its_estimator_was_reset() -> None:
     assert list(where) == [25] and words == ["1 estimator reset"]
 
 
-def test_a_clock_that_steps_goes_on_by_the_recorders() -> None:
+@pytest.mark.parametrize(("passed_s", "counted_s"), [(3, 3), (59, 59), (61, 0)])
+def test_a_clock_that_steps_goes_on_by_the_recorders(passed_s: int, counted_s: int) -> None:
+    """Unless the recorder's own stepped as well: by more than a minute."""
     flown = ring(100)
     log_ns = flown.t_ns.copy()
-    log_ns[50:] += 3_000_000_000  # the recorder saw three seconds pass
+    log_ns[50:] += passed_s * 10**9  # the recorder saw it pass
     t_ns = log_ns.copy()
-    t_ns[50:] -= 20_000_000_000
+    t_ns[50:] -= (17 + passed_s) * 10**9
     found = steady(replace(flown, t_ns=t_ns, log_ns=log_ns))
     assert found.clock_steps == 1
+    log_ns[50:] += (counted_s - passed_s) * 10**9
     assert np.array_equal(found.t_ns, log_ns)
 
 
