@@ -27,10 +27,7 @@ def read_face_labels(path: Path, faces: int, what: str) -> list[str]:
     Of ``.npy`` of one dimension; ``.csv`` or ``.parquet`` with a column ``label``, in the order of the faces
     or with their numbers from 0 in a column ``face``; ``.txt`` of one label a line.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is too large, or does not have one label for each face.
+    Raises InputError if the file cannot be read, is too large, or does not have one label for each face.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:

@@ -20,11 +20,8 @@ from upplied.errors import InputError
 def open_regular(path: Path | str) -> BufferedReader:
     """A regular file, opened to be read.
 
-    Raises
-    ------
-    OSError
-        Where it cannot be opened, or is a pipe, a device, a socket or a folder: reading those hangs
-        or has no end.
+    Raises OSError where it cannot be opened, or is a pipe, a device, a socket or a folder: reading those
+    hangs or has no end.
     """
     _check_regular(os.stat(path).st_mode, path)  # before it is opened: opening a device may do something
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -46,10 +43,7 @@ def _check_regular(mode: int, path: Path | str) -> None:
 def read_regular(path: Path | str, most: int, what: str = "", remedy: str = "check the path") -> bytes:
     """The bytes of a regular file, at most so many; `what` is its name in messages, its path where empty.
 
-    Raises
-    ------
-    InputError
-        Where it is larger, or cannot be read.
+    Raises InputError where it is larger, or cannot be read.
     """
     what = what or str(path)
     try:

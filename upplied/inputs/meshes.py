@@ -25,6 +25,9 @@ from upplied.reconstruction import looks_scanned
 from upplied.records import Bools, Floats, Ints, Structure
 from upplied.vectors import area_vectors
 
+_AS_DECLARED = (
+    "structure_id", "kind", "site", "placement", "surroundings", "symmetric", "surface", "surface_error_m"
+)  # fmt: skip
 _COARSEST = 0.1  # of the size: round a surface of which less is known nothing can be planned
 _FARTHEST_M = 1e9  # beyond, the file is damaged; single precision and squares stay in range below
 
@@ -86,21 +89,14 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
     verdicts = decided(verdicts, entry.allow, entry.strict)
     findings = replace(findings, done=(*raw.remarks, *findings.done), verdicts=verdicts)
     structure = Structure(
-        structure_id=entry.structure_id,
-        kind=entry.kind,
         vertices=vertices,
         triangles=triangles,
         normals=normals,
-        site=entry.site,
         sha256=_sha256(sha256, entry),
-        placement=entry.placement,
-        surroundings=entry.surroundings,
         landmarks=dict(entry.landmarks),
-        symmetric=entry.symmetric,
         notes="; ".join(filter(None, (entry.notes, *findings.done, *(v.found for v in verdicts)))),
         verdicts_json=to_json(verdicts) if verdicts else "",
-        surface=entry.surface,
-        surface_error_m=entry.surface_error_m,
+        **{name: getattr(entry, name) for name in _AS_DECLARED},
     )
     _check_surface(structure, entry)
     return structure, findings

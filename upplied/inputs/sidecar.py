@@ -121,10 +121,7 @@ def inspection(
     `metadata` are the named records of the log. The facts are checked; `demonstration_id` is filled in,
     `structure_id` may be missing.
 
-    Raises
-    ------
-    InputError
-        If a value has the wrong form, or the side-car holds an unknown key.
+    Raises InputError if a value has the wrong form, or the side-car holds an unknown key.
     """
     facts, notes = _checked(options), []
     for name, values in metadata:
@@ -148,14 +145,8 @@ def placed(facts: LogOptions, placement: Placement | None) -> LogOptions:
     """The facts with the structure's place on the Earth, where they do not have it themselves."""
     if placement is None or facts.structure_lat_deg is not None:
         return facts
-    return replace(
-        facts,
-        structure_lat_deg=placement.lat_deg,
-        structure_lon_deg=placement.lon_deg,
-        structure_alt_m=placement.alt_m,
-        structure_heading_deg=placement.heading_deg,
-        structure_datum=placement.datum,
-    )
+    names = (item.name for item in fields(placement))
+    return replace(facts, **{f"structure_{name}": getattr(placement, name) for name in names})
 
 
 def stated(facts: LogOptions, defaults: Mapping[str, Any]) -> LogOptions:

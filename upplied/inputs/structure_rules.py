@@ -82,18 +82,7 @@ RULES = {
 
 
 def changed(assignments: Iterable[str]) -> StructureSettings:
-    """The defaults, with bounds that are given as ``name=value``.
-
-    Raises
-    ------
-    SettingsError
-        If a name is unknown, or a value no number above 0.
-
-    Examples
-    --------
-    >>> changed(["size_ratio=10"]).size_ratio
-    10.0
-    """
+    """The defaults, with bounds that are given as ``name=value``."""
     return with_bounds(StructureSettings(), assignments, "structures.")
 
 

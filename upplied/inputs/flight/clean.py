@@ -38,10 +38,7 @@ def timed(track: Track) -> Track:
 def clean(track: Track, limits: LogOptions, what: str) -> Track:
     """Drop what is no pose, sort, and drop repeated stamps; every dropped sample is counted.
 
-    Raises
-    ------
-    InputError
-        If more than the allowed share was dropped, or nothing is left.
+    Raises InputError if more than the allowed share was dropped, or nothing is left.
     """
     track = steady(timed(track))
     finite = np.isfinite(np.column_stack([track.positions, track.quat_xyzw])).all(axis=1)
@@ -69,10 +66,7 @@ def attitude_track(
 def check_dropped(track: Track, limits: LogOptions, what: str) -> None:
     """Refuse a track of which too much was dropped, or all.
 
-    Raises
-    ------
-    InputError
-        With the reasons and their numbers.
+    Raises InputError with the reasons and their numbers.
     """
     harmless = {name for name in track.dropped if name in (REPEATED, UNSET) or name.endswith(AT_THE_ENDS)}
     lost = sum(number for reason, number in track.dropped.items() if reason not in harmless)

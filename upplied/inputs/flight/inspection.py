@@ -48,10 +48,7 @@ def inspected(
 ) -> tuple[Track, list[str], bool]:
     """The samples of the inspection, in words how they were cut out, and whether start or stop were given.
 
-    Raises
-    ------
-    InputError
-        If nothing was flown in the time that is given.
+    Raises InputError if nothing was flown in the time that is given.
     """
     first = int(track.t_ns.min()) if len(track) else 0
     given = (facts.start_s, facts.stop_s, facts.start_ns, facts.end_ns)

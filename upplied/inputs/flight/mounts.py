@@ -51,10 +51,8 @@ def camera_poses(
 def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
     """Poses in the frame in which the structure is placed, through the transforms where it is another.
 
-    Raises
-    ------
-    InputError
-        If the structure is placed in a frame that the log does not connect with that of the poses.
+    Raises InputError if the structure is placed in a frame that the log does not connect with that of the
+    poses.
     """
     wanted = facts.frame_id.lstrip("/")
     if not wanted or track.parent in ("", wanted, STRUCTURE):
@@ -178,11 +176,8 @@ def registered(
 ) -> tuple[LogOptions, str]:
     """The facts with the pose of the structure in the log's frame, and the residuals in words.
 
-    Raises
-    ------
-    InputError
-        If there are too few points, a name is no landmark, they lie on a line, or miss theirs by more than
-        `register_m`.
+    Raises InputError if there are too few points, a name is no landmark, they lie on a line, or miss
+    theirs by more than `register_m`.
     """
     if not facts.points or structure is None:
         return facts, ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -18,6 +18,7 @@ from upplied.records import Bools, Floats, Ints, Record
 MAX_NORM_ERROR = 1e-2  # of a quaternion; a rounded or single-precision one is far within
 AT_THE_ENDS = " yet or any more"  # what was dropped for such a reason is not held against the log
 _FEW_POSES_SHARE = 0.05  # of the poses
+_OF_SAMPLES = ("t_ns", "positions", "quat_xyzw", "log_ns", "epoch", "fov_deg")
 HOLD_NS = 100_000_000  # how long the first and the last pose are held for another topic's stamps
 
 
@@ -64,16 +65,9 @@ class Track(Record):
 
     def take(self, index: Ints | Bools) -> Track:
         """The samples of this index."""
-        epoch = None if self.epoch is None else self.epoch[index]
-        return replace(
-            self,
-            t_ns=self.t_ns[index],
-            positions=self.positions[index],
-            quat_xyzw=self.quat_xyzw[index],
-            log_ns=self.log_ns[index],
-            epoch=epoch,
-            fov_deg=None if self.fov_deg is None else self.fov_deg[index],
-        )
+        parts = ((name, getattr(self, name)) for name in _OF_SAMPLES)
+        changes: dict[str, Any] = {name: None if part is None else part[index] for name, part in parts}
+        return replace(self, **changes)
 
 
 def source_times(table: Table, stamp_ns: Ints | None) -> tuple[Ints, str]:
@@ -164,10 +158,7 @@ class PoseShape(NamedTuple):
 def pose_track(table: Table, shape: PoseShape, only: str = "") -> Track:
     """The track of a table that holds one pose a row; poses of other frames than most are dropped.
 
-    Raises
-    ------
-    InputError
-        If there are several bodies, and `only` names the frame, parent or child, of none.
+    Raises InputError if there are several bodies, and `only` names the frame, parent or child, of none.
     """
     track = replace(shape.track(table), dropped=Counter(table.dropped))
     if not len(table):

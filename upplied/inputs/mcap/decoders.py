@@ -36,10 +36,7 @@ class Decoder:
 
     `paths` is every path that a column can have, where the schema tells.
 
-    Raises
-    ------
-    DefinitionError
-        If encoding and schema do not allow to decode it.
+    Raises DefinitionError if encoding and schema do not allow to decode it.
     """
 
     def __init__(self, channel: Channel) -> None:

@@ -37,10 +37,8 @@ def ros_decoder(name: str, text: str, cdr: bool) -> tuple[Callable[[bytes], Any]
     The text is as stored in the log, with the messages that it contains; `cdr` is ROS 2 (aligned, four bytes
     of encapsulation), else ROS 1 (packed, little endian).
 
-    Raises
-    ------
-    DefinitionError
-        If the definition is empty, incomplete, endless, or lets few bytes tell of many messages.
+    Raises DefinitionError if the definition is empty, incomplete, endless, or lets few bytes tell of many
+    messages.
     """
     if len(text) > MAX_DEFINITION or not re.fullmatch(r"[\w/]+", name, re.ASCII):
         raise DefinitionError(f"the definition of {name[:60]} has {len(text)} characters")

@@ -82,10 +82,11 @@ def steadier(
     if as_given < ratio * _STEADY:
         return as_given, as_given, []
     tried = [(_variation(poses[0], scene), item, poses) for item, poses in _as_logged(thin, to_camera)]
-    tried = [each for each in tried if ratio * max(each[0], _STEADY) <= as_given]
+    tried = [(varies, item, poses) for varies, item, poses in tried
+             if ratio * max(varies, _STEADY) <= as_given and len(poses[0]) == len(given[0])]  # fmt: skip
     poses = [given, *(poses for _, _, poses in tried)]
-    whole = (np.stack(part) for part in zip(*poses, strict=True))
-    share, *shares = fits(*whole, scene, ground_m, reach_m).tolist()
+    positions, quats = (np.stack(part) for part in zip(*poses, strict=True))
+    share, *shares = fits(positions, quats, scene, ground_m, reach_m).tolist()
     good = [(varies, Fit(item, fit)) for (varies, item, _), fit in zip(tried, shares, strict=True)
             if fit >= share - _AS_WELL]  # fmt: skip
     best = sorted(good, key=lambda each: (-round(each[1].share, 2), each[0]))

@@ -17,10 +17,7 @@ from upplied.records import Structure
 def passport_of(reading: Reading, structure: Structure, facts: LogOptions, what: str) -> Mapping[str, Any]:
     """The passport of a flight, in plain values.
 
-    Raises
-    ------
-    InputError
-        If a rule is broken that refuses and is not overruled.
+    Raises InputError if a rule is broken that refuses and is not overruled.
     """
     measured = measure(reading, structure, facts.passport)
     verdicts = (*reading.overruled, *judged(measured, facts.passport, facts.allow, facts.strict))

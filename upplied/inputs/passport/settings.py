@@ -74,11 +74,5 @@ class PassportSettings:
 
 
 def changed(assignments: tuple[str, ...]) -> PassportSettings:
-    """The defaults with bounds that are given as ``name=value``.
-
-    Raises
-    ------
-    SettingsError
-        If a name is unknown, or a value no number.
-    """
+    """The defaults with bounds that are given as ``name=value``."""
     return with_bounds(PassportSettings(), assignments, "passport.")

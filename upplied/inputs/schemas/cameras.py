@@ -97,10 +97,7 @@ def camera_of(
 
     With the name of its optical frame and its field of view in time, where they are known, and notes.
 
-    Raises
-    ------
-    InputError
-        If the log holds several cameras and nothing says which.
+    Raises InputError if the log holds several cameras and nothing says which.
     """
     calibrations = [table for table in tables if table.schema in FIELDS]
     found = {t.channel.topic: cam for t in calibrations if (cam := calibrated(t)) is not None}
@@ -152,11 +149,8 @@ def through(
     Never an average of several: the camera is the narrowest there was, so that whoever looks at nothing
     else claims to have seen only what was seen.
 
-    Raises
-    ------
-    InputError
-        If the field of view changes, but no clock says at which pose (`zoom-untimed`). Where that is
-        allowed, the narrowest counts for the whole flight.
+    Raises InputError if the field of view changes, but no clock says at which pose (`zoom-untimed`).
+    Where that is allowed, the narrowest counts for the whole flight.
     """
     if zoom is None or facts.camera_hfov_deg is not None or not len(track):
         return camera, None

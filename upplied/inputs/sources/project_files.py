@@ -61,10 +61,7 @@ def project_at(cameras: Path, options: LogOptions) -> Project | None:
     `cameras` is a file of one of `KINDS`; of the facts, `kind` is that of the structure, `unit_m` the metres
     per unit of a model.
 
-    Raises
-    ------
-    InputError
-        If its kind, its scale or its vertical is unknown, or the cameras cannot be read.
+    Raises InputError if its kind, its scale or its vertical is unknown, or the cameras cannot be read.
     """
     declared, _ = inspection(cameras, [], options)
     surface = None if declared.structure_id else surface_of(cameras)
