@@ -116,13 +116,13 @@ def judged(log: Made, form: str, folder: Path, convention: str = "") -> str:
     return "warned of" if {item["rule"] for item in found.passport["findings"]} & TELL else "read"
 
 
-def untold(log: Made, wrong: Made) -> bool:
+def indistinguishable(log: Made, wrong: Made) -> bool:
     """Whether a wrong log is of a flight like the right one, mirrored or turned beside its structure."""
     scene = scene_of(log.structure)
-    found = [(scene.distance(each.positions), scene.cast(each.positions, optical_axis(each.quats))[0])
+    distances = [(scene.distance(each.positions), scene.cast(each.positions, optical_axis(each.quats))[0])
              for each in (log, wrong)]  # fmt: skip
     near, ahead = (np.abs(np.minimum(one, 1e3) - np.minimum(other, 1e3)) < 0.3
-                   for one, other in zip(*found, strict=True))  # fmt: skip
+                   for one, other in zip(*distances, strict=True))  # fmt: skip
     return bool((near & ahead).mean() >= 0.9)
 
 
@@ -141,15 +141,15 @@ def conventions(count: int, first: int = 0) -> None:
             wrong = replace(log, positions=positions, quats=turns)
             result = judged(wrong, form, Path(folder), name)
             total.setdefault(name, Counter())[result] += 1
-            total[name]["untold"] += result in ("read", "warned of") and untold(log, wrong)
+            total[name]["no pose tells"] += result in ("read", "warned of") and indistinguishable(log, wrong)
             if number % 5 == 0:
                 total["right"][judged(log, form, Path(folder))] += 1
-    results = ("named", "refused", "warned of", "read", "untold")
-    print(f"{'':30}" + "".join(f"{result:>11}" for result in results))
+    results = ("named", "refused", "warned of", "read", "no pose tells")
+    print(f"{'':30}" + "".join(f"{result:>14}" for result in results))
     for name, found in total.items():
-        print(f"{name:30}" + "".join(f"{found[result]:11}" for result in results))
+        print(f"{name:30}" + "".join(f"{found[result]:14}" for result in results))
     wrong = sum((found for name, found in total.items() if name != "right"), Counter())
-    print(f"{'all that are wrong':30}" + "".join(f"{wrong[result]:11}" for result in results))
+    print(f"{'all that are wrong':30}" + "".join(f"{wrong[result]:14}" for result in results))
 
 
 if __name__ == "__main__":

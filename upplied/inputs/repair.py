@@ -138,20 +138,17 @@ def topology_of(triangles: Ints) -> Topology:
     pair = first[count == 2]
     one, other = order[pair], order[pair + 1]
     alike = tail[one] != tail[other]
+    of_vertex = _labels(
+        triangles[:, [0, 0]].ravel(), triangles[:, [1, 2]].ravel(), triangles.max(initial=-1) + 1
+    )
     return Topology(
         patch=_labels(one[alike] // 3, other[alike] // 3, len(triangles)),
-        component=_components(triangles),
+        component=np.unique(of_vertex[triangles[:, 0]], return_inverse=True)[1].reshape(-1),
         boundary_edges=int((count == 1).sum()),
         rim=np.unique(np.append(tail[order[first[count == 1]]], head[order[first[count == 1]]])),
         nonmanifold_edges=int((count > 2).sum()),
         twisted_edges=int((~alike).sum()),
     )
-
-
-def _components(triangles: Ints) -> Ints:
-    number = triangles.max(initial=-1) + 1
-    label = _labels(triangles[:, [0, 0]].ravel(), triangles[:, [1, 2]].ravel(), number)[triangles[:, 0]]
-    return np.unique(label, return_inverse=True)[1].reshape(-1)
 
 
 def _labels(one: Ints, other: Ints, number: int) -> Ints:
