@@ -88,7 +88,7 @@ def limit(path: Path) -> np.ndarray:
 def ours(path: Path) -> np.ndarray:
     """Our poses, every chunk checked against its CRC."""
     from upplied.inputs.logs import FIELDS
-    from upplied.inputs.mcap.messages import read_tables
+    from upplied.inputs.mcap.decoders import read_tables
     from upplied.inputs.mcap.recording import open_recording
     from upplied.inputs.schemas import ros
     from upplied.inputs.sidecar import LogOptions

@@ -2,9 +2,12 @@
 
     python bench/sources.py          the table of forms
     python bench/sources.py 500      besides, so many logs in a wrong convention, over all forms
+    python bench/sources.py 500 500  the same of other flights: those from number 500 on
 
 Forms: the largest error of position, attitude and time beside the flight that was written. Conventions: right
-logs must be read, wrong ones refused, with the name of the convention where it has one, or warned of.
+right logs must be read, wrong ones refused, with the name of the convention where it has one, or warned of.
+Of those that are read it counts how many no pose can tell: as far from the structure as in the right log, and
+as far from it along the camera's axis, within 0.3 m in nine of ten poses.
 """
 
 from __future__ import annotations
@@ -27,7 +30,8 @@ from passports import TELL
 from upplied.errors import InputError
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.inputs.passport.conventions import NAMED, Change
-from upplied.poses import angle_between, from_yaw_pitch, yaw_pitch
+from upplied.poses import angle_between, from_yaw_pitch, optical_axis, yaw_pitch
+from upplied.scene import scene_of
 
 _POSES = 300  # of a flight that is written in a wrong convention
 _LOCAL = (  # forms whose frame is the log's own
@@ -112,31 +116,44 @@ def judged(log: Made, form: str, folder: Path, convention: str = "") -> str:
     return "warned of" if {item["rule"] for item in found.passport["findings"]} & TELL else "read"
 
 
-def conventions(count: int) -> None:
+def indistinguishable(log: Made, wrong: Made) -> bool:
+    """Whether a wrong log is of a flight like the right one, mirrored or turned beside its structure."""
+    scene = scene_of(log.structure)
+    distances = [(scene.distance(each.positions), scene.cast(each.positions, optical_axis(each.quats))[0])
+             for each in (log, wrong)]  # fmt: skip
+    near, ahead = (np.abs(np.minimum(one, 1e3) - np.minimum(other, 1e3)) < 0.3
+                   for one, other in zip(*distances, strict=True))  # fmt: skip
+    return bool((near & ahead).mean() >= 0.9)
+
+
+def conventions(count: int, first: int = 0) -> None:
     """Print what becomes of right logs, and of wrong ones: every mistake in every form in turn."""
     total: dict[str, Counter[str]] = {"right": Counter()}
     cases = [(name, form, item.change) for name, item in NAMED.items() for form in _LOCAL]
     cases += [(name, form, change) for name, change in _OF_THE_EARTH.items() for form in _ON_EARTH]
     order = np.random.default_rng(1).permutation(len(cases))
     with tempfile.TemporaryDirectory() as folder:
-        for number in range(count):
+        for number in range(first, first + count):
             name, form, change = cases[order[number % len(cases)]]
             log = right(number % 24)
             quats = log.quats / np.linalg.norm(log.quats, axis=1, keepdims=True)
             positions, turns = change(log.positions, quats)
             wrong = replace(log, positions=positions, quats=turns)
-            total.setdefault(name, Counter())[judged(wrong, form, Path(folder), name)] += 1
+            result = judged(wrong, form, Path(folder), name)
+            total.setdefault(name, Counter())[result] += 1
+            total[name]["no pose tells"] += result in ("read", "warned of") and indistinguishable(log, wrong)
             if number % 5 == 0:
                 total["right"][judged(log, form, Path(folder))] += 1
-    results = ("named", "refused", "warned of", "read")
-    print(f"{'':30}" + "".join(f"{result:>11}" for result in results))
+    results = ("named", "refused", "warned of", "read", "no pose tells")
+    print(f"{'':30}" + "".join(f"{result:>14}" for result in results))
     for name, found in total.items():
-        print(f"{name:30}" + "".join(f"{found[result]:11}" for result in results))
+        print(f"{name:30}" + "".join(f"{found[result]:14}" for result in results))
     wrong = sum((found for name, found in total.items() if name != "right"), Counter())
-    print(f"{'all that are wrong':30}" + "".join(f"{wrong[result]:11}" for result in results))
+    print(f"{'all that are wrong':30}" + "".join(f"{wrong[result]:14}" for result in results))
 
 
 if __name__ == "__main__":
-    forms()
+    if len(sys.argv) < 3:
+        forms()
     if len(sys.argv) > 1:
-        conventions(int(sys.argv[1]))
+        conventions(*map(int, sys.argv[1:3]))

@@ -16,9 +16,8 @@ from real_data import real_folder, real_structure
 
 from upplied.fleet.admission import shape_of
 from upplied.fleet.members import Member, judged
-from upplied.inputs.known_kinds import unlike_its_kind
 from upplied.inputs.meshes import turn
-from upplied.inputs.structure_rules import StructureSettings
+from upplied.inputs.structure_rules import StructureSettings, unlike_its_kind
 from upplied.recommend.features import turned
 from upplied.samples.fleet import sample_structures
 

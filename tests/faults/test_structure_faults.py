@@ -20,11 +20,10 @@ from upplied.cli import main
 from upplied.errors import SettingsError
 from upplied.fleet.admission import Admission, shape_of
 from upplied.fleet.members import Member, judged
-from upplied.inputs.known_kinds import unlike_its_kind
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
 from upplied.inputs.rules import from_json
-from upplied.inputs.structure_rules import StructureSettings, changed
+from upplied.inputs.structure_rules import StructureSettings, changed, unlike_its_kind
 from upplied.recommend.features import shape_features, turned
 from upplied.records import Cloud, Structure
 from upplied.samples.fleet import random_member, sample_structures

@@ -19,7 +19,7 @@ from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.inputs.passport import rules
 from upplied.inputs.passport.measured import Measured
 from upplied.inputs.passport.settings import PassportSettings
-from upplied.inputs.passport.steadiness import steadiness
+from upplied.inputs.passport.velocity import steadiness
 from upplied.inputs.schemas import geoid
 
 OPTIONS = LogOptions(structure_id="tank", **(PLACE | {"structure_datum": "ellipsoid"}))

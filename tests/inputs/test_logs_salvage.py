@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, IndexType
 
 from upplied.errors import InputError, UppliedError
 from upplied.inputs.logs import LogOptions, read_demonstration
-from upplied.inputs.mcap import messages, recording
+from upplied.inputs.mcap import decoders, recording
 from upplied.inputs.mcap.recording import MAGIC
 from upplied.poses import angle_between
 
@@ -343,8 +343,8 @@ def test_the_golden_pair(real_data: Path) -> None:
 
 def test_a_flood_of_poses_in_a_small_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Some kilobytes that unpack to more equal poses than a log of that size may hold."""
-    assert recording.MAX_MESSAGES == messages.MAX_MESSAGES == (500_000, 0.125)
-    for module in (recording, messages):
+    assert recording.MAX_MESSAGES == decoders.MAX_MESSAGES == (500_000, 0.125)
+    for module in (recording, decoders):
         monkeypatch.setattr(module, "MAX_MESSAGES", (20_000, 0.125))
     path = write_log(tmp_path / "a.mcap", [poses("/pose", POSE, flight(2))], FACTS, use_chunking=False)
     data = path.read_bytes()

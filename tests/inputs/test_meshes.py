@@ -18,8 +18,7 @@ from upplied.inputs.manifest_keys import AXES
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import normalise, read_structure, turn
 from upplied.inputs.points import outward_normals
-from upplied.inputs.repair import WELD_M, clean, clip_below, weld
-from upplied.inputs.topology import topology_of
+from upplied.inputs.repair import WELD_M, clean, clip_below, topology_of, weld
 from upplied.records import Floats, Ints, Structure, Surroundings
 
 TURNS = [(up, forward) for up in AXES for forward in AXES if up[-1] != forward[-1]]

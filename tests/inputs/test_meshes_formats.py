@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from upplied.errors import InputError
-from upplied.inputs.polygons import triangulate
+from upplied.inputs.raw import triangulate
 
 MESHES = ["ply", "ply_ascii", "stl", "stl_ascii", "obj", "off", "glb", "gltf", "dae", "3mf"]
 CLOUDS = ["pcd", "pcd_ascii", "las", "laz", "e57"]

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError, SettingsError
 from upplied.inputs.logs import LogOptions, fingerprint, read_demonstration
-from upplied.inputs.passport import conventions, rules
+from upplied.inputs.passport import conventions, fits, measured, rules
 from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.measured import Measured
 from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings, changed
@@ -54,6 +54,7 @@ BREAKS = {  # of each rule, figures that break it
     "near-structure": {"near_pct": 1.0},
     "looks-aside": {"axis_pct": 60.0},
     "little-off-centre": {"off_centre_m": (1.0, 1.5), "off_centre_sure": 0.95},
+    "stand-off": {"stand_off_varies": 0.9, "other_varies": 0.06, "other": "swapped-xy-poses"},
     "velocity": {"motion_fit_pct": 20.0, "motion_ratio": 3.28},
     "turns-otherwise": {"felt_turn_pct": -98.0},
     "aim-drifts": {"aim_drift_deg": -22.0},
@@ -335,6 +336,36 @@ def test_one_of_two_publishers_may_be_named(tmp_path: Path) -> None:
         taken(both, tmp_path / "a.mcap")
     found = taken(both, tmp_path / "a.mcap", publisher="one")
     assert np.array_equal(found.positions, log.positions)
+
+
+def test_a_stand_off_that_comes_and_goes_names_the_convention_in_which_it_is_kept(tmp_path: Path) -> None:
+    """Round a box that is nearly square, with x and y exchanged: all poses still look at it from outside."""
+    log = right(21)
+    unit = log.quats / np.linalg.norm(log.quats, axis=1, keepdims=True)
+    positions, quats = conventions.NAMED["swapped-xy-poses"].change(log.positions, unit)
+    wrong = replace(log, positions=positions, quats=quats)
+    with pytest.raises(InputError, match=r"stand-off: as .* \(swapped-xy-poses\)"):
+        taken(wrong, tmp_path / "a.mcap")
+    repaired = taken(wrong, tmp_path / "a.mcap", convention="swapped-xy-poses")
+    assert np.allclose(repaired.positions, taken(log, tmp_path / "b.mcap").positions, atol=1e-6)
+    assert repaired.passport["measured"]["stand_off_varies"] < 0.1
+    overruled = taken(wrong, tmp_path / "a.mcap", allow=("stand-off",)).passport
+    assert overruled["verdict"] == "overruled"
+
+
+@pytest.mark.parametrize(
+    ("share", "rule", "name"), [(0.9, "fits-otherwise", "ned"), (0.7, "stand-off", "y-up")]
+)
+def test_the_convention_that_fits_clearly_better_is_named_before_the_steadier_one(
+    tmp_path: Path, monkeypatch, share: float, rule: str, name: str
+) -> None:
+    better, steadier = (fits.Fit(conventions.NAMED[each], share) for each in ("ned", "y-up"))
+    monkeypatch.setattr(measured, "best_fits", lambda *_: (0.6, [better]))
+    monkeypatch.setattr(measured, "steadier", lambda *_: (0.9, 0.1, [steadier]))
+    with pytest.raises(InputError) as error:
+        taken(right(0), tmp_path / "a.mcap")
+    assert f"{rule}: as" in str(error.value) and f"({name})" in str(error.value)
+    assert ("stand-off: " in str(error.value)) is (rule == "stand-off")
 
 
 def test_a_right_log_is_taken(tmp_path: Path) -> None:

@@ -12,22 +12,21 @@ from test_separation import scanned
 
 from upplied.inputs import repair
 from upplied.inputs.concerns import concerns, cut_off
-from upplied.inputs.flight.clean import UNSET, breaks, clean
-from upplied.inputs.flight.clock import steady
+from upplied.inputs.flight.clean import UNSET, breaks, clean, steady
 from upplied.inputs.flight.inspection import phases
 from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.tracks import Track, at_times
 from upplied.inputs.manifests import StructureEntry
-from upplied.inputs.passport import conventions
+from upplied.inputs.passport import conventions, fits
 from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.measured import _best, _off_centre
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import inside, sight_of
-from upplied.inputs.passport.steadiness import steadiness
+from upplied.inputs.passport.velocity import steadiness
 from upplied.inputs.raw import RawMesh
+from upplied.inputs.repair import topology_of
 from upplied.inputs.separation import separated
 from upplied.inputs.sidecar import LogOptions
-from upplied.inputs.topology import topology_of
 from upplied.poses import from_yaw_pitch
 from upplied.records import Camera, Surroundings
 from upplied.samples.fleet import member
@@ -65,7 +64,7 @@ def test_a_camera_in_the_ground_fits_no_inspection() -> None:
     flown = ring(40)
 
     def share(ground_m: float) -> float:
-        return float(conventions.fits(flown.positions[None], flown.quat_xyzw[None], SCENE, ground_m, 1e3)[0])
+        return float(fits.fits(flown.positions[None], flown.quat_xyzw[None], SCENE, ground_m, 1e3)[0])
 
     assert share(float(flown.positions[:, 2].min()) - 0.1) == 1.0
     assert share(float(flown.positions[:, 2].max()) + 0.1) == 0.0
@@ -75,7 +74,7 @@ def test_of_conventions_that_fit_alike_the_common_one_is_named() -> None:
     """Headings half a turn off: the compass, and a mount that looks back. Mounts are met more often."""
     flown = ring(60)
     back = replace(flown, quat_xyzw=from_yaw_pitch(np.arctan2(*flown.positions[:, [1, 0]].T), np.zeros(60)))
-    _, found = conventions.best_fits(back, lambda track: track, SCENE, -np.inf, 1e3)
+    _, found = fits.best_fits(back, lambda track: track, SCENE, -np.inf, 1e3)
     alike = {fit.convention.name: fit for fit in found if fit.share > 0.99}
     assert {"heading offset -180 deg", "mount +180 +0"} <= alike.keys() | {"heading offset +180 deg"}
     assert found[0].convention.rare == min(fit.convention.rare for fit in alike.values())
@@ -85,24 +84,47 @@ def test_of_conventions_that_fit_alike_the_common_one_is_named() -> None:
 
 @pytest.mark.parametrize(("share", "first"), [(0.93, "ned"), (0.99, "offset")])
 def test_a_rare_mistake_is_named_where_it_fits_clearly_better(monkeypatch, share: float, first: str) -> None:
-    def fits(positions, quats, *others):
+    def shares_of(positions, quats, *others):
         shares = np.full(len(positions), 0.2)
         if len(positions) > 1:
             shares[0], shares[-1] = 0.90, share
         return shares
 
-    monkeypatch.setattr(conventions, "fits", fits)
+    monkeypatch.setattr(fits, "fits", shares_of)
     flown = ring(60)
-    found = conventions.best_fits(flown, lambda track: track, SCENE, -np.inf, 1e3)[1]
+    found = fits.best_fits(flown, lambda track: track, SCENE, -np.inf, 1e3)[1]
     assert found[0].convention.name.split(" ")[0] == first
 
 
 def test_where_two_conventions_fit_alike_both_are_named() -> None:
-    one, other = (conventions.Fit(conventions.NAMED[name], 0.9) for name in ("mirrored-x", "mirrored-y"))
+    one, other = (fits.Fit(conventions.NAMED[name], 0.9) for name in ("mirrored-x", "mirrored-y"))
     told = _best([one, other])
     assert "(mirrored-y)" in told["other_words"] and "cannot be told" in told["other_advice"]
     alone = _best([one, replace(other, share=0.8)])
     assert "(mirrored-y)" not in alone["other_words"] and "cannot be told" not in alone["other_advice"]
+
+
+@pytest.mark.parametrize(("ratio", "named"), [(6.0, True), (8.0, False)])
+def test_a_steadier_stand_off_is_named_beyond_its_ratio_alone(ratio: float, named: bool) -> None:
+    """Before two sides of a box of 12 m x 10 m at 3 m; with x and y exchanged at 2 m and at 4 m."""
+    box = replace(CUBE, vertices=(CUBE.vertices - MIDDLE) / SIDE * [12, 10, 10])
+    along = np.linspace(-3, 3, 40)
+    places = np.vstack([np.column_stack([0 * along + 9, along, 0 * along + 3]),
+                        np.column_stack([along, 0 * along + 8, 0 * along + 3])])  # fmt: skip
+    quats = from_yaw_pitch(np.repeat([np.pi, -np.pi / 2], 40), np.zeros(80))
+
+    def steadier(poses: conventions.Poses, reach: float = 1e3) -> tuple[float, float, list[fits.Fit]]:
+        track = Track(np.arange(80) + 1, *poses, np.arange(80) + 1)
+        near = lambda logged: logged.take(logged.positions[:, 0] < reach)  # noqa: E731 - what a mount is known for
+        return fits.steadier(track, near, scene_of(box), 0.0, 1e3, ratio)
+
+    assert steadier((places, quats)) == (pytest.approx(0, abs=1e-6), pytest.approx(0, abs=1e-6), [])
+    varies, least, found = steadier(conventions.NAMED["swapped-xy-poses"].change(places, quats))
+    assert varies == pytest.approx(np.log(2) / 2, abs=1e-3)
+    assert [fit.convention.name for fit in found] == ["swapped-xy-poses"] * named
+    assert least == pytest.approx(0 if named else varies, abs=1e-6)
+    poses = conventions.NAMED["swapped-xy-poses"].change(places, quats)
+    assert not steadier(poses, 8.5)[2]  # by that convention half of the poses have no mount
 
 
 def test_an_offset_is_told_with_its_sign() -> None:
@@ -136,14 +158,17 @@ def test_a_flight_breaks_where_its_estimator_was_reset() -> None:
     assert list(where) == [25] and words == ["1 estimator reset"]
 
 
-def test_a_clock_that_steps_goes_on_by_the_recorders() -> None:
+@pytest.mark.parametrize(("passed_s", "counted_s"), [(3, 3), (59, 59), (61, 0)])
+def test_a_clock_that_steps_goes_on_by_the_recorders(passed_s: int, counted_s: int) -> None:
+    """Unless the recorder's own stepped as well: by more than a minute."""
     flown = ring(100)
     log_ns = flown.t_ns.copy()
-    log_ns[50:] += 3_000_000_000  # the recorder saw three seconds pass
+    log_ns[50:] += passed_s * 10**9  # the recorder saw it pass
     t_ns = log_ns.copy()
-    t_ns[50:] -= 20_000_000_000
+    t_ns[50:] -= (17 + passed_s) * 10**9
     found = steady(replace(flown, t_ns=t_ns, log_ns=log_ns))
     assert found.clock_steps == 1
+    log_ns[50:] += (counted_s - passed_s) * 10**9
     assert np.array_equal(found.t_ns, log_ns)
 
 

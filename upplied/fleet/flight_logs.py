@@ -20,7 +20,7 @@ from upplied.fleet.ingest import find_logs
 from upplied.fleet.plan_of_flight import Laid, moment_of, plan_of_flight
 from upplied.fleet.workers import JobKilled, Limits, Workers
 from upplied.fleet.zone_gaps import zones_left_out
-from upplied.inputs.flight.clock import STEPPED
+from upplied.inputs.flight.clean import STEPPED
 from upplied.inputs.photos import photo_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.planning.surface.samples import surface_samples

@@ -1,18 +1,20 @@
-"""What a structure shows by itself of the rules: units, axes, far coordinates, size, names of parts."""
+"""What a structure shows by itself of the rules, and all that was found in its file."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from upplied.inputs.known_kinds import unlike_its_kind
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import Outlier
 from upplied.inputs.raw import RawMesh
-from upplied.inputs.rules import Verdict, broken
-from upplied.inputs.structure_rules import RULES
-from upplied.records import Floats, Ints
+from upplied.inputs.repair import Repairs
+from upplied.inputs.rules import Verdict, broken, refusals
+from upplied.inputs.structure_rules import RULES, unlike_its_kind
+from upplied.records import Floats, Ints, Record
 
 _FAR_M = 10_000.0  # from the origin: single precision is off by a millimetre there
 _EFFECT = re.compile(
@@ -29,19 +31,53 @@ def concerns(vertices: Floats, raw: RawMesh, entry: StructureEntry, turn: Floats
 
     `turn` (3, 3) took it there from the axes of its file.
     """
-    found = {
-        "declared-unit": _units(raw, entry),
-        "declared-up": _up(raw, entry),
-        **_extent(vertices, entry),
-        "far": _far(vertices),
-        "below-ground": _below(vertices, entry),
-        "floating": _floats(vertices, entry),
-        "odd-up-axis": _stands(vertices, turn) if not any(entry.local_origin) else "",
-        "effects": _effects(raw),
-    }
-    verdicts = [broken(RULES[name], words) for name, words in found.items() if words]
-    verdicts += unlike_its_kind(np.ptp(vertices, axis=0), entry.kind)
-    return (*verdicts, *(broken(RULES["landmark"], words) for words in _landmarks(vertices, entry)))
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    oddities = [*_declared_otherwise(raw, entry), *_sizes(low, high, entry)]
+    if not any(entry.local_origin) and (words := _stands(low, high, turn)):
+        oddities.append(("odd-up-axis", words))
+    named = sorted({name for name in raw.part_names if _EFFECT.search(name)})
+    if named:
+        shown = ", ".join(repr(name) for name in named[:5])
+        words = f"parts named {shown} sound like effects, not like the structure: take them out of the file"
+        oddities.append(("effects", words))
+    verdicts = [broken(RULES[rule], words) for rule, words in oddities]
+    verdicts += unlike_its_kind(high - low, entry.kind)
+    room = _BESIDE * float(np.linalg.norm(high - low))
+    for name, point in entry.landmarks.items():
+        off = float(np.maximum(np.maximum(low - point, np.asarray(point) - high), 0).max())
+        if off > room:
+            words = f"the landmark {name} lies {off:.1f} m outside its box"
+            verdicts.append(broken(RULES["landmark"], words))
+    return tuple(verdicts)
+
+
+def _declared_otherwise(raw: RawMesh, entry: StructureEntry) -> Iterator[tuple[str, str]]:
+    own, declared = raw.unit_m, entry.unit_m
+    if own is not None and declared is not None and abs(own / declared - 1) >= 1e-3:
+        words = f"the file says that its unit is {own:g} m, the manifest {declared:g} m: the manifest wins"
+        yield "declared-unit", words
+    if raw.up not in ("", entry.up):
+        yield "declared-up", f"the file says that {raw.up} is up, the manifest {entry.up}: the manifest wins"
+
+
+def _sizes(low: Floats, high: Floats, entry: StructureEntry) -> Iterator[tuple[str, str]]:
+    """What is odd about the corners (3,), m, of the box, beside the declared ground."""
+    longest, bounds, centre = float((high - low).max()), entry.bounds, (low + high) / 2
+    words = f"its longest side is {longest:.4g} m: are the units right?"
+    if not bounds.least_m <= longest <= bounds.most_m:
+        yield "extent", words
+    elif not bounds.odd_least_m <= longest <= bounds.odd_most_m:
+        yield "odd-extent", words
+    if np.abs(centre).max() >= _FAR_M:
+        far = f"its centre lies {np.linalg.norm(centre) / 1000:.0f} km from the origin: projected"
+        yield "far", f"{far} coordinates? (local_origin = [x, y, z] subtracts an origin of your choice)"
+    if (ground := entry.surroundings.ground_z_m) is None:
+        return
+    if low[2] < ground - 0.1 and not entry.clip_ground:
+        deep = f"it reaches {ground - low[2]:.1f} m below the declared ground"
+        yield "below-ground", f"{deep} (clip_ground = true cuts that off)"
+    if low[2] - ground > max(_STANDS_M, _STANDS * (high[2] - low[2])):
+        yield "floating", f"its lowest point is {low[2] - ground:.1f} m above the declared ground"
 
 
 def nominal_problems(
@@ -62,58 +98,6 @@ def nominal_problems(
     return tuple(found)
 
 
-def _units(raw: RawMesh, entry: StructureEntry) -> str:
-    own, declared = raw.unit_m, entry.unit_m
-    if own is None or declared is None or abs(own / declared - 1) < 1e-3:
-        return ""
-    return f"the file says that its unit is {own:g} m, the manifest {declared:g} m: the manifest wins"
-
-
-def _up(raw: RawMesh, entry: StructureEntry) -> str:
-    if raw.up in ("", entry.up):
-        return ""
-    return f"the file says that {raw.up} is up, the manifest {entry.up}: the manifest wins"
-
-
-def _extent(vertices: Floats, entry: StructureEntry) -> dict[str, str]:
-    longest, bounds = float(np.ptp(vertices, axis=0).max()), entry.bounds
-    for rule, low, high in (
-        ("extent", bounds.least_m, bounds.most_m),
-        ("odd-extent", bounds.odd_least_m, bounds.odd_most_m),
-    ):
-        if not low <= longest <= high:
-            return {rule: f"its longest side is {longest:.4g} m: are the units right?"}
-    return {}
-
-
-def _far(vertices: Floats) -> str:
-    centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    if np.abs(centre).max() < _FAR_M:
-        return ""
-    return (
-        f"its centre lies {np.linalg.norm(centre) / 1000:.0f} km from the origin: projected coordinates?"
-        " (local_origin = [x, y, z] subtracts an origin of your choice)"
-    )
-
-
-def _below(vertices: Floats, entry: StructureEntry) -> str:
-    ground = entry.surroundings.ground_z_m
-    if ground is None or entry.clip_ground or vertices[:, 2].min() >= ground - 0.1:
-        return ""
-    deep = ground - vertices[:, 2].min()
-    return f"it reaches {deep:.1f} m below the declared ground (clip_ground = true cuts that off)"
-
-
-def _floats(vertices: Floats, entry: StructureEntry) -> str:
-    ground = entry.surroundings.ground_z_m
-    if ground is None:
-        return ""
-    low, high = vertices[:, 2].min(), vertices[:, 2].max()
-    if low - ground <= max(_STANDS_M, _STANDS * (high - low)):
-        return ""
-    return f"its lowest point is {low - ground:.1f} m above the declared ground"
-
-
 def cut_off(vertices: Floats, rim: Ints) -> tuple[Verdict, ...]:
     """Where the surface (V, 3), m, ends in a plane at one side, `rim` being the vertices at which it ends."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -128,9 +112,8 @@ def cut_off(vertices: Floats, rim: Ints) -> tuple[Verdict, ...]:
     return tuple(found)
 
 
-def _stands(vertices: Floats, turn: Floats) -> str:
+def _stands(low: Floats, high: Floats, turn: Floats) -> str:
     """Whether the origin lies at another side than the lower one: models are made to stand on it."""
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
     side = np.maximum(high - low, 1e-9)
     middle = np.abs(low + high) / 2 < _PLACED * side
     below, above = np.abs(low) < _PLACED * side, np.abs(high) < _PLACED * side
@@ -147,20 +130,35 @@ def _stands(vertices: Floats, turn: Floats) -> str:
     )
 
 
-def _effects(raw: RawMesh) -> str:
-    named = sorted({name for name in raw.part_names if _EFFECT.search(name)})
-    if not named:
-        return ""
-    shown = ", ".join(repr(name) for name in named[:5])
-    return f"parts named {shown} sound like effects, not like the structure: take them out of the file"
+@dataclass(frozen=True, eq=False, repr=False)
+class Findings(Record):
+    """Of one file; lengths in metres in the structure frame, triangles after repair."""
 
+    unit_m: float
+    unit_from: str  # "manifest", "file" or "assumed"
+    up: str
+    forward: str
+    repairs: Repairs
+    parts: int = 0  # connected, welded
+    hidden_parts: int = 0  # that no outside ray reaches
+    hidden_triangles: int = 0
+    area_m2: float = 0.0
+    outside_area_m2: float = 0.0  # that can be seen from outside, each face counted once
+    watertight: bool = False
+    boundary_edges: int = 0
+    nonmanifold_edges: int = 0
+    outliers: tuple[Outlier, ...] = ()
+    done: tuple[str, ...] = ()  # what was repaired, converted or dropped, in words
+    assumed: tuple[str, ...] = ()  # where nothing declares the file
+    verdicts: tuple[Verdict, ...] = ()  # the rules that it breaks
 
-def _landmarks(vertices: Floats, entry: StructureEntry) -> list[str]:
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    room = _BESIDE * float(np.linalg.norm(high - low))
-    found = []
-    for name, point in entry.landmarks.items():
-        off = float(np.maximum(np.maximum(low - point, np.asarray(point) - high), 0).max())
-        if off > room:
-            found.append(f"the landmark {name} lies {off:.1f} m outside its box")
-    return found
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a person should look at, in words."""
+        odd = (verdict for verdict in self.verdicts if verdict.severity == "warn")
+        return (*self.assumed, *(verdict.found for verdict in odd))
+
+    @property
+    def problems(self) -> tuple[Verdict, ...]:
+        """Why it is refused."""
+        return refusals(self.verdicts)

@@ -10,6 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
+
+from defusedxml import ElementTree
 
 from upplied.errors import InputError
 
@@ -17,11 +20,8 @@ from upplied.errors import InputError
 def open_regular(path: Path | str) -> BufferedReader:
     """A regular file, opened to be read.
 
-    Raises
-    ------
-    OSError
-        Where it cannot be opened, or is a pipe, a device, a socket or a folder: reading those hangs
-        or has no end.
+    Raises OSError where it cannot be opened, or is a pipe, a device, a socket or a folder: reading those
+    hangs or has no end.
     """
     _check_regular(os.stat(path).st_mode, path)  # before it is opened: opening a device may do something
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -41,20 +41,9 @@ def _check_regular(mode: int, path: Path | str) -> None:
 
 
 def read_regular(path: Path | str, most: int, what: str = "", remedy: str = "check the path") -> bytes:
-    """The bytes of a regular file, as many as it has when it is opened.
+    """The bytes of a regular file, at most so many; `what` is its name in messages, its path where empty.
 
-    Parameters
-    ----------
-    path : path
-    most : int
-        Bytes it may have.
-    what : str
-        What messages call it; its path where empty.
-
-    Raises
-    ------
-    InputError
-        Where it is larger, or cannot be read.
+    Raises InputError where it is larger, or cannot be read.
     """
     what = what or str(path)
     try:
@@ -67,6 +56,14 @@ def read_regular(path: Path | str, most: int, what: str = "", remedy: str = "che
         raise InputError(what, f"cannot be read: {error.strerror or error}", "", "check the path") from None
     except ValueError as error:
         raise InputError(what, f"is no path: {error}") from None
+
+
+def plain_xml(data: bytes) -> Any:
+    """The root of XML without DTD and entities, the namespaces of its tags left aside."""
+    root = ElementTree.fromstring(data, forbid_dtd=True)
+    for element in root.iter():
+        element.tag = str(element.tag).rpartition("}")[2]
+    return root
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from upplied.inputs.findings import Findings
+from upplied.inputs.concerns import Findings
 from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifest_keys import UNITS
 from upplied.inputs.manifests import StructureEntry
@@ -60,13 +60,18 @@ class HealthReport(Record):
         if not len(mesh.triangles):
             yield "cloud", f"{len(mesh.vertices)} points"
         else:
-            yield "mesh", f"{len(mesh.triangles)} triangles, {len(mesh.vertices)} vertices, {_parts(found)}"
+            parts = f"{found.parts} connected part{'s' if found.parts != 1 else ''}"
+            parts += f", {found.hidden_parts} hidden inside" if found.hidden_parts else ""
+            yield "mesh", f"{len(mesh.triangles)} triangles, {len(mesh.vertices)} vertices, {parts}"
             seen = 100 * found.outside_area_m2 / max(found.area_m2, 1e-12)
             yield (
                 "surface",
                 f"{found.area_m2:.1f} m², {found.outside_area_m2:.1f} m² seen from outside ({seen:.0f} %)",
             )
-            yield "watertight", _watertight(found)
+            holes = (
+                f"no: {found.boundary_edges} open edges, {found.nonmanifold_edges} of three and more faces"
+            )
+            yield "watertight", "yes" if found.watertight else holes
         yield "known to", _known(mesh)
         yield "repaired", "; ".join(found.done) or "nothing"
 
@@ -74,10 +79,7 @@ class HealthReport(Record):
 def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:
     """What a mesh or cloud file holds, what was repaired, and what a person should look at.
 
-    Parameters
-    ----------
-    entry_or_path : StructureEntry or path
-        For a path alone, units and axes are as the file declares, else assumed, and the report says so.
+    For a path alone, units and axes are as the file declares, else assumed, and the report says so.
 
     Raises
     ------
@@ -127,14 +129,3 @@ def _known(structure: Structure) -> str:
         thin = f"what is thinner than {held(structure).thin_m:.2f} m"
         known += f"; {thin} may be missing: antennas, masts, cables"
     return f"{known} (declare surface_error_m where you know better)"
-
-
-def _parts(found: Findings) -> str:
-    hidden = f", {found.hidden_parts} hidden inside" if found.hidden_parts else ""
-    return f"{found.parts} connected part{'s' if found.parts != 1 else ''}{hidden}"
-
-
-def _watertight(found: Findings) -> str:
-    if found.watertight:
-        return "yes"
-    return f"no: {found.boundary_edges} open edges, {found.nonmanifold_edges} of three and more faces"

@@ -19,11 +19,9 @@ from upplied.errors import InputError
 from upplied.inputs.fingerprints import digest_of, fingerprint, sha256_of
 from upplied.inputs.flight import inspection as inspections
 from upplied.inputs.flight.choice import NOTHING, READERS, check_one, choose, nothing
-from upplied.inputs.flight.clean import breaks, check_dropped, clean, reasons, silence_s, timed
-from upplied.inputs.flight.clock import steady
-from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_frame
+from upplied.inputs.flight.clean import breaks, check_dropped, clean, reasons, silence_s, steady, timed
+from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_frame, registered
 from upplied.inputs.flight.pace import paced
-from upplied.inputs.flight.registering import registered
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.conventions import converted
 from upplied.inputs.passport.measured import SEEN, Reading

@@ -32,15 +32,7 @@ class Key:
 
 
 def parse(row: Mapping[str, Any], what: str) -> dict[str, Any]:
-    """The values of one entry, checked.
-
-    Parameters
-    ----------
-    row : mapping
-        Key to value: typed from TOML, text from CSV.
-    what : str
-        Names the entry in errors.
-    """
+    """The values of one entry, checked: typed by TOML, or text from CSV. `what` names it in errors."""
     unknown = [str(key) for key in row if key not in KEYS]
     if unknown:
         raise InputError(what, f"unknown key {unknown[0][:60]!r}", f"known keys are {', '.join(KEYS)}")

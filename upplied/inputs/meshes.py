@@ -10,22 +10,24 @@ import numpy as np
 from upplied.checks import check_finite, check_id
 from upplied.config import digest
 from upplied.errors import InputError
-from upplied.inputs.concerns import concerns, cut_off, nominal_problems
+from upplied.inputs.concerns import Findings, concerns, cut_off, nominal_problems
 from upplied.inputs.files import open_regular
-from upplied.inputs.findings import Findings
 from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import find_outliers
 from upplied.inputs.outside import look
 from upplied.inputs.points import outward_normals
 from upplied.inputs.raw import RawMesh
-from upplied.inputs.repair import Repairs, clean, clip_below, compact, used_vertices
+from upplied.inputs.repair import Repairs, clean, clip_below, compact, topology_of, used_vertices
 from upplied.inputs.rules import broken, decided, refuse, to_json
 from upplied.inputs.structure_rules import RULES
-from upplied.inputs.topology import topology_of
 from upplied.reconstruction import looks_scanned
 from upplied.records import Bools, Floats, Ints, Structure
+from upplied.vectors import area_vectors
 
+_AS_DECLARED = (
+    "structure_id", "kind", "site", "placement", "surroundings", "symmetric", "surface", "surface_error_m"
+)  # fmt: skip
 _COARSEST = 0.1  # of the size: round a surface of which less is known nothing can be planned
 _FARTHEST_M = 1e9  # beyond, the file is damaged; single precision and squares stay in range below
 
@@ -76,15 +78,7 @@ def fingerprint(entry: StructureEntry) -> str:
 
 
 def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structure, Findings]:
-    """The structure that a file holds by its entry, with all that was found on the way.
-
-    Parameters
-    ----------
-    entry : StructureEntry
-    raw : RawMesh
-    sha256 : str
-        Of the bytes of the file.
-    """
+    """The structure that a file holds by its entry, with all that was found on the way."""
     vertices = structure_frame(raw, entry)
     if len(raw.triangles):
         vertices, triangles, normals, findings = _mesh(vertices, raw, entry)
@@ -95,21 +89,14 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
     verdicts = decided(verdicts, entry.allow, entry.strict)
     findings = replace(findings, done=(*raw.remarks, *findings.done), verdicts=verdicts)
     structure = Structure(
-        structure_id=entry.structure_id,
-        kind=entry.kind,
         vertices=vertices,
         triangles=triangles,
         normals=normals,
-        site=entry.site,
         sha256=_sha256(sha256, entry),
-        placement=entry.placement,
-        surroundings=entry.surroundings,
         landmarks=dict(entry.landmarks),
-        symmetric=entry.symmetric,
         notes="; ".join(filter(None, (entry.notes, *findings.done, *(v.found for v in verdicts)))),
         verdicts_json=to_json(verdicts) if verdicts else "",
-        surface=entry.surface,
-        surface_error_m=entry.surface_error_m,
+        **{name: getattr(entry, name) for name in _AS_DECLARED},
     )
     _check_surface(structure, entry)
     return structure, findings
@@ -256,8 +243,7 @@ def _declared(raw: RawMesh, entry: StructureEntry) -> dict:
 
 
 def _area(vertices: Floats, triangles: Ints) -> float:
-    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    return float(np.linalg.norm(area_vectors(vertices[triangles]), axis=1).sum() / 2)
 
 
 def _sha256(file: str, entry: StructureEntry) -> str:

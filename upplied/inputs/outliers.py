@@ -13,8 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from upplied.inputs.compiled import boxes, longest_edges
-from upplied.inputs.repair import used_vertices
-from upplied.inputs.topology import Topology
+from upplied.inputs.repair import Topology, used_vertices
 from upplied.records import Bools, Floats, Ints, Record
 
 _VOXELS = 50  # along the longest side: a gap of a fiftieth parts two clusters

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upplied.inputs.topology import Topology
+from upplied.inputs.repair import Topology
 from upplied.records import Bools, Floats, Ints, Record
 from upplied.scene import Scene
-from upplied.vectors import area_vectors
+from upplied.vectors import across, area_vectors
 
 _RAYS = 24  # from each side of each sample, weighted by the cosine: as parallel light from all around
 _SPREAD = 4096  # samples over the whole surface, by area
@@ -35,20 +35,9 @@ class Outside(Record):
 def look(
     vertices: Floats, triangles: Ints, topology: Topology, ground_z_m: float | None = None, seed: int = 0
 ) -> Outside:
-    """Cast rays from both sides of samples on every patch and see which escape.
+    """Cast rays from both sides of samples on every patch of triangles (T, 3) and see which escape.
 
-    Parameters
-    ----------
-    vertices : array, shape (V, 3), m, structure frame
-    triangles : array, shape (T, 3)
-    topology : Topology
-    ground_z_m : float or None
-        Where the ground is known, nothing is seen from below it.
-    seed : int
-
-    Returns
-    -------
-    Outside
+    Where the height of the ground is known, nothing is seen from below it.
     """
     corners = vertices[triangles]
     area = np.linalg.norm(area_vectors(corners), axis=1) / 2
@@ -96,7 +85,7 @@ def _sample_points(corners: Floats, rng: np.random.Generator) -> tuple[Floats, F
     """A random point in each triangle, and its unit normal."""
     root, along = np.sqrt(rng.random(len(corners)))[:, None], rng.random(len(corners))[:, None]
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    normals = np.cross(b - a, c - a)
+    normals = area_vectors(corners)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return a * (1 - root) + root * (b * (1 - along) + c * along), normals
 
@@ -118,10 +107,5 @@ def _around(normals: Floats) -> Floats:
     ring = np.sqrt(1 - height**2)
     golden = np.pi * (3 - np.sqrt(5))
     turn = golden * (step + np.arange(len(normals))[:, None] * _RAYS)
-    helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    side = np.cross(normals, helper)
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    other = np.cross(normals, side)
     local = np.stack([ring * np.cos(turn), ring * np.sin(turn), np.broadcast_to(height, turn.shape)], axis=-1)
-    axes = np.stack([side, other, normals], axis=1)
-    return (local @ axes).reshape(-1, 3)
+    return (local @ np.stack([*across(normals), normals], axis=1)).reshape(-1, 3)

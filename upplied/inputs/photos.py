@@ -16,10 +16,7 @@ _MOST_PHOTOS = 1_000_000
 def photo_times(path: str | Path) -> Ints:
     """Times of photos, ns, rising.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or holds none.
+    Raises InputError if the file cannot be read, or holds none.
     """
     rule = "whole numbers, ns of the log's clock, one a line or in a column t_ns"
     try:

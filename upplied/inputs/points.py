@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from upplied.discs import surfels
 from upplied.records import Bools, Floats, Ints
 from upplied.scene import Scene
-from upplied.vectors import neighbour_spacing, sphere
+from upplied.vectors import neighbour_spacing, plane_normals, sphere
 
 _NEIGHBOURS = 13
 _JUDGED = 30_000  # points that vote by rays; the others follow their neighbours
@@ -23,13 +23,8 @@ _CLEAR = 0.2  # least difference of the two sides' votes, over their sum
 def outward_normals(points: Floats, given: Floats | None = None, seed: int = 0) -> tuple[Floats, str]:
     """Unit normals (N, 3) that point to where rays from outside come from, and what was done, in words.
 
-    Given normals are kept, but turned as a whole where most of them point inwards. Others come from
-    the plane of the nearest points, and each is turned by the side from which more rays escape.
-
-    Parameters
-    ----------
-    points : array, shape (N, 3), m, N >= 4
-    given : array, shape (N, 3), or None
+    Given normals are kept, but turned as a whole where most of them point inwards. Others come from the
+    plane of the nearest of the points (N, 3), m, N >= 4, each turned by the side from which more rays escape.
     """
     normals = planes(points) if given is None else _repaired(points, given)
     rng = np.random.default_rng(seed)
@@ -52,8 +47,7 @@ def planes(points: Floats) -> Floats:
     for at in range(0, len(points), _CHUNK):
         rows = slice(at, at + _CHUNK)
         _, near = tree.query(points[rows], k=min(_NEIGHBOURS, len(points)))
-        patch = points[near] - points[near].mean(axis=1, keepdims=True)
-        normals[rows] = np.linalg.eigh(np.einsum("nki,nkj->nij", patch, patch))[1][:, :, 0]
+        normals[rows] = plane_normals(points, near)
     return normals
 
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from upplied.errors import InputError
 from upplied.inputs.files import read_regular
-from upplied.inputs.polygons import MAX_CORNERS, triangulate
-from upplied.records import Floats, Ints, Record
+from upplied.records import Bools, Floats, Ints, Record
 
 MAX_BYTES = 2 << 30
 _MAX_DEPTH = 256
@@ -130,13 +129,8 @@ def flatten(
 ) -> Iterator[tuple[Node, Floats]]:
     """Every node of a tree with its transform (4, 4) to the scene, depth first, in order.
 
-    What refers to itself, or explodes, is refused.
-
-    Parameters
-    ----------
-    roots : list of (node, matrix)
-    children : callable
-        The children of a node, each with its transform to that node.
+    `children` gives those of a node, each with its transform to that node. What refers to itself, or
+    explodes, is refused.
     """
     most = max(10_000, len(source.data) // 10)  # nodes, each placed as often as it is named
     stack = [(node, matrix, 0) for node, matrix in reversed(roots)]
@@ -157,3 +151,61 @@ def flatten(
 def counted(*found: tuple[int, str]) -> tuple[str, ...]:
     """Remarks in words of what occurred."""
     return tuple(f"{count} {what}" for count, what in found if count)
+
+
+MAX_CORNERS = 10_000  # of one polygon; cutting ears takes their square at worst: a second for this many
+
+
+def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> tuple[Ints, Ints]:
+    """Triangles (T, 3) of planar polygons, winding kept, and the polygon (T,) of each, which never decreases.
+
+    Polygons `sizes` (P,) of corners stand one after the other in `corners`, indices that exist; those of less
+    than three give none.
+    """
+    first = np.cumsum(sizes) - sizes
+    triangles, polygons = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
+    for size in np.unique(sizes[sizes >= 3]):
+        which = np.flatnonzero(sizes == size)
+        rings = corners[first[which, None] + np.arange(size)]
+        points = vertices[rings]
+        convex = np.ones(len(rings), bool) if size == 3 else _convex(points)
+        step = np.arange(1, size - 1)
+        fans = np.stack([np.zeros_like(step), step, step + 1], axis=1)
+        triangles.append(rings[convex][:, fans].reshape(-1, 3))
+        polygons.append(np.repeat(which[convex], size - 2))
+        for index in np.flatnonzero(~convex):
+            cut = rings[index][_ears(points[index])]
+            triangles.append(cut)
+            polygons.append(np.full(len(cut), which[index]))
+    polygon = np.concatenate(polygons)
+    order = np.argsort(polygon, kind="stable")
+    return np.concatenate(triangles)[order], polygon[order]
+
+
+def _newell(points: Floats) -> Floats:
+    """Normals (P, 3) of polygons (P, n, 3), as long as twice their area."""
+    centred = points - points[:, :1]
+    return np.cross(centred, np.roll(centred, -1, axis=1)).sum(axis=1)
+
+
+def _convex(points: Floats) -> Bools:
+    normal = _newell(points)
+    edge = np.roll(points, -1, axis=1) - points
+    bend = np.einsum("pnk,pk->pn", np.cross(edge, np.roll(edge, -1, axis=1)), normal)
+    return np.asarray((bend >= -1e-9 * (normal**2).sum(axis=1)[:, None]).all(axis=1), bool)
+
+
+def _ears(points: Floats) -> Ints:
+    """Triangles (n - 2, 3) of one polygon (n, 3), seen along its normal; fewer where corners coincide."""
+    import mapbox_earcut
+
+    normal = _newell(points[None])[0]
+    drop = int(np.argmax(np.abs(normal)))
+    flat = np.ascontiguousarray((points - points[0])[:, [(drop + 1) % 3, (drop + 2) % 3]])
+    if normal[drop] < 0:
+        flat[:, 0] *= -1  # counter-clockwise
+    rings = np.array([len(flat)], np.uint32)
+    cut = mapbox_earcut.triangulate_float64(flat, rings).reshape(-1, 3).astype(np.int64)
+    side, other = flat[cut[:, 1]] - flat[cut[:, 0]], flat[cut[:, 2]] - flat[cut[:, 0]]
+    turned = (side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0]).sum() < 0
+    return cut[:, ::-1] if turned else cut

@@ -1,13 +1,17 @@
-"""Repair without judgement: weld, drop what has no area or stands twice, drop what nothing uses."""
+"""How the triangles of a mesh hang together, and repair without judgement: weld, drop what has no area,
+stands twice or is used by nothing.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from upplied.inputs.compiled import faults, first_near
-from upplied.records import Bools, Floats, Ints
+from upplied.records import Bools, Floats, Ints, Record
 
 WELD_M = 1e-4  # a tenth of a millimetre: far below any detail that is flown, far above rounding
 
@@ -35,20 +39,8 @@ class Repairs:
 def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, Repairs]:
     """A mesh whose triangles share vertices, have area, and stand once.
 
-    Parameters
-    ----------
-    vertices : array, shape (V, 3), m
-    triangles : array, shape (T, 3)
-
-    Returns
-    -------
-    vertices : array, shape (W, 3), m
-        In the order of the input.
-    triangles : array, shape (U, 3)
-        In the order of the input, winding kept.
-    intact : array, shape (U,)
-        Which triangles of the input they are.
-    repairs : Repairs
+    Returns its vertices (W, 3), m, and triangles (U, 3), in the order of the input and wound alike, which
+    triangles of the input they are (U,), and how much was repaired.
     """
     used = used_vertices(triangles, len(vertices))
     chosen = np.flatnonzero(used)
@@ -88,14 +80,9 @@ def compact(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints]:
 
 
 def clip_below(vertices: Floats, triangles: Ints, z_m: float) -> tuple[Floats, Ints, Ints]:
-    """What of a mesh lies above a height; the cut stays open.
+    """What of a mesh lies above a height: vertices, triangles (U, 3), and from which each of them is cut.
 
-    Returns
-    -------
-    vertices : array, shape (W, 3), m
-    triangles : array, shape (U, 3)
-    origin : array, shape (U,)
-        The triangle of the input that each is, or is cut from.
+    The cut stays open.
     """
     height = vertices[:, 2] - z_m
     above = height[triangles] >= 0
@@ -121,3 +108,49 @@ def clip_below(vertices: Floats, triangles: Ints, z_m: float) -> tuple[Floats, I
     order = np.argsort(origin, kind="stable")
     left, joined = compact(np.concatenate([vertices, crossing]), cut_triangles[order])
     return left, joined, origin[order]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Topology(Record):
+    """Labels of each triangle, and what its edges say."""
+
+    patch: Ints  # (T,) triangles of one label join at edges of two triangles wound alike
+    component: Ints  # (T,) triangles of one label join at vertices
+    boundary_edges: int  # of one triangle
+    nonmanifold_edges: int  # of three and more
+    twisted_edges: int  # of two that are wound against each other
+    rim: Ints  # vertices of the edges of one triangle
+
+    @property
+    def watertight(self) -> bool:
+        """Whether every edge has two triangles, wound alike."""
+        return not (self.boundary_edges or self.nonmanifold_edges or self.twisted_edges)
+
+
+def topology_of(triangles: Ints) -> Topology:
+    """The topology of welded triangles (T, 3)."""
+    tail, head = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
+    low, high = np.minimum(tail, head), np.maximum(tail, head)
+    key = low * (triangles.max(initial=0) + 1) + high
+    order = np.argsort(key, kind="stable")
+    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    count = np.diff(first, append=len(order))
+    pair = first[count == 2]
+    one, other = order[pair], order[pair + 1]
+    alike = tail[one] != tail[other]
+    of_vertex = _labels(
+        triangles[:, [0, 0]].ravel(), triangles[:, [1, 2]].ravel(), triangles.max(initial=-1) + 1
+    )
+    return Topology(
+        patch=_labels(one[alike] // 3, other[alike] // 3, len(triangles)),
+        component=np.unique(of_vertex[triangles[:, 0]], return_inverse=True)[1].reshape(-1),
+        boundary_edges=int((count == 1).sum()),
+        rim=np.unique(np.append(tail[order[first[count == 1]]], head[order[first[count == 1]]])),
+        nonmanifold_edges=int((count > 2).sum()),
+        twisted_edges=int((~alike).sum()),
+    )
+
+
+def _labels(one: Ints, other: Ints, number: int) -> Ints:
+    graph = coo_array((np.ones(len(one), bool), (one, other)), shape=(number, number))
+    return connected_components(graph, directed=False)[1].astype(np.int64)

@@ -52,10 +52,7 @@ def broken(rule: Rule, found: str, allowed: str = "", remedy: str = "") -> Verdi
 def check_allowed(names: Iterable[str], rules: Mapping[str, Rule]) -> tuple[str, ...]:
     """The names of rules to overrule, each once.
 
-    Raises
-    ------
-    SettingsError
-        If there is no rule of that name.
+    Raises SettingsError if there is no rule of that name.
     """
     wanted = tuple(sorted(set(names)))
     for name in wanted:
@@ -87,10 +84,8 @@ def refusals(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
 def refuse(what: str, verdicts: Iterable[Verdict]) -> None:
     """Raise what a file is refused for, if anything.
 
-    Raises
-    ------
-    InputError
-        Naming each rule, what was found, what is allowed, the remedy, and how it is overruled.
+    Raises InputError naming each rule, what was found, what is allowed, the remedy, and how it is
+    overruled.
     """
     found = refusals(verdicts)
     if found:
@@ -113,10 +108,7 @@ def from_json(text: str | None) -> tuple[Verdict, ...]:
 def with_bounds(settings: Settings, assignments: Iterable[str], prefix: str) -> Settings:
     """Settings with bounds that are given as ``name=value``, with or without a prefix.
 
-    Raises
-    ------
-    SettingsError
-        If a name is unknown, or a value no number from 0 to 1e9.
+    Raises SettingsError if a name is unknown, or a value no number from 0 to 1e9.
     """
     known = {item.name: item for item in fields(settings)}
     values: dict[str, float] = {}

@@ -55,17 +55,9 @@ class Separation(Record):
 
 
 def separated(structure: Structure) -> Separation:
-    """The structure apart from ground, clutter and neighbours.
+    """The structure, in metres with Z up, apart from ground, clutter and neighbours; deterministic.
 
-    Parameters
-    ----------
-    structure : Structure
-        In metres, Z up: a mesh, or points.
-
-    Returns
-    -------
-    Separation
-        Deterministic. All of it is the structure where no ground is found and it is one cluster.
+    All of it is the structure where no ground is found and it is one cluster.
     """
     points, owner, area = _samples(structure)
     above, thick = _ground(points)
@@ -82,12 +74,8 @@ def separated(structure: Structure) -> Separation:
 def kept(structure: Structure, found: Separation) -> tuple[Floats, Ints, Floats | None]:
     """Vertices (V, 3), m, triangles (T, 3) and, of a cloud that has them, normals (V, 3) of the structure."""
     if not len(structure.triangles):
-        mine = found.label == 0
-        return (
-            structure.vertices[mine],
-            structure.triangles,
-            (None if structure.normals is None else structure.normals[mine]),
-        )
+        mine, normals = found.label == 0, structure.normals
+        return structure.vertices[mine], structure.triangles, None if normals is None else normals[mine]
     triangles = structure.triangles[found.label == 0]
     used = np.unique(triangles)
     return structure.vertices[used], np.searchsorted(used, triangles), None
@@ -226,7 +214,9 @@ def _clusters(points: Floats, above: Floats) -> Ints:
     graph = coo_array((np.ones(len(near), bool), tuple(near.T)), (len(cell), len(cell)))
     cluster = connected_components(graph, directed=False)[1][voxel.reshape(-1)]
     count = np.bincount(cluster)
-    low, high = (_by_cluster(of, points, cluster) for of in (np.minimum, np.maximum))
+    low, high = np.full((2, len(count), 3), [[[np.inf]], [[-np.inf]]])
+    np.minimum.at(low, cluster, points)
+    np.maximum.at(high, cluster, points)
     size = np.linalg.norm(high - low, axis=1)
     main = int(np.argmax(np.where(count > _FRAGMENT * len(points), size * (high - low)[:, 2], -1.0)))
     tree, top = cKDTree(points[cluster == main]), np.zeros(len(count))
@@ -244,13 +234,6 @@ def _clusters(points: Floats, above: Floats) -> Ints:
     return of_cluster[cluster]
 
 
-def _by_cluster(of: np.ufunc, points: Floats, cluster: Ints) -> Floats:
-    """The lowest or highest coordinates (C, 3) of each cluster."""
-    order = np.argsort(cluster, kind="stable")
-    first = np.searchsorted(cluster[order], np.arange(int(cluster.max()) + 1))
-    return np.asarray(of.reduceat(points[order], first, axis=0))
-
-
 def _of_all(structure: Structure, points: Floats, owner: Ints, label: Ints) -> Ints:
     """The class of each triangle or point: of most of its samples, or of the nearest one."""
     number = len(structure.triangles) or len(structure.vertices)
@@ -259,12 +242,8 @@ def _of_all(structure: Structure, points: Floats, owner: Ints, label: Ints) -> I
     found = votes.argmax(axis=1)
     empty = np.flatnonzero(votes.sum(axis=1) == 0)
     if len(empty):
-        at = (
-            structure.vertices[structure.triangles[empty]].mean(axis=1)
-            if len(structure.triangles)
-            else (structure.vertices[empty])
-        )
-        found[empty] = label[cKDTree(points).query(at)[1]]
+        corners = structure.triangles[empty] if len(structure.triangles) else empty[:, None]
+        found[empty] = label[cKDTree(points).query(structure.vertices[corners].mean(axis=1))[1]]
     return found
 
 

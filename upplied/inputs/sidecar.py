@@ -116,27 +116,12 @@ _FAR_M = 1e7
 def inspection(
     path: Path, metadata: list[tuple[str, dict[str, str]]], options: LogOptions
 ) -> tuple[LogOptions, list[str]]:
-    """All facts about a flight, each from its strongest source.
+    """All facts about a flight, each from its strongest source, and in words the options that were overruled.
 
-    Parameters
-    ----------
-    path : Path
-        Of the log; the side-car lies next to it.
-    metadata : list of (name, mapping)
-        The metadata records of the log.
-    options : LogOptions
+    `metadata` are the named records of the log. The facts are checked; `demonstration_id` is filled in,
+    `structure_id` may be missing.
 
-    Returns
-    -------
-    facts : LogOptions
-        Checked; `demonstration_id` is filled in, `structure_id` may be missing.
-    notes : list of str
-        Options that were overruled.
-
-    Raises
-    ------
-    InputError
-        If a value has the wrong form, or the side-car holds an unknown key.
+    Raises InputError if a value has the wrong form, or the side-car holds an unknown key.
     """
     facts, notes = _checked(options), []
     for name, values in metadata:
@@ -160,14 +145,8 @@ def placed(facts: LogOptions, placement: Placement | None) -> LogOptions:
     """The facts with the structure's place on the Earth, where they do not have it themselves."""
     if placement is None or facts.structure_lat_deg is not None:
         return facts
-    return replace(
-        facts,
-        structure_lat_deg=placement.lat_deg,
-        structure_lon_deg=placement.lon_deg,
-        structure_alt_m=placement.alt_m,
-        structure_heading_deg=placement.heading_deg,
-        structure_datum=placement.datum,
-    )
+    names = (item.name for item in fields(placement))
+    return replace(facts, **{f"structure_{name}": getattr(placement, name) for name in names})
 
 
 def stated(facts: LogOptions, defaults: Mapping[str, Any]) -> LogOptions:

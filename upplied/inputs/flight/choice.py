@@ -45,10 +45,8 @@ _NAME_ONE = "name one by publisher: the name of its frame, or #7 for the channel
 def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table | None, list[str]]:
     """The table of poses, several channels of one topic and schema joined; None: only transforms.
 
-    Raises
-    ------
-    InputError
-        If there is none, or several that contradict each other; it lists all with their rates.
+    Raises InputError if there is none, or several that contradict each other; it lists all with their
+    rates.
     """
     sources = _by_topic([table for table in tables if table.schema in READERS])
     if facts.topic and not any(table.channel.topic == facts.topic for table in tables):
@@ -152,10 +150,7 @@ def _same(first: Track, other: Track, facts: LogOptions) -> bool:
 def one_publisher(tables: Sequence[Table], facts: LogOptions, what: str) -> Table:
     """The channels of one topic and schema as one table, or the channel that is named.
 
-    Raises
-    ------
-    InputError
-        If several channels hold different places at the same time.
+    Raises InputError if several channels hold different places at the same time.
     """
     if facts.publisher.startswith("#"):
         named = [table for table in tables if f"#{table.channel.channel_id}" == facts.publisher]
@@ -173,10 +168,7 @@ def one_publisher(tables: Sequence[Table], facts: LogOptions, what: str) -> Tabl
 def check_one(track: Track, facts: LogOptions, what: str) -> None:
     """Refuse a track whose samples are of two bodies in turn.
 
-    Raises
-    ------
-    InputError
-        If two paths through the samples are far shorter than one.
+    Raises InputError if two paths through the samples are far shorter than one.
     """
     if "several-publishers" in facts.allow or len(track) < 40:
         return

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from upplied.errors import InputError
-from upplied.inputs.flight.clock import steady
 from upplied.inputs.flight.tracks import AT_THE_ENDS, Track, are_unit
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
@@ -39,10 +38,7 @@ def timed(track: Track) -> Track:
 def clean(track: Track, limits: LogOptions, what: str) -> Track:
     """Drop what is no pose, sort, and drop repeated stamps; every dropped sample is counted.
 
-    Raises
-    ------
-    InputError
-        If more than the allowed share was dropped, or nothing is left.
+    Raises InputError if more than the allowed share was dropped, or nothing is left.
     """
     track = steady(timed(track))
     finite = np.isfinite(np.column_stack([track.positions, track.quat_xyzw])).all(axis=1)
@@ -70,10 +66,7 @@ def attitude_track(
 def check_dropped(track: Track, limits: LogOptions, what: str) -> None:
     """Refuse a track of which too much was dropped, or all.
 
-    Raises
-    ------
-    InputError
-        With the reasons and their numbers.
+    Raises InputError with the reasons and their numbers.
     """
     harmless = {name for name in track.dropped if name in (REPEATED, UNSET) or name.endswith(AT_THE_ENDS)}
     lost = sum(number for reason, number in track.dropped.items() if reason not in harmless)
@@ -145,3 +138,67 @@ def _jumps(track: Track) -> Bools:
     speed = step_m / np.maximum(np.diff(track.t_ns) * 1e-9, 1e-9)
     usual = median_filter(speed, size=11, mode="nearest")  # a fast flight is fast for a while
     return (step_m > MIN_JUMP_M) & (speed > MAX_SPEED_MPS) & (speed > 3 * usual)
+
+
+STEPPED = "the clock stepped"  # how a note of it begins
+_TOLERANCE_NS = 100_000_000  # messages overtake each other by less
+_LATE = 50  # messages within which those that were overtaken are back in order
+_AROUND = 50  # messages before and after a step of the stamps alone, by which it is known
+_LONGEST_NS = 60 * 10**9  # the recorder's clock counts where it says less
+
+
+def steady(track: Track) -> Track:
+    """The track, in the order in which it was recorded, with a clock that never steps.
+
+    The clock of a log is set while it is recorded: sorted by stamps, the two halves of the flight would be
+    shuffled into each other. After a step the stamps go on from the last before it, by what the recorder's
+    clock says or else by the usual period; `epoch` changes there. Messages that were merely late stay as they
+    are, to be sorted.
+    """
+    if len(track) < 3:
+        return track
+    steps = np.union1d(_backwards(track.t_ns), _ahead(track.t_ns, track.log_ns))
+    if not len(steps):
+        return track
+    usual = int(np.median(np.abs(np.diff(track.t_ns))))
+    t_ns, epoch = track.t_ns.copy(), np.zeros(len(track), np.int64)
+    for at in steps:
+        lasted = int(track.log_ns[at + 1] - track.log_ns[at])
+        lasted = lasted if 0 < lasted < _LONGEST_NS else usual
+        t_ns[at + 1 :] += int(t_ns[at]) + lasted - int(t_ns[at + 1])
+        epoch[at + 1 :] += 1
+    seconds = ", ".join(f"{(track.t_ns[at + 1] - track.t_ns[at]) * 1e-9:+.1f} s" for at in steps[:5])
+    before = np.zeros(len(track), np.int64) if track.epoch is None else track.epoch
+    return replace(
+        track,
+        t_ns=t_ns,
+        epoch=before + (epoch << 20),
+        clock_steps=track.clock_steps + len(steps),
+        notes=(*track.notes, f"{STEPPED} {len(steps)} times ({seconds}): split there"),
+    )
+
+
+def _backwards(t_ns: Ints) -> Ints:
+    """Last sample before each step back from which the stamps run on: late messages jump ahead again."""
+    step = np.diff(t_ns)
+    found: list[int] = []
+    for at in np.flatnonzero(step < -_TOLERANCE_NS):
+        soon = step[at + 1 : at + 1 + _LATE]
+        if not (soon > -step[at] / 2).any() and at + 1 - (found[-1] if found else -2) > 1:
+            found.append(int(at))
+    return np.array(found, np.int64)
+
+
+def _ahead(t_ns: Ints, log_ns: Ints) -> Ints:
+    """Last sample before each step of the stamps that the recorder's clock did not see."""
+    if len(t_ns) < 2 * _AROUND or not np.ptp(log_ns):
+        return np.empty(0, np.int64)
+    off = t_ns - log_ns
+    found = []
+    for at in np.flatnonzero((np.abs(np.diff(off)) > 10 * _TOLERANCE_NS) & (np.diff(t_ns) > 0)):
+        before, after = off[max(at + 1 - _AROUND, 0) : at + 1], off[at + 1 : at + 1 + _AROUND]
+        jump = float(np.median(after) - np.median(before))
+        spread = max(np.ptp(np.percentile(part, [10, 90])) for part in (before, after))
+        if min(len(before), len(after)) >= 10 and jump > 10 * _TOLERANCE_NS and spread < 0.1 * jump:
+            found.append(at)
+    return np.array(found, np.int64)

@@ -39,7 +39,7 @@ _ASIDE_M = 3.0  # from where it climbed: the transit has begun
 _FAR = 1.6  # times the distance of the inspection: still in transit
 _LASTS_S, _SHARE = 6.0, 0.6  # of looking at the structure, at the beginning of the inspection
 _ASIDE = np.tan(np.radians(8.0))
-MIDDLE = np.array([[1.0, y * _ASIDE, z * _ASIDE] for y, z in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))])
+_MIDDLE = np.array([[1.0, y * _ASIDE, z * _ASIDE] for y, z in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))])
 _LEAST_S, _LEAST_SHARE = 10.0, 0.2  # of what must be left, of the log
 
 
@@ -48,10 +48,7 @@ def inspected(
 ) -> tuple[Track, list[str], bool]:
     """The samples of the inspection, in words how they were cut out, and whether start or stop were given.
 
-    Raises
-    ------
-    InputError
-        If nothing was flown in the time that is given.
+    Raises InputError if nothing was flown in the time that is given.
     """
     first = int(track.t_ns.min()) if len(track) else 0
     given = (facts.start_s, facts.stop_s, facts.start_ns, facts.end_ns)
@@ -127,14 +124,7 @@ class Phases:
 def phases(flown: Track, scene: Scene, reach_m: float) -> Phases | None:
     """The parts of a log; None where it does not begin or end on the ground, or nothing of it inspects.
 
-    Parameters
-    ----------
-    flown : Track
-        The camera's poses in the structure frame, clean.
-    scene : Scene
-        Of the structure.
-    reach_m : float
-        How far the camera sees, m.
+    The track is of the camera, clean, in the structure frame; the camera sees as far as `reach_m`.
     """
     seconds = (flown.t_ns - flown.t_ns[0]) * 1e-9
     some = np.unique(np.searchsorted(seconds, np.arange(0, seconds[-1], _STEP_S)).clip(0, len(seconds) - 1))
@@ -177,10 +167,14 @@ def _in_air(at: Floats, places: Floats) -> tuple[int, int, float] | None:
 
 def _looks(places: Floats, turns: Floats, scene: Scene, reach_m: float) -> tuple[Bools, Floats]:
     """At which stations the middle of the picture shows the structure, and how far the structure is."""
-    rays = (Rotation.from_quat(turns).as_matrix() @ MIDDLE.T).swapaxes(1, 2)
-    count = rays.shape[1]
-    met = scene.cast(np.repeat(places, count, axis=0), rays.reshape(-1, 3))[0].reshape(-1, count) <= reach_m
-    return np.asarray(met.any(axis=1)), scene.distance(places)
+    return np.asarray(met_in_the_middle(places, turns, scene, reach_m).any(axis=1)), scene.distance(places)
+
+
+def met_in_the_middle(places: Floats, turns: Floats, scene: Scene, reach_m: float) -> Bools:
+    """Which rays (N, 5) meet the structure within reach: along the camera's axis, and beside it all round."""
+    rays = (Rotation.from_quat(turns).as_matrix() @ _MIDDLE.T).swapaxes(1, 2).reshape(-1, 3)
+    range_m = scene.cast(np.repeat(places, len(_MIDDLE), axis=0), rays)[0]
+    return np.asarray(range_m.reshape(-1, len(_MIDDLE)) <= reach_m)
 
 
 def _begins(at: Floats, good: Bools) -> int:

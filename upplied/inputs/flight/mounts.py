@@ -1,4 +1,7 @@
-"""From poses of a body in the log's frame to poses of the camera in the structure's frame."""
+"""From poses of a body in the log's frame to poses of the camera in the structure's frame.
+
+That is declared, or follows from named points by least squares (Umeyama, 1991).
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from upplied.inputs.schemas.gimbal import Gimbal
 from upplied.inputs.schemas.px4 import turned
 from upplied.inputs.schemas.tf import Tree
 from upplied.inputs.sidecar import LogOptions
-from upplied.records import Bools, Floats, Ints
+from upplied.records import Bools, Floats, Ints, Structure
 
 _NOWHERE = np.zeros(3)
 NO_MOUNT = "no camera mount in the log: the camera is taken to look along the body's x axis"
@@ -48,10 +51,8 @@ def camera_poses(
 def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
     """Poses in the frame in which the structure is placed, through the transforms where it is another.
 
-    Raises
-    ------
-    InputError
-        If the structure is placed in a frame that the log does not connect with that of the poses.
+    Raises InputError if the structure is placed in a frame that the log does not connect with that of the
+    poses.
     """
     wanted = facts.frame_id.lstrip("/")
     if not wanted or track.parent in ("", wanted, STRUCTURE):
@@ -164,3 +165,62 @@ def _under(track: Track, positions: Floats, rotation: Rotation, parent: str) -> 
 
 def _noted(track: Track, note: str) -> Track:
     return replace(track, notes=(*track.notes, note))
+
+
+_LEAST = 3
+_FLAT = 0.02  # second over first spread of the points: nearer to one line they hold no turn
+
+
+def registered(
+    facts: LogOptions, track: Track, structure: Structure | None, what: str
+) -> tuple[LogOptions, str]:
+    """The facts with the pose of the structure in the log's frame, and the residuals in words.
+
+    Raises InputError if there are too few points, a name is no landmark, they lie on a line, or miss
+    theirs by more than `register_m`.
+    """
+    if not facts.points or structure is None:
+        return facts, ""
+    if track.parent == STRUCTURE:
+        rule = "points in a frame of the log's own"
+        raise InputError(what, "gives places on the Earth", rule, "correct the structure's placement instead")
+    names = [name for name, _ in facts.points]
+    unknown = [name for name in names if name not in structure.landmarks]
+    if unknown or len(names) < _LEAST:
+        found = f"no landmark {', '.join(unknown)}" if unknown else f"{len(names)} points"
+        known = ", ".join(sorted(structure.landmarks)) or "it has none"
+        rule = f"at least {_LEAST} landmarks of the structure: {known}"
+        raise InputError(what, f"registers by {found}", rule)
+    logged = np.array([place for _, place in facts.points], float)
+    wanted = np.array([structure.landmarks[name] for name in names], float)
+    spread = np.linalg.svd(logged - logged.mean(axis=0), compute_uv=False)
+    if spread[1] < _FLAT * max(spread[0], 1e-9):
+        rule = "points that span a plane"
+        raise InputError(what, "registers by points on one line", rule, "add one beside the line")
+    free = facts.unit_m is not None and not facts.unit_m > 0
+    scale, turn, shift = _similarity(
+        logged * (1.0 if free or facts.unit_m is None else facts.unit_m), wanted, free
+    )
+    unit = scale if free else facts.unit_m
+    off_m = np.linalg.norm((unit or 1.0) * logged @ turn.T + shift - wanted, axis=1)
+    listed = ", ".join(f"{name} {off:.2f} m" for name, off in zip(names, off_m, strict=True))
+    if off_m.max() > facts.passport.register_m:
+        rule = f"at most {facts.passport.register_m:g} m"
+        found = f"misses its points after registration: {listed}"
+        raise InputError(what, found, rule, "correct the points, or raise register_m")
+    quat = Rotation.from_matrix(turn.T).as_quat()
+    placed = replace(
+        facts, unit_m=unit, structure_position_m=tuple((-turn.T @ shift).tolist()),
+        structure_quat_xyzw=tuple(quat.tolist()), frame_id=""
+    )  # fmt: skip
+    return placed, f"registered by {len(names)} points at a scale of {unit or 1.0:.6g}: off by {listed}"
+
+
+def _similarity(points: Floats, goals: Floats, scaled: bool) -> tuple[float, Floats, Floats]:
+    """Scale, turn (3, 3) and shift (3,) that bring points (N, 3) nearest to goals (N, 3)."""
+    middle, goal = points.mean(axis=0), goals.mean(axis=0)
+    left, size, right = np.linalg.svd((goals - goal).T @ (points - middle))
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(left) * np.linalg.det(right))])
+    turn = left @ np.diag(sign) @ right
+    scale = float((size * sign).sum() / ((points - middle) ** 2).sum()) if scaled else 1.0
+    return scale, turn, goal - scale * turn @ middle

@@ -14,7 +14,7 @@ from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.polylines import leg_lengths
 from upplied.poses import angle_between
-from upplied.records import Bools, Ints
+from upplied.records import Bools
 
 _STILL_M, _STILL_RAD = 0.5, np.radians(5.0)  # from the beginning of a hover: wind moves a vehicle so far
 _LEAST_MPS = 0.5  # of a transit
@@ -48,16 +48,7 @@ class Pace:
 
 
 def paced(track: Track, gap_s: float, settings: PassportSettings) -> tuple[Track, Pace]:
-    """The track with its gaps and hovers shortened, and what was found.
-
-    Parameters
-    ----------
-    track : Track
-        Clean, of the camera.
-    gap_s : float
-        A longer silence breaks the flight.
-    settings : PassportSettings
-    """
+    """The clean track of a camera with its gaps and hovers shortened, and what was found."""
     step_ns = np.diff(track.t_ns)
     step_m = leg_lengths(track.positions)
     gap = step_ns > gap_s * 1e9
@@ -69,7 +60,7 @@ def paced(track: Track, gap_s: float, settings: PassportSettings) -> tuple[Track
     shorter = np.where(long, np.minimum(transit_ns, step_ns), step_ns).astype(np.int64)
     keep, hover_s = _hovers(track, gap, settings.hover_cap_s)
     frozen = (step_m == 0) & (np.diff(track.quat_xyzw, axis=0) == 0).all(axis=1) & ~gap
-    cut = _cut_ns(shorter, keep)
+    cut = np.where(keep[1:], 0, shorter)  # the time that goes with the samples that are cut
     found = Pace(
         span_s=float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0,
         recorded_s=float(step_ns[~gap].sum()) * 1e-9,
@@ -85,18 +76,8 @@ def paced(track: Track, gap_s: float, settings: PassportSettings) -> tuple[Track
     if not found.words:
         return track, found
     t_ns = track.t_ns[0] + np.concatenate([[0], np.cumsum(shorter - cut)])
-    return replace(replace(track, t_ns=t_ns).take(keep), long_gaps=_after(long, keep)), found
-
-
-def _after(long: Bools, keep: Bools) -> Ints:
-    """Index, among the samples that are kept, of the first after each long gap."""
-    first = np.flatnonzero(long) + 1
-    return np.unique(np.cumsum(keep)[first] - 1)
-
-
-def _cut_ns(step_ns: Ints, keep: Bools) -> Ints:
-    """Of each step, the time that goes with the samples that are cut."""
-    return np.where(keep[1:], 0, step_ns)
+    after = np.unique(np.cumsum(keep)[np.flatnonzero(long) + 1] - 1)  # among the samples that are kept
+    return replace(replace(track, t_ns=t_ns).take(keep), long_gaps=after), found
 
 
 def _hovers(track: Track, gap: Bools, cap_s: float) -> tuple[Bools, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -18,6 +18,7 @@ from upplied.records import Bools, Floats, Ints, Record
 MAX_NORM_ERROR = 1e-2  # of a quaternion; a rounded or single-precision one is far within
 AT_THE_ENDS = " yet or any more"  # what was dropped for such a reason is not held against the log
 _FEW_POSES_SHARE = 0.05  # of the poses
+_OF_SAMPLES = ("t_ns", "positions", "quat_xyzw", "log_ns", "epoch", "fov_deg")
 HOLD_NS = 100_000_000  # how long the first and the last pose are held for another topic's stamps
 
 
@@ -64,16 +65,9 @@ class Track(Record):
 
     def take(self, index: Ints | Bools) -> Track:
         """The samples of this index."""
-        epoch = None if self.epoch is None else self.epoch[index]
-        return replace(
-            self,
-            t_ns=self.t_ns[index],
-            positions=self.positions[index],
-            quat_xyzw=self.quat_xyzw[index],
-            log_ns=self.log_ns[index],
-            epoch=epoch,
-            fov_deg=None if self.fov_deg is None else self.fov_deg[index],
-        )
+        parts = ((name, getattr(self, name)) for name in _OF_SAMPLES)
+        changes: dict[str, Any] = {name: None if part is None else part[index] for name, part in parts}
+        return replace(self, **changes)
 
 
 def source_times(table: Table, stamp_ns: Ints | None) -> tuple[Ints, str]:
@@ -103,22 +97,10 @@ def are_unit(quat_xyzw: Floats) -> Bools:
 
 
 def at_times(track: Track, t_ns: Ints, gap_s: float) -> tuple[Floats, Floats]:
-    """A clean track at other times: linear and spherical in between, NaN outside and in gaps.
+    """A clean track at other times: positions (M, 3) and quaternions (M, 4), NaN outside and in gaps.
 
-    Two topics of one estimator rarely begin together: the ends are held for a tenth of a second.
-
-    Parameters
-    ----------
-    track : Track
-        Strictly increasing in time, finite.
-    t_ns : array, shape (M,), ns
-    gap_s : float
-        No value is made across a longer silence or across a reset.
-
-    Returns
-    -------
-    positions : array, shape (M, 3)
-    quat_xyzw : array, shape (M, 4)
+    Linear and spherical in between, never across a longer silence than `gap_s` or a reset. Two topics of one
+    estimator rarely begin together: the ends are held for a tenth of a second.
     """
     positions, quats = np.full((len(t_ns), 3), np.nan), np.full((len(t_ns), 4), np.nan)
     if len(track) < 2:
@@ -176,17 +158,7 @@ class PoseShape(NamedTuple):
 def pose_track(table: Table, shape: PoseShape, only: str = "") -> Track:
     """The track of a table that holds one pose a row; poses of other frames than most are dropped.
 
-    Parameters
-    ----------
-    table : Table
-    shape : PoseShape
-    only : str
-        Name of the frame, parent or child, whose poses are meant where there are several.
-
-    Raises
-    ------
-    InputError
-        If there are several bodies, and none is named.
+    Raises InputError if there are several bodies, and `only` names the frame, parent or child, of none.
     """
     track = replace(shape.track(table), dropped=Counter(table.dropped))
     if not len(table):

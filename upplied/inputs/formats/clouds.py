@@ -8,10 +8,9 @@ import struct
 from typing import Any
 
 import numpy as np
-from defusedxml import ElementTree
 
 from upplied.extras import extra
-from upplied.inputs.files import file_of
+from upplied.inputs.files import file_of, plain_xml
 from upplied.inputs.formats.text import numbers
 from upplied.inputs.raw import RawMesh, Source
 from upplied.records import Floats
@@ -68,7 +67,7 @@ def read_e57(source: Source) -> RawMesh:
     )  # metres by specification; points marked bad are not there
 
 
-def _e57_xml(source: Source) -> ElementTree.Element:
+def _e57_xml(source: Source) -> Any:
     """The XML of an E57, taken from its pages, without DTD and entities, its namespaces left aside."""
     start, length, page = struct.unpack_from("<QQQ", source.data.ljust(48, b"\0"), 24)
     if not 64 <= page <= 1 << 20 or start >= len(source.data) or length > len(source.data):
@@ -79,10 +78,7 @@ def _e57_xml(source: Source) -> ElementTree.Element:
         source.data[at * page : (at + 1) * page - 4] for at in range(first, last)
     ]  # each ends with its CRC
     text = b"".join(pages)[start % page :][:length]
-    root = ElementTree.fromstring(text, forbid_dtd=True)
-    for element in root.iter():
-        element.tag = str(element.tag).rpartition("}")[2]
-    return root
+    return plain_xml(text)
 
 
 def read_pcd(source: Source) -> RawMesh:

@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from defusedxml import ElementTree
 
+from upplied.inputs.files import plain_xml
 from upplied.inputs.formats.text import integers, numbers
 from upplied.inputs.raw import Assembly, RawMesh, Source, counted, flatten
 from upplied.records import Floats, Ints
@@ -25,13 +25,11 @@ _LINES = ("lines", "linestrips")
 def read_collada(source: Source) -> RawMesh:
     """The scene of a COLLADA file, flattened; each instance of a geometry is a part."""
     try:
-        root = ElementTree.fromstring(source.data, forbid_dtd=True)
+        root = plain_xml(source.data)
     except Exception as error:  # expat, entities and encodings each raise their own
         raise source.error(
             f"its XML cannot be read: {type(error).__name__}", "well-formed XML without DTD and entities"
         ) from None
-    for element in root.iter():
-        element.tag = str(element.tag).rpartition("}")[2]
     if root.tag != "COLLADA":
         raise source.error(f"is XML of {root.tag[:40]!r}", "COLLADA")
     return _Reader(source, root).read()

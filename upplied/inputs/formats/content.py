@@ -24,14 +24,8 @@ REFUSED = {
     "zip": "unpack it and name the mesh in it",
 }
 SAME = {
-    "stp": "step",
-    "igs": "iges",
-    "wrl": "x3d",
-    "usdz": "usd",
-    "usda": "usd",
-    "usdc": "usd",
-    "htm": "html",
-}
+    "stp": "step", "igs": "iges", "wrl": "x3d", "usdz": "usd", "usda": "usd", "usdc": "usd", "htm": "html"
+}  # fmt: skip
 # First bytes of each content; the order matters where one holds another.
 _MAGIC: tuple[tuple[bytes, str], ...] = (
     (rb"ply\r?\n", "ply"),

@@ -8,25 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from upplied.errors import UppliedError
-from upplied.inputs.formats import clouds, collada, gltf, obj, off, ply, stl, threemf
+from upplied.inputs.formats import clouds, collada, gltf, obj, ply, stl, threemf
 from upplied.inputs.formats.content import REFUSED, SAME, content_of
 from upplied.inputs.raw import RawMesh, Source
 from upplied.inputs.repair import used_vertices
 
 READERS: dict[str, Callable[[Source], RawMesh]] = {
-    "ply": ply.read_ply,
-    "stl": stl.read_stl,
-    "obj": obj.read_obj,
-    "off": off.read_off,
-    "glb": gltf.read_gltf,
-    "gltf": gltf.read_gltf,
-    "dae": collada.read_collada,
-    "3mf": threemf.read_threemf,
-    "pcd": clouds.read_pcd,
-    "las": clouds.read_las,
-    "laz": clouds.read_las,
-    "e57": clouds.read_e57,
-}
+    "ply": ply.read_ply, "stl": stl.read_stl, "obj": obj.read_obj, "off": obj.read_off,
+    "glb": gltf.read_gltf, "gltf": gltf.read_gltf, "dae": collada.read_collada, "3mf": threemf.read_threemf,
+    "pcd": clouds.read_pcd, "las": clouds.read_las, "laz": clouds.read_las, "e57": clouds.read_e57,
+}  # fmt: skip
 
 
 def read_raw(path: Path | str) -> tuple[RawMesh, str]:

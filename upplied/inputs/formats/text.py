@@ -12,10 +12,7 @@ from upplied.records import Floats, Ints
 def numbers(text: bytes) -> Floats:
     """All numbers of a text that white space separates.
 
-    Raises
-    ------
-    ValueError
-        Where something else stands among them.
+    Raises ValueError where something else stands among them.
 
     Examples
     --------

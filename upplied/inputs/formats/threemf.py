@@ -22,13 +22,8 @@ from upplied.inputs.raw import Assembly, RawMesh, Source, flatten
 from upplied.records import Floats
 
 _UNITS = {
-    "micron": 1e-6,
-    "millimeter": 1e-3,
-    "centimeter": 1e-2,
-    "inch": 0.0254,
-    "foot": 0.3048,
-    "meter": 1.0,
-}
+    "micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0
+}  # fmt: skip
 _HARMLESS = ("production/2015/06", "material/2015/02", "slice/2015/07", "trianglesets/2021/07")
 
 

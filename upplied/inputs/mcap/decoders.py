@@ -1,4 +1,4 @@
-"""Messages as columns: ROS by `rosbags`, protobuf by `mcap-protobuf-support`, JSON.
+"""Messages of the wanted channels as columns: ROS by `rosbags`, protobuf by `mcap-protobuf-support`, JSON.
 
 A value that a message does not hold becomes NaN; a path that no message holds gives no column.
 Paths may lead into one sequence of messages (``transforms[].rotation.w``): a row is an element then.
@@ -13,12 +13,14 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
+import zstandard
 from google.protobuf.message import Message
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
+from upplied.inputs.mcap.recording import MAX_MESSAGES, Recording, Sink
 from upplied.inputs.mcap.rosmsg import DefinitionError, ros_decoder
-from upplied.inputs.tables import Channel
+from upplied.inputs.tables import Channel, Piece, Table, stacked
 from upplied.records import Ints
 
 Columns = dict[str, Any]
@@ -32,15 +34,9 @@ _MAX_WIDTH = 64  # numbers in one value; a calibration has 12
 class Decoder:
     """Reads columns from the payloads of one channel, by the schema in the log.
 
-    Attributes
-    ----------
-    paths : frozenset of str, or None
-        Every path that a column can have, where the schema tells.
+    `paths` is every path that a column can have, where the schema tells.
 
-    Raises
-    ------
-    DefinitionError
-        If encoding and schema do not allow to decode it.
+    Raises DefinitionError if encoding and schema do not allow to decode it.
     """
 
     def __init__(self, channel: Channel) -> None:
@@ -59,23 +55,10 @@ class Decoder:
     def columns(
         self, payloads: Sequence[bytes], wanted: Iterable[str], most: int = 10**9
     ) -> tuple[Columns, Ints, int]:
-        """The wanted values of many payloads.
+        """The wanted values of payloads, the payload (R,) of each row, and how many could not be read.
 
-        Parameters
-        ----------
-        payloads : sequence of bytes
-        wanted : iterable of str
-            Paths such as ``header.stamp.sec`` or ``transforms[].transform.rotation.w``.
-        most : int, optional
-            Rows after which nothing more is read.
-
-        Returns
-        -------
-        columns : dict of str to array, shape (R,) or (R, k)
-        row : array, shape (R,)
-            Which payload each value is from, increasing.
-        unreadable : int
-            Payloads that do not fit the definition.
+        Paths are such as ``header.stamp.sec`` or ``transforms[].transform.rotation.w``; after `most` rows
+        nothing more is read.
         """
         known = [path for path in wanted if self.paths is None or path in self.paths]
         many = next((path.split("[]")[0] for path in known if "[]" in path), "")
@@ -181,3 +164,84 @@ def _float(value: Any) -> float:
         return float(value)
     except (TypeError, OverflowError):
         return float("nan")
+
+
+_MAX_CHANNELS = 500
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no CDR begins so
+_MAX_PAYLOAD_BYTES = 2**20  # a pose or a tree of transforms is far smaller
+
+
+def read_tables(recording: Recording, fields: Callable[[Channel], Iterable[str]]) -> list[Table]:
+    """The tables of every channel for which `fields` names paths, in one pass over the log."""
+    builders: dict[int, _Builder] = {}
+
+    def sink_of(channel: Channel) -> Sink | None:
+        paths = tuple(fields(channel))
+        if not paths:
+            return None
+        recording.check(len(builders) + 1, (_MAX_CHANNELS, 0.0), "channels of poses")
+        builder = builders[channel.channel_id] = _Builder(channel, paths)
+        return builder.sink
+
+    for _ in recording.read(sink_of):
+        for builder in builders.values():
+            if builder.sink:
+                held = sum(one.rows for one in builders.values())
+                held += builder.decode(recording.limit(MAX_MESSAGES) - held)
+                recording.check(held, MAX_MESSAGES, "messages of poses")
+    tables = [builders[channel_id].table() for channel_id in sorted(builders)]
+    recording.compare({table.channel.channel_id: table.messages for table in tables})
+    return tables
+
+
+class _Builder:
+    """Collects the messages of a channel and decodes them chunk by chunk."""
+
+    def __init__(self, channel: Channel, paths: tuple[str, ...]) -> None:
+        self.sink: Sink = []
+        self.rows = 0
+        self._table = Table(channel)
+        self._paths = paths
+        self._pieces: list[Piece] = []
+        self._decoder: Decoder | None = None
+        try:
+            self._decoder = Decoder(channel)
+        except DefinitionError as error:
+            self._table.problem = str(error)
+
+    def table(self) -> Table:
+        """What was collected."""
+        self._table.columns, times = stacked(self._pieces)
+        self._table.log_ns, self._table.publish_ns = times[:, 0], times[:, 1]
+        return self._table
+
+    def decode(self, most: int) -> int:
+        """How many rows the messages that wait hold, once they are columns; about `most` are read."""
+        self._table.messages += len(self.sink)
+        held = [message for message in self.sink if len(message[2]) <= _MAX_PAYLOAD_BYTES]
+        if len(held) < len(self.sink):
+            self._table.dropped["too large a message"] += len(self.sink) - len(held)
+        self.sink.clear()
+        if self._decoder is None or not held:
+            return 0
+        log_ns, publish_ns, payloads = zip(*held, strict=True)
+        if self._table.channel.encoding == "cdr" and payloads[0].startswith(_ZSTD_MAGIC):
+            payloads = tuple(map(_unwrapped, payloads))
+        columns, row, unreadable = self._decoder.columns(payloads, self._paths, most)
+        if unreadable:
+            self._table.dropped["unreadable message"] += unreadable
+        self.rows += len(row)
+        if len(row):
+            times = np.array([log_ns, publish_ns], np.uint64).T.astype(np.int64)
+            self._pieces.append((columns, np.maximum(times, 0)[row]))
+        return len(row)
+
+
+def _unwrapped(payload: bytes) -> bytes:
+    """A message that rosbag2 compressed by itself; empty, and so unreadable, where it is damaged."""
+    try:
+        if zstandard.get_frame_parameters(payload).content_size > _MAX_PAYLOAD_BYTES:
+            return b""
+        return zstandard.ZstdDecompressor().decompress(payload, max_output_size=_MAX_PAYLOAD_BYTES)
+    except zstandard.ZstdError:
+        return b""

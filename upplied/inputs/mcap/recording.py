@@ -182,10 +182,7 @@ class _Sinks(dict[int, "Sink | None"]):
 def open_recording(path: Path) -> Recording:
     """The content of an MCAP file, of a damaged one what is left of it.
 
-    Raises
-    ------
-    InputError
-        If it is missing, empty or no MCAP file.
+    Raises InputError if it is missing, empty or no MCAP file.
     """
     try:
         with path.open("rb") as stream:

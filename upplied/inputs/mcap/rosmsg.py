@@ -34,19 +34,11 @@ class DefinitionError(ValueError):
 def ros_decoder(name: str, text: str, cdr: bool) -> tuple[Callable[[bytes], Any], frozenset[str]]:
     """What decodes the payloads of one schema, and every path that a column can have.
 
-    Parameters
-    ----------
-    name : str
-        Of the message, e.g. ``geometry_msgs/msg/PoseStamped``.
-    text : str
-        The definition with those of the messages it contains, as stored in the log.
-    cdr : bool
-        ROS 2 (aligned, four bytes of encapsulation) or ROS 1 (packed, little endian).
+    The text is as stored in the log, with the messages that it contains; `cdr` is ROS 2 (aligned, four bytes
+    of encapsulation), else ROS 1 (packed, little endian).
 
-    Raises
-    ------
-    DefinitionError
-        If the definition is empty, incomplete, endless, or lets few bytes tell of many messages.
+    Raises DefinitionError if the definition is empty, incomplete, endless, or lets few bytes tell of many
+    messages.
     """
     if len(text) > MAX_DEFINITION or not re.fullmatch(r"[\w/]+", name, re.ASCII):
         raise DefinitionError(f"the definition of {name[:60]} has {len(text)} characters")

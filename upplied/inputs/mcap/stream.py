@@ -79,10 +79,8 @@ def records_in(data: bytes, budget: Budget) -> Iterator[McapRecord]:
 def unpacked(chunk: Chunk) -> bytes:
     """The records of a chunk, decompressed and checked against its CRC.
 
-    Raises
-    ------
-    DamagedError
-        If size, compression or CRC do not fit; the data's own statement of its size is not believed.
+    Raises DamagedError if size, compression or CRC do not fit; the data's own statement of its size is
+    not believed.
     """
     size, data = chunk.uncompressed_size, chunk.data
     if size > MAX_CHUNK_BYTES:

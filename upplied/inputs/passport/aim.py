@@ -37,15 +37,7 @@ class Aim:
 
 
 def aim_of(positions: Floats, quat_xyzw: Floats, scene: Scene) -> Aim:
-    """The camera's heading and pitch beside the nearest surface.
-
-    Parameters
-    ----------
-    positions : array, shape (M, 3), m, structure frame
-    quat_xyzw : array, shape (M, 4), camera to structure
-    scene : Scene
-        Of the structure.
-    """
+    """The camera's heading and pitch beside the nearest surface; poses are (M, 3), m, and (M, 4)."""
     some = chosen_evenly(len(positions), _POSES)
     ahead = optical_axis(quat_xyzw[some])
     near = scene.closest(positions[some])[0] - positions[some]

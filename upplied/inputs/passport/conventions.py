@@ -1,8 +1,8 @@
-"""Other conventions in which a log may have been written, and how well its poses would fit then.
+"""Other conventions in which a log may have been written, and what each makes of its poses.
 
-A wrong convention leaves traces that no pilot leaves: cameras in the ground or in the structure, and
-pictures of nothing. Each convention here is one mistake that recorders and exporters make. The fit of
-a convention is the share of the poses that could be of an inspection if it held.
+A wrong convention leaves traces that no pilot leaves: cameras in the ground or in the structure, pictures
+of nothing, and a stand-off that comes and goes. Each convention here is one mistake that recorders and
+exporters make. The fit of a convention is the share of the poses that could be of an inspection if it held.
 """
 
 from __future__ import annotations
@@ -14,15 +14,11 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from upplied.inputs.flight.inspection import MIDDLE
 from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track, are_unit
-from upplied.inputs.passport.sight import inside
 from upplied.inputs.schemas.px4 import FRD_R_FLU, NED_R_ENU
 from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Floats
 from upplied.scene import Scene
-
-_POSES = 96  # of a flight, spread evenly, on which conventions are compared
 
 Poses = tuple[Floats, Floats]  # positions (M, 3), quaternions (M, 4)
 Change = Callable[[Floats, Floats], Poses]
@@ -44,14 +40,6 @@ class Convention:
         """What to write into the side-car if it is so."""
         remedy = self.remedy or f'convention = "{self.name}"'
         return f"if it is so, write {remedy} into the side-car" if "=" in remedy else remedy
-
-
-@dataclass(frozen=True)
-class Fit:
-    """How well a convention fits: the share of the poses that an inspection could hold."""
-
-    convention: Convention
-    share: float
 
 
 def _turned(positions: Floats, quats: Floats, left: Rotation, right: Rotation | None = None) -> Poses:
@@ -160,75 +148,6 @@ def converted(track: Track, name: str, of_camera: bool = False) -> Track:
     return replace(track, positions=positions, quat_xyzw=quats, notes=(*track.notes, note))
 
 
-def best_fits(
-    track: Track,
-    to_camera: Callable[[Track], Track],
-    scene: Scene,
-    ground_m: float,
-    reach_m: float,
-    enough: float = 2.0,
-) -> tuple[float, list[Fit]]:
-    """How well the poses fit as they are, and the conventions in which they would fit better, best first.
-
-    Parameters
-    ----------
-    track : Track
-        Clean, as logged.
-    to_camera : callable
-        Makes of a track in the log's frame the camera's poses in the structure's.
-    scene : Scene
-        Of the structure.
-    ground_m : float
-        Height of the ground, m, structure frame; minus infinity where it is not known.
-    reach_m : float
-        How far the camera sees, m.
-    enough : float
-        Share of the poses that fit as they are at which no other convention is tried.
-    """
-    thin = track.take(np.linspace(0, len(track) - 1, min(_POSES, len(track))).astype(np.int64))
-    plain = to_camera(thin)
-    given = plain.positions, plain.quat_xyzw
-    share = float(fits(given[0][None], given[1][None], scene, ground_m, reach_m)[0])
-    if share >= enough:
-        return share, []
-    tried: list[tuple[Convention, Poses]] = []
-    for item in NAMED.values():
-        if not item.of_camera:
-            positions, quats = item.change(thin.positions, thin.quat_xyzw)
-            changed = to_camera(replace(thin, positions=positions, quat_xyzw=quats))
-            tried.append((item, (changed.positions, changed.quat_xyzw)))
-    of_camera = [item for item in NAMED.values() if item.of_camera]
-    of_camera += [*_MOUNTS, *_turns(), *_offsets(given, scene)]
-    tried += [(item, item.change(*given)) for item in of_camera]
-    whole = [(item, poses) for item, poses in tried if len(poses[0]) == len(given[0])]
-    shares = fits(
-        np.stack([p for _, (p, _) in whole]), np.stack([q for _, (_, q) in whole]), scene, ground_m, reach_m
-    )
-    candidates = [Fit(item, float(other)) for (item, _), other in zip(whole, shares, strict=True)]
-    return share, sorted(candidates, key=lambda fit: fit.convention.rare - round(fit.share, 2))
-
-
-def fits(positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_m: float) -> Floats:
-    """Share (C,) of the poses (C, M, 3) and (C, M, 4) that could be of an inspection.
-
-    Such a camera is above the ground, outside the structure and not touching it, and its axis meets the
-    structure within reach; a pose counts half where only what is beside the axis does.
-    """
-    count = positions.shape[:2]
-    flat = positions.reshape(-1, 3)
-    good = np.where(flat[:, 2] >= ground_m, 1.0, 0.0)
-    where = np.flatnonzero(good)
-    rays = (Rotation.from_quat(quats.reshape(-1, 4)[where]).as_matrix() @ MIDDLE.T).swapaxes(1, 2)
-    range_m = scene.cast(np.repeat(flat[where], len(MIDDLE), axis=0), rays.reshape(-1, 3))[0]
-    met = range_m.reshape(-1, len(MIDDLE)) <= reach_m
-    good[where] = np.mean([met[:, 0], met.any(axis=1)], axis=0)
-    where = np.flatnonzero(good)
-    good[where] *= scene.distance(flat[where]) >= 0.3
-    where = np.flatnonzero(good)
-    good[where] *= ~inside(flat[where], scene)
-    return np.asarray(good.reshape(count).mean(axis=1))
-
-
 def _mounts() -> Sequence[Convention]:
     """The camera along another axis of what was tracked, or the optical frame taken for it."""
     mounts = [
@@ -243,19 +162,14 @@ def _mounts() -> Sequence[Convention]:
                 continue
             turn = Rotation.from_euler("ZY", [yaw, pitch], degrees=True)
             quat = ", ".join(f"{value:.4f}" for value in turn.as_quat())
-            mounts.append(
-                Convention(
-                    f"mount {yaw:+d} {-pitch:+d}",
-                    f"a camera turned {yaw:+d} deg to the left and {-pitch:+d} deg upwards on its body",
-                    partial(_looking, right=turn),
-                    f"body_T_camera_quat_xyzw = [{quat}]",
-                    0.03,
-                )
-            )
+            words = f"a camera turned {yaw:+d} deg to the left and {-pitch:+d} deg upwards on its body"
+            remedy, change = f"body_T_camera_quat_xyzw = [{quat}]", partial(_looking, right=turn)
+            mounts.append(Convention(f"mount {yaw:+d} {-pitch:+d}", words, change, remedy, 0.03))
     return mounts
 
 
-def _turns() -> Sequence[Convention]:
+def turns() -> Sequence[Convention]:
+    """A frame, or headings, turned about the vertical, at once or more and more."""
     conventions = []
     for degrees in range(10, 360, 10):
         angle = (degrees + 180) % 360 - 180
@@ -276,13 +190,13 @@ def _turns() -> Sequence[Convention]:
     return conventions
 
 
-def _offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
+def offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
     """Steps along the axes and their diagonals, some metres and some diagonals of the structure's box."""
     steps = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
     steps = steps[np.abs(steps).sum(axis=1) > 0]
     away = (scene.box[0] + scene.box[1]) / 2 - np.median(given[0], axis=0)
-    offsets = [size * step for size in (3.0, 6.0, 12.0, 25.0, 50.0) for step in steps]
-    offsets += [away * (1, 1, 0), away * (0, 0, 1)]
+    moves = [size * step for size in (3.0, 6.0, 12.0, 25.0, 50.0) for step in steps]
+    moves += [away * (1, 1, 0), away * (0, 0, 1)]
     return [
         Convention(
             "offset " + " ".join(f"{value:+.0f}" for value in offset) + " m",
@@ -291,8 +205,8 @@ def _offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
             "structure_position_m = [" + ", ".join(f"{-value:.1f}" for value in offset) + "]",
             0.06,
         )
-        for offset in offsets
+        for offset in moves
     ]
 
 
-_MOUNTS = _mounts()
+MOUNTS = _mounts()

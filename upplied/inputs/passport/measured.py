@@ -13,11 +13,18 @@ from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.pace import Pace
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.aim import Aim, aim_of
-from upplied.inputs.passport.conventions import Fit, best_fits
+from upplied.inputs.passport.fits import Fit, best_fits, steadier
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Sight, ground_of, sight_of
-from upplied.inputs.passport.steadiness import Steadiness, steadiness
-from upplied.inputs.passport.velocity import Motion, Pace99, motion_of, pace99_of, turning_of
+from upplied.inputs.passport.velocity import (
+    Motion,
+    Pace99,
+    Steadiness,
+    motion_of,
+    pace99_of,
+    steadiness,
+    turning_of,
+)
 from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, UNVERIFIED, ZOOM_UNHEARD
 from upplied.inputs.sources.source import Source
@@ -70,6 +77,8 @@ class Measured(Steadiness, Motion, Pace99, Aim, Pace):
     other_words: str = ""
     other_advice: str = ""
     other_fit_pct: float = 0.0
+    stand_off_varies: float = 0.0  # standard deviation of its logarithm
+    other_varies: float = 0.0  # in that convention, where it is the steadier
     off_centre_m: tuple[float, float] = (0.0, 0.0)  # by the stand-off, horizontally
     off_centre_sure: float = 0.0  # share of the stand-off's variance that it explains
     felt_turn_pct: float = float("nan")  # correlation of how the poses turn with inertial units
@@ -106,6 +115,10 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     doubtful = clearance < settings.least_clearance_m or sight.inside.any() or off_m >= settings.off_centre_m
     enough = 2.0 if doubtful else 1 - settings.fit_gain_pct / 100  # no other could explain enough more
     given, others = best_fits(logged, reading.to_camera, scene, floor, SEEN * camera.max_range_m, enough)
+    seen_m = SEEN * camera.max_range_m
+    varies, least, steady = steadier(logged, reading.to_camera, scene, floor, seen_m, settings.steadier_ratio)
+    if steady and (not others or others[0].share - given < settings.fit_gain_pct / 100):
+        others = steady
     zoomed = _zoomed(flown, settings.zoom_pct) or [(camera.hfov_deg, 0.0)]
     return Measured(
         **vars(pace),
@@ -125,6 +138,8 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         shown_pct=_pct(sight.shown > 0),
         range_m=float(np.median(sight.range_m[sight.meets])) if sight.meets.any() else float("nan"),
         fit_pct=100 * given,
+        stand_off_varies=varies,
+        other_varies=least if others is steady else varies,
         off_centre_m=(round(off[0], 1), round(off[1], 1)),
         off_centre_sure=sure,
         felt_turn_pct=100 * turning_of(logged, reading.gyroscopes),

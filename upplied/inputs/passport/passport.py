@@ -17,10 +17,7 @@ from upplied.records import Structure
 def passport_of(reading: Reading, structure: Structure, facts: LogOptions, what: str) -> Mapping[str, Any]:
     """The passport of a flight, in plain values.
 
-    Raises
-    ------
-    InputError
-        If a rule is broken that refuses and is not overruled.
+    Raises InputError if a rule is broken that refuses and is not overruled.
     """
     measured = measure(reading, structure, facts.passport)
     verdicts = (*reading.overruled, *judged(measured, facts.passport, facts.allow, facts.strict))
@@ -45,7 +42,11 @@ def _with_hint(verdicts: tuple[Verdict, ...], measured: Measured) -> list[Verdic
     """What is refused, the last of it with the convention that comes nearest to making sense of it."""
     found = list(verdicts)
     names = {verdict.rule for verdict in refusals(verdicts)}
-    if names and "fits-otherwise" not in names and measured.other_fit_pct - measured.fit_pct >= 5:
+    if (
+        names
+        and not names & {"fits-otherwise", "stand-off"}
+        and measured.other_fit_pct - measured.fit_pct >= 5
+    ):
         share = f"{measured.other_fit_pct:.0f} %, as given {measured.fit_pct:.0f} %"
         hint = f"; the nearest other convention, {measured.other_words} ({measured.other}), fits {share}"
         last = max(at for at, verdict in enumerate(found) if verdict.rule in names)

@@ -95,6 +95,11 @@ CHECKS: tuple[FlightRule, ...] = (
          "another convention makes sense of poses that make none as given", "", _fits_otherwise,
          "as {m.other_words} ({m.other}), {m.other_fit_pct:.0f} % of the poses could be of an inspection,"
          " as given {m.fit_pct:.0f} %"),
+    _rule("stand-off", "refuse", "steadier_ratio",
+         "a pilot keeps his distance: where another convention alone has it so, he flew that", "",
+         lambda m, s: s.steadier_ratio * max(m.other_varies, 0.05) <= m.stand_off_varies,
+         "as {m.other_words} ({m.other}), the stand-off would vary by {m.other_varies:.0%}, as given"
+         " it varies by {m.stand_off_varies:.0%}"),
     _rule("below-ground", "refuse", "most_below_ground_pct ground_slack_m",
          "no vehicle flies in the ground", "check heights, axes and the declared ground",
          lambda m, s: m.below_ground_pct > s.most_below_ground_pct,
@@ -251,17 +256,7 @@ RULES: dict[str, Rule] = {rule.name: rule for rule in (*(check.rule for check in
 def judged(
     measured: Measured, settings: PassportSettings, allow: tuple[str, ...] = (), strict: bool = False
 ) -> tuple[Verdict, ...]:
-    """The rules that a flight breaks, in the order of the table.
-
-    Parameters
-    ----------
-    measured : Measured
-    settings : PassportSettings
-    allow : tuple of str
-        Names of rules that are overruled.
-    strict : bool
-        Whether warnings are refusals too.
-    """
+    """The rules that a flight breaks, in the order of the table, those of the names in `allow` overruled."""
     findings = ((check.rule, check.broken(measured, settings)) for check in CHECKS)
     verdicts = [
         broken(rule, words, remedy=rule.remedy or measured.other_advice) for rule, words in findings if words

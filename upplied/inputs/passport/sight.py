@@ -35,17 +35,7 @@ class Sight(Record):
 def sight_of(
     positions: Floats, quat_xyzw: Floats, camera: Camera, structure: Structure, scene: Scene
 ) -> Sight:
-    """Measure poses against a structure.
-
-    Parameters
-    ----------
-    positions : array, shape (M, 3), m, structure frame
-    quat_xyzw : array, shape (M, 4), camera to structure
-    camera : Camera
-    structure : Structure
-    scene : Scene
-        Of the structure.
-    """
+    """Measure the camera's poses, (M, 3), m, and (M, 4), against the structure of this scene."""
     turns = Rotation.from_quat(quat_xyzw)
     ahead = turns.apply([1.0, 0.0, 0.0])
     range_m = scene.cast(positions, ahead)[0]

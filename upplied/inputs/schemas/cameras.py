@@ -95,19 +95,9 @@ def camera_of(
 ) -> tuple[Camera, str, list[str], Zoom | None]:
     """The camera of a flight: what the log measured, what the facts say, and defaults for the rest.
 
-    Returns
-    -------
-    camera : Camera
-    frame : str
-        Name of its optical frame, where known.
-    notes : list of str
-    zoom : Zoom or None
-        Its field of view in time, where the log measured it.
+    With the name of its optical frame and its field of view in time, where they are known, and notes.
 
-    Raises
-    ------
-    InputError
-        If the log holds several cameras and nothing says which.
+    Raises InputError if the log holds several cameras and nothing says which.
     """
     calibrations = [table for table in tables if table.schema in FIELDS]
     found = {t.channel.topic: cam for t in calibrations if (cam := calibrated(t)) is not None}
@@ -154,22 +144,13 @@ def lens_ratio(zoom: Zoom | None, facts: LogOptions) -> float:
 def through(
     camera: Camera, zoom: Zoom | None, track: Track, facts: LogOptions, what: str
 ) -> tuple[Camera, Floats | None]:
-    """The camera of the flight that was chosen, and the field of view of each pose where it zooms.
+    """The camera of the flight that was chosen, and the field of view (N, 2), deg, of poses where it zooms.
 
     Never an average of several: the camera is the narrowest there was, so that whoever looks at nothing
     else claims to have seen only what was seen.
 
-    Returns
-    -------
-    Camera
-    array, shape (N, 2), deg, or None
-        Horizontal and vertical.
-
-    Raises
-    ------
-    InputError
-        If the field of view changes, but no clock says at which pose (`zoom-untimed`). Where that is
-        allowed, the narrowest counts for the whole flight.
+    Raises InputError if the field of view changes, but no clock says at which pose (`zoom-untimed`).
+    Where that is allowed, the narrowest counts for the whole flight.
     """
     if zoom is None or facts.camera_hfov_deg is not None or not len(track):
         return camera, None

@@ -47,11 +47,8 @@ _NO_FIX = -1
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     """The poses of one channel in the structure's frame.
 
-    Raises
-    ------
-    InputError
-        If the structure's place is not known, lies elsewhere, or uses another altitude datum;
-        or if nothing in the log tells the attitude.
+    Raises InputError if the structure's place is not known, lies elsewhere, or uses another altitude
+    datum; or if nothing in the log tells the attitude.
     """
     _check_placed(table, facts)
     times, clock, place, datum = _fixes(table, facts)

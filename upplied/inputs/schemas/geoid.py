@@ -10,13 +10,7 @@ _PIPELINE = (
 
 
 def undulation_m(lat_deg: float, lon_deg: float) -> tuple[float | None, str]:
-    """Undulation of the geoid, m (EGM2008, else EGM96), and by which grid; None, and what is missing.
-
-    Parameters
-    ----------
-    lat_deg, lon_deg : float
-        On WGS 84.
-    """
+    """Undulation of the geoid, m (EGM2008, else EGM96), and by which grid; None, and what is missing."""
     try:
         from pyproj import Transformer, network
         from pyproj.exceptions import ProjError

@@ -40,10 +40,7 @@ _OTHER_FRAME = "pose frame not stated, or another than before"
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     """The poses of one channel, in ENU (or another frame with z up) and FLU.
 
-    Raises
-    ------
-    InputError
-        If there is no attitude to a position, or the frame of the poses is not stated.
+    Raises InputError if there is no attitude to a position, or the frame of the poses is not stated.
     """
     if table.schema == "px4_msgs/VehicleOdometry":
         return _odometry(table)

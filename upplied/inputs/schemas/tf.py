@@ -127,10 +127,7 @@ class Tree:
 def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
     """The tree of all transforms in a log.
 
-    Raises
-    ------
-    InputError
-        If there are too many frames.
+    Raises InputError if there are too many frames.
     """
     tables = [table for table in tables if table.schema in FIELDS]
     tree = Tree(topic=tables[0].channel.topic if tables else "")
@@ -158,10 +155,7 @@ def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
 def samples(tree: Tree, facts: LogOptions, camera_frame: str, what: str) -> Track:
     """Poses of the camera's frame, else of the body's, from the top of the tree or `facts.frame_id`.
 
-    Raises
-    ------
-    InputError
-        If several frames could be meant, or the frame that is asked for does not exist.
+    Raises InputError if several frames could be meant, or the frame that is asked for does not exist.
     """
     leaf = _leaf(tree, facts, camera_frame, what)
     root = facts.frame_id.lstrip("/")

@@ -29,12 +29,7 @@ _MOST_MPS = 60.0  # a hurricane: an estimate beyond has diverged
 def wind_of(tables: Sequence[Table], track: Track, heading_deg: float | None) -> LoggedWind | None:
     """The wind while the poses of a track were logged; None where the log holds none.
 
-    Parameters
-    ----------
-    tables : sequence of Table
-    track : Track
-    heading_deg : float, optional
-        Of the structure's +X, clockwise from north; without it where the wind blows to is not known.
+    Without the heading of the structure's +X, clockwise from north, where it blows to is not known.
     """
     usable = []
     for table in tables:

@@ -15,17 +15,8 @@ import numpy as np
 
 from upplied.extras import extra
 from upplied.inputs.files import read_regular
-from upplied.inputs.sources.source import (
-    MAX_ROWS,
-    Fields,
-    Source,
-    attitudes,
-    fixes,
-    gimbal_status,
-    gimbals,
-    refusal,
-    table,
-)
+from upplied.inputs.sources import source as fill
+from upplied.inputs.sources.source import MAX_ROWS, Fields, Source, refusal
 from upplied.inputs.tables import Table
 from upplied.records import Floats, Ints
 
@@ -37,42 +28,42 @@ Rows = dict[str, list[tuple[int, Any]]]
 
 def _fixes(topic: str, t_ns: Ints, values: Floats) -> Table:
     lat, lon, alt = (values * (1e-7, 1e-7, 1e-3) if topic == "/global_position_int" else values).T
-    return fixes(topic, t_ns, lat, lon, alt=alt)
+    return fill.fixes(topic, t_ns, lat, lon, alt=alt)
 
 
 def _mount(topic: str, t_ns: Ints, values: Floats) -> Table:
     north = bool(np.isfinite(values[:, 0]).mean() >= 0.5)
-    return gimbals(topic, t_ns, values[:, 0 if north else 1], values[:, 2], values[:, 3], north)
+    return fill.gimbals(topic, t_ns, values[:, 0 if north else 1], values[:, 2], values[:, 3], north)
 
 
 def _local(topic: str, t_ns: Ints, values: Floats) -> Table:
     core = values[:, 3] == 0 if values.shape[1] > 3 else np.ones(len(values), bool)
     t_ns, (x, y, z) = t_ns[core], values[core, :3].T
-    return table(topic, "px4_msgs/VehicleLocalPosition", t_ns, timestamp=t_ns // 1000, x=x, y=y, z=z)
+    return fill.table(topic, "px4_msgs/VehicleLocalPosition", t_ns, timestamp=t_ns // 1000, x=x, y=y, z=z)
 
 
 def _wind(topic: str, t_ns: Ints, values: Floats) -> Table:
-    return table(topic, "px4_msgs/Wind", t_ns, windspeed_north=values[:, 0], windspeed_east=values[:, 1])
+    return fill.table(topic, "px4_msgs/Wind", t_ns, windspeed_north=values[:, 0], windspeed_east=values[:, 1])
 
 
 # Message -> the fields that are read of it, and what makes a table of them.
 _MESSAGES: dict[str, tuple[tuple[str, ...], Callable[[str, Ints, Floats], Table]]] = {
     "POS": (("Lat", "Lng", "Alt"), _fixes),
-    "ATT": (("Yaw", "Pitch", "Roll"), lambda topic, t, v: attitudes(topic, t, *v.T)),
+    "ATT": (("Yaw", "Pitch", "Roll"), lambda topic, t, v: fill.attitudes(topic, t, *v.T)),
     "MNT": (("YawE", "YawB", "Pitch", "Roll"), _mount),
     "XKF1": (("PN", "PE", "PD", "C"), _local),
     "NKF1": (("PN", "PE", "PD", "C"), _local),
     "XKF2": (("VWN", "VWE"), _wind),
     "NKF2": (("VWN", "VWE"), _wind),
     "GLOBAL_POSITION_INT": (("lat", "lon", "alt"), _fixes),
-    "ATTITUDE": (("yaw", "pitch", "roll"), lambda topic, t, v: attitudes(topic, t, *np.degrees(v).T)),
+    "ATTITUDE": (("yaw", "pitch", "roll"), lambda topic, t, v: fill.attitudes(topic, t, *np.degrees(v).T)),
     "LOCAL_POSITION_NED": (("x", "y", "z"), _local),
     "GIMBAL_DEVICE_ATTITUDE_STATUS": (
-        ("flags", "q"), lambda topic, t, v: gimbal_status(topic, t, v[:, 0].astype(int), v[:, 1:]),
+        ("flags", "q"), lambda topic, t, v: fill.gimbal_status(topic, t, v[:, 0].astype(int), v[:, 1:]),
     ),
     "MOUNT_STATUS": (
         ("pointing_c", "pointing_a", "pointing_b"),
-        lambda topic, t, v: gimbals(topic, t, v[:, 0] / 100, v[:, 1] / 100, v[:, 2] / 100, north=False),
+        lambda topic, t, v: fill.gimbals(topic, t, v[:, 0] / 100, v[:, 1] / 100, v[:, 2] / 100, north=False),
     ),
 }  # fmt: skip
 

@@ -15,7 +15,7 @@ from typing import Any
 from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from upplied.inputs.mcap.messages import read_tables
+from upplied.inputs.mcap.decoders import read_tables
 from upplied.inputs.mcap.recording import MAGIC, MAX_UNPACKED, Recording, Sink, open_recording
 from upplied.inputs.sources.source import Fields, Source, refusal
 from upplied.inputs.tables import Channel

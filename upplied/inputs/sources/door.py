@@ -107,10 +107,7 @@ _UNREAD_TEXTS = {
 def kind_of(path: Path) -> str:
     """The key in `KINDS` of a file or a folder of photos; empty where it is none.
 
-    Raises
-    ------
-    InputError
-        If it looks like a flight and cannot be read.
+    Raises InputError if it looks like a flight and cannot be read.
     """
     if path.is_dir():
         return "photos" if photos.members(path) else ""
@@ -164,10 +161,7 @@ def _text(path: Path, head: bytes) -> str:
 def read(path: Path, fields: Fields) -> Source:
     """The tables of a file, or of a folder of photos, whatever it is.
 
-    Raises
-    ------
-    InputError
-        If it is no flight, or damaged beyond use.
+    Raises InputError if it is no flight, or damaged beyond use.
     """
     kind = kind_of(path)
     if not kind:
@@ -202,10 +196,7 @@ def parts_of(path: Path, kind: str) -> list[Path]:
 def survey(paths: Iterable[str | Path]) -> list[Found]:
     """What the named files are, or those in the named folders: each of them, in order.
 
-    Raises
-    ------
-    InputError
-        If a name does not exist, or there are too many files.
+    Raises InputError if a name does not exist, or there are too many files.
     """
     found: list[Found] = []
     for name in map(Path, paths):

@@ -14,9 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from defusedxml import ElementTree
 
-from upplied.inputs.files import read_regular
+from upplied.inputs.files import plain_xml, read_regular
 from upplied.inputs.sources.source import SHAPE, Fields, Source, fixes, gimbals, refusal
 from upplied.records import Floats
 
@@ -158,9 +157,7 @@ def _zipped(data: bytes) -> _Route:
 
 def _marks(data: bytes) -> _Route:
     """Placemarks of WPML, else the line of a KML."""
-    root, route = ElementTree.fromstring(data, forbid_dtd=True), _Route()
-    for node in root.iter():  # names of the schema change with its version
-        node.tag = str(node.tag).rsplit("}", 1)[-1]
+    root, route = plain_xml(data), _Route()  # names of the schema change with its version
     if root.find(".//executeHeight") is None:
         lines = [node.findtext("coordinates") for node in root.iter("LineString")]
         if not lines:

@@ -17,19 +17,12 @@ from upplied.inputs.sources.source import dated, focal_of_35mm
 
 _HEAD = 1 << 18  # bytes in which the XMP begins and ends
 _NAMES = {  # content -> the local names that makers use in XMP
-    "gimbal": ("GimbalYawDegree", "CameraYawDegree"),
-    "pitch": ("GimbalPitchDegree", "CameraPitchDegree"),
-    "roll": ("GimbalRollDegree", "CameraRollDegree"),
-    "flight": ("FlightYawDegree", "DroneYawDegree"),
-    "relative": ("RelativeAltitude",),
-    "absolute": ("AbsoluteAltitude",),
-    "lat": ("GpsLatitude",),
-    "lon": ("GpsLongitude", "GpsLongtitude"),
-    "rtk": ("RtkFlag",),
-    "sigma": ("RtkStdHgt",),
-    "focal_px": ("CalibratedFocalLength",),
-    "utc_us": ("CaptureUtime",),
-}
+    "gimbal": ("GimbalYawDegree", "CameraYawDegree"), "pitch": ("GimbalPitchDegree", "CameraPitchDegree"),
+    "roll": ("GimbalRollDegree", "CameraRollDegree"), "flight": ("FlightYawDegree", "DroneYawDegree"),
+    "relative": ("RelativeAltitude",), "absolute": ("AbsoluteAltitude",), "lat": ("GpsLatitude",),
+    "lon": ("GpsLongitude", "GpsLongtitude"), "rtk": ("RtkFlag",), "sigma": ("RtkStdHgt",),
+    "focal_px": ("CalibratedFocalLength",), "utc_us": ("CaptureUtime",),
+}  # fmt: skip
 _LENS = {"exposure_s": "ExposureTime", "f_number": "FNumber", "focal_mm": "FocalLength"}
 _NED = re.compile(r"(Camera)OrientationNED", re.IGNORECASE)  # Skydio: yaw, pitch and roll within
 

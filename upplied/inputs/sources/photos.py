@@ -16,18 +16,9 @@ from typing import Any
 import numpy as np
 
 from upplied.cameras import named_by_exif
+from upplied.inputs.sources import source as fill
 from upplied.inputs.sources.photo_tags import head_of
-from upplied.inputs.sources.source import (
-    Fields,
-    Source,
-    attitudes,
-    cameras,
-    fixes,
-    gimbals,
-    numbered,
-    refusal,
-    spread,
-)
+from upplied.inputs.sources.source import Fields, Source, refusal
 from upplied.inputs.tables import Table
 from upplied.records import Floats, Ints
 
@@ -89,21 +80,21 @@ def _tables(at: dict[str, Floats], t_ns: Ints, notes: list[str]) -> Iterator[Tab
     if (at["rtk"] == _RTK_FIXED).all() and np.isfinite(at["absolute"]).all():
         error = f", heights to {np.nanmedian(at['sigma']):.2f} m" if np.isfinite(at["sigma"]).any() else ""
         notes.append(f"fixed by RTK{error}")
-        yield fixes("/photos", t_ns, at["lat"], at["lon"], alt_ellipsoid=at["absolute"])
+        yield fill.fixes("/photos", t_ns, at["lat"], at["lon"], alt_ellipsoid=at["absolute"])
     elif mostly("relative"):
-        yield fixes("/photos", t_ns, at["lat"], at["lon"], alt_takeoff=at["relative"])
+        yield fill.fixes("/photos", t_ns, at["lat"], at["lon"], alt_takeoff=at["relative"])
     elif mostly("exif_alt"):
         notes.append("altitudes of EXIF are taken to be above mean sea level")
-        yield fixes("/photos", t_ns, at["lat"], at["lon"], alt=at["exif_alt"])
+        yield fill.fixes("/photos", t_ns, at["lat"], at["lon"], alt=at["exif_alt"])
     else:
         raise refusal("photos hold no height", "a height above take-off or sea level", "use the originals")
     if mostly("pitch"):
-        yield gimbals("/photos", t_ns, _yaw(at, notes), at["pitch"], np.nan_to_num(at["roll"]))
+        yield fill.gimbals("/photos", t_ns, _yaw(at, notes), at["pitch"], np.nan_to_num(at["roll"]))
     elif mostly("flight"):
         notes.append("no gimbal in the photos: the camera is taken to look ahead, level")
-        yield attitudes("/photos", t_ns, at["flight"], 0 * at["flight"], 0 * at["flight"])
+        yield fill.attitudes("/photos", t_ns, at["flight"], 0 * at["flight"], 0 * at["flight"])
     if np.isfinite(at["focal_px"]).any() and np.isfinite(at["width"]).any():
-        yield cameras("/photos", t_ns, at["width"], at["height"], at["focal_px"])
+        yield fill.cameras("/photos", t_ns, at["width"], at["height"], at["focal_px"])
 
 
 def _yaw(at: dict[str, Floats], notes: list[str]) -> Floats:
@@ -130,6 +121,6 @@ def _times(t_ms: Floats, notes: list[str]) -> Ints:
     """Times, ns, of photos in the order of their names; those of one second are spread over it."""
     if not np.isfinite(t_ms).all():
         notes.append("not all photos hold a time: by their names, one every 2 s")
-        return numbered(len(t_ms))
+        return fill.numbered(len(t_ms))
     notes.append("times of photos are taken to be UTC where they name no zone")
-    return spread(np.round(t_ms * 1e6).astype(np.int64))
+    return fill.spread(np.round(t_ms * 1e6).astype(np.int64))

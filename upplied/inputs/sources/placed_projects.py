@@ -13,20 +13,9 @@ from defusedxml import ElementTree
 from scipy.spatial.transform import Rotation
 
 from upplied.inputs.files import read_regular
+from upplied.inputs.sources import source as fill
 from upplied.inputs.sources.projects import NO_SIZE, Size, on_earth, reconstructed
-from upplied.inputs.sources.source import (
-    MAX_BYTES,
-    SHAPE,
-    Fields,
-    Source,
-    cameras,
-    fixes,
-    focal_of_35mm,
-    gimbals,
-    numbered,
-    poses,
-    refusal,
-)
+from upplied.inputs.sources.source import MAX_BYTES, SHAPE, Fields, Source, refusal
 from upplied.records import Floats
 
 _ALIGN = ("at least two", "align the photos, export again")
@@ -92,15 +81,15 @@ def _realitycapture(text: str) -> Source:
     x, y, alt, yaw, pitch, roll = np.array([[float(row[name]) for name in names] for row in rows]).T
     pitch = pitch - 90  # 0 looks down in RealityCapture
     focal = np.array([float(row.get("f") or "nan") for row in rows])
-    t_ns, tables = numbered(len(rows)), []
+    t_ns, tables = fill.numbered(len(rows)), []
     notes = ["the export holds no times: one photo every 2 s, in its order"]
     if np.isfinite(focal).all():
-        tables = [cameras("/cameras", t_ns, 36.0, 24.0, focal_of_35mm(36.0, 24.0, focal))]
+        tables = [fill.cameras("/cameras", t_ns, 36.0, 24.0, fill.focal_of_35mm(36.0, 24.0, focal))]
     if (np.abs(x) <= 180).all() and (np.abs(y) <= 90).all():
         notes.append("RealityCapture: x and y are taken for longitude and latitude, alt above the ellipsoid")
-        place = fixes("/cameras", t_ns, y, x, alt_ellipsoid=alt)
-        tables = [place, gimbals("/cameras", t_ns, yaw, pitch, roll), *tables]
+        place = fill.fixes("/cameras", t_ns, y, x, alt_ellipsoid=alt)
+        tables = [place, fill.gimbals("/cameras", t_ns, yaw, pitch, roll), *tables]
         return Source(tables, notes=notes, stills=True)
     turns = Rotation.from_euler("ZYX", np.column_stack([90 - yaw, -pitch, roll]), degrees=True).as_quat()
-    tables = [poses("/cameras", t_ns, np.column_stack([x, y, alt]), turns, "project"), *tables]
+    tables = [fill.poses("/cameras", t_ns, np.column_stack([x, y, alt]), turns, "project"), *tables]
     return Source(tables, notes=notes, defaults={"body_frame": "camera"}, stills=True)

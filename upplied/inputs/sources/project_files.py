@@ -58,17 +58,10 @@ def _files(folder: Path) -> Iterator[Path]:
 def project_at(cameras: Path, options: LogOptions) -> Project | None:
     """The structure and the flight of a project; None where a structure is named, or no surface is there.
 
-    Parameters
-    ----------
-    cameras : path
-        The project's file of cameras, of one of `KINDS`.
-    options : LogOptions
-        Facts about it; `kind` is that of the structure, `unit_m` the metres per unit of a model.
+    `cameras` is a file of one of `KINDS`; of the facts, `kind` is that of the structure, `unit_m` the metres
+    per unit of a model.
 
-    Raises
-    ------
-    InputError
-        If its kind, its scale or its vertical is unknown, or the cameras cannot be read.
+    Raises InputError if its kind, its scale or its vertical is unknown, or the cameras cannot be read.
     """
     declared, _ = inspection(cameras, [], options)
     surface = None if declared.structure_id else surface_of(cameras)

@@ -18,19 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from upplied.inputs.files import read_regular
 from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA
-from upplied.inputs.sources.source import (
-    MAX_BYTES,
-    SHAPE,
-    Fields,
-    Source,
-    attitudes,
-    cameras,
-    fixes,
-    numbered,
-    poses,
-    refusal,
-    spread,
-)
+from upplied.inputs.sources import source as fill
+from upplied.inputs.sources.source import MAX_BYTES, SHAPE, Fields, Source, refusal
 from upplied.records import Floats, Ints, Placement
 
 _FLIPPED = np.diag([1.0, -1.0, -1.0])  # of cameras that look along -z, y up
@@ -68,12 +57,12 @@ def reconstructed(
     quats = (Rotation.from_matrix(matrices) * OPTICAL_R_CAMERA).as_quat()
     notes = list(notes)
     if times is None:
-        times = numbered(len(centres))
+        times = fill.numbered(len(centres))
         notes.append("the project holds no times: one photo every 2 s, in its order")
-    tables = [poses("/cameras", times, centres, quats, "project")]
+    tables = [fill.poses("/cameras", times, centres, quats, "project")]
     known = np.array(list(sizes), float).reshape(-1, 3)
     if len(known) == len(centres) and np.isfinite(known).all():
-        tables.append(cameras("/cameras", times, *known.T))
+        tables.append(fill.cameras("/cameras", times, *known.T))
     defaults: dict[str, Any] = {"body_frame": "camera"} | ({} if scaled else {"unit_m": math.nan})
     return Source(tables, notes=notes, defaults=defaults, stills=True)
 
@@ -88,7 +77,7 @@ def _opensfm(content: list[Any]) -> Source:
     stamps = np.array([float(shot.get("capture_time") or 0) for shot in shots])
     times = None
     if (stamps > 1).all() and np.ptp(stamps) > 0:
-        times = spread(np.round(stamps * 1e9).astype(np.int64))
+        times = fill.spread(np.round(stamps * 1e9).astype(np.int64))
         order = np.argsort(times, kind="stable")
         shots, times = [shots[at] for at in order], times[order]
     turns = Rotation.from_rotvec([shot["rotation"] for shot in shots]).inv()
@@ -110,8 +99,8 @@ def on_earth(source: Source, enu: Floats, place: tuple[float, float, float], hei
     lat, lon, alt = pymap3d.enu2geodetic(*enu.T, *place)
     quats = Rotation.from_quat(table.stack(*(f"pose.orientation.{axis}" for axis in "xyzw")))
     yaw, pitch, roll = quats.as_euler("ZYX", degrees=True).T  # of x forward, y left, z up in east, north, up
-    source.tables.append(fixes("/cameras_on_earth", table.log_ns, lat, lon, **{height: alt}))
-    source.tables.append(attitudes("/cameras_on_earth", table.log_ns, 90 - yaw, -pitch, roll))
+    source.tables.append(fill.fixes("/cameras_on_earth", table.log_ns, lat, lon, **{height: alt}))
+    source.tables.append(fill.attitudes("/cameras_on_earth", table.log_ns, 90 - yaw, -pitch, roll))
     datum = "ellipsoid" if height == "alt_ellipsoid" else "mean sea level"
     source.notes.append(f"heights of the project are taken to be above the {datum}")
 

@@ -10,19 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from upplied.inputs.sources.source import (
-    MAX_ROWS,
-    Fields,
-    Source,
-    attitudes,
-    cameras,
-    dated,
-    fixes,
-    focal_of_35mm,
-    gimbals,
-    refusal,
-    text_of,
-)
+from upplied.inputs.sources import source as fill
+from upplied.inputs.sources.source import MAX_ROWS, Fields, Source, refusal
 from upplied.records import Floats, Ints
 
 _FOOT = 0.3048
@@ -56,7 +45,7 @@ _VIDEO = 3840.0, 2160.0  # pixels, to which the focal length of captions belongs
 
 def read(path: Path, fields: Fields) -> Source:
     """The flight of a record, or of captions; without an attitude in them it is positions alone."""
-    text = text_of(path)
+    text = fill.text_of(path)
     return _record(text) if is_record(text[:8192]) else _captions(text)
 
 
@@ -74,7 +63,7 @@ def _record(text: str) -> Source:
     cells = {
         name: [row[column] if column < len(row) else "" for row in rows] for name, (column, _) in at.items()
     }
-    dates = np.array([dated(cell) for cell in cells.pop("date", [""] * len(rows))])
+    dates = np.array([fill.dated(cell) for cell in cells.pop("date", [""] * len(rows))])
     columns = {
         name: at[name][1] * np.array([_float(cell) for cell in column]) for name, column in cells.items()
     }
@@ -123,7 +112,7 @@ def _captions(text: str) -> Source:
         notes.append(order)
     if "takeoff" not in columns and "baro" in columns:
         columns["takeoff"] = columns["baro"]
-    dates = np.array([dated(block) for block in blocks])
+    dates = np.array([fill.dated(block) for block in blocks])
     return _source("/captions", _times(np.array(since), dates, notes), columns, notes)
 
 
@@ -153,20 +142,20 @@ def _source(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str]
     t_ns, height = t_ns[new], height[new]
     level = np.zeros(len(t_ns))
     columns = {name: column[new] for name, column in columns.items()}
-    tables = [fixes(topic, t_ns, columns["lat"], columns["lon"], **{datum: height})]
+    tables = [fill.fixes(topic, t_ns, columns["lat"], columns["lon"], **{datum: height})]
     heading = columns.get("heading")
     yaw = columns.get("yaw", heading)
     if "pitch" in columns and yaw is not None:
-        tables.append(gimbals(topic, t_ns, yaw, columns["pitch"], columns.get("roll", level)))
+        tables.append(fill.gimbals(topic, t_ns, yaw, columns["pitch"], columns.get("roll", level)))
         if "yaw" not in columns:
             notes.append("the gimbal looks where the aircraft heads: the record has no yaw of its own")
     elif heading is not None:
         nose, bank = columns.get("nose", level), columns.get("bank", level)
-        tables.append(attitudes(topic, t_ns, heading, nose, bank))
+        tables.append(fill.attitudes(topic, t_ns, heading, nose, bank))
     focal = columns.get("focal", np.full(1, np.nan))
     if np.isfinite(focal).any():
         focal = np.where(focal >= 100, focal / 10, focal)  # tenths of a millimetre in older captions
-        tables.append(cameras(topic, t_ns, *_VIDEO, focal_of_35mm(*_VIDEO, focal)))
+        tables.append(fill.cameras(topic, t_ns, *_VIDEO, fill.focal_of_35mm(*_VIDEO, focal)))
     return Source(tables, notes=notes)
 
 

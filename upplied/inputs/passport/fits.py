@@ -1,0 +1,134 @@
+"""How well the poses of a flight fit as given and in other conventions, and how steady their stand-off is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from upplied.inputs.flight.inspection import met_in_the_middle
+from upplied.inputs.flight.tracks import Track
+from upplied.inputs.passport.conventions import MOUNTS, NAMED, Convention, Poses, offsets, turns
+from upplied.inputs.passport.sight import inside
+from upplied.records import Floats
+from upplied.scene import Scene
+
+_POSES = 96  # of a flight, spread evenly, on which conventions are compared
+_STEADY = 0.05  # of the logarithm of the stand-off: no pilot keeps it better
+_AS_WELL = 0.02  # share of the poses by which what is steadier may fit worse
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well a convention fits: the share of the poses that an inspection could hold."""
+
+    convention: Convention
+    share: float
+
+
+def best_fits(
+    track: Track,
+    to_camera: Callable[[Track], Track],
+    scene: Scene,
+    ground_m: float,
+    reach_m: float,
+    enough: float = 2.0,
+) -> tuple[float, list[Fit]]:
+    """How well the poses fit as they are, and the conventions in which they would fit better, best first.
+
+    Parameters
+    ----------
+    track : Track
+        Clean, as logged.
+    to_camera : callable
+        Makes of a track in the log's frame the camera's poses in the structure's.
+    ground_m : float
+        Height of the ground, m, structure frame; minus infinity where it is not known.
+    enough : float
+        Share of the poses that fit as they are at which no other convention is tried.
+    """
+    thin, given = _thinned(track, to_camera)
+    share = float(fits(given[0][None], given[1][None], scene, ground_m, reach_m)[0])
+    if share >= enough:
+        return share, []
+    tried = _as_logged(thin, to_camera)
+    of_camera = [item for item in NAMED.values() if item.of_camera]
+    of_camera += [*MOUNTS, *turns(), *offsets(given, scene)]
+    tried += [(item, item.change(*given)) for item in of_camera]
+    whole = [(item, poses) for item, poses in tried if len(poses[0]) == len(given[0])]
+    shares = fits(
+        np.stack([p for _, (p, _) in whole]), np.stack([q for _, (_, q) in whole]), scene, ground_m, reach_m
+    )
+    candidates = [Fit(item, float(other)) for (item, _), other in zip(whole, shares, strict=True)]
+    return share, sorted(candidates, key=lambda fit: fit.convention.rare - round(fit.share, 2))
+
+
+def steadier(
+    track: Track,
+    to_camera: Callable[[Track], Track],
+    scene: Scene,
+    ground_m: float,
+    reach_m: float,
+    ratio: float,
+) -> tuple[float, float, list[Fit]]:
+    """How much the stand-off varies, how much in other conventions, and those in which it is the steadier.
+
+    It varies by the standard deviation of its logarithm: by so much less, in a ratio, where a convention is
+    named, in which as many poses could be of an inspection. Parameters as for `best_fits`.
+    """
+    thin, given = _thinned(track, to_camera)
+    as_given = _variation(given[0], scene)
+    if as_given < ratio * _STEADY:
+        return as_given, as_given, []
+    tried = [(_variation(poses[0], scene), item, poses) for item, poses in _as_logged(thin, to_camera)]
+    tried = [(varies, item, poses) for varies, item, poses in tried
+             if ratio * max(varies, _STEADY) <= as_given and len(poses[0]) == len(given[0])]  # fmt: skip
+    poses = [given, *(poses for _, _, poses in tried)]
+    positions, quats = (np.stack(part) for part in zip(*poses, strict=True))
+    share, *shares = fits(positions, quats, scene, ground_m, reach_m).tolist()
+    good = [(varies, Fit(item, fit)) for (varies, item, _), fit in zip(tried, shares, strict=True)
+            if fit >= share - _AS_WELL]  # fmt: skip
+    best = sorted(good, key=lambda each: (-round(each[1].share, 2), each[0]))
+    return as_given, best[0][0] if best else as_given, [fit for _, fit in best]
+
+
+def _thinned(track: Track, to_camera: Callable[[Track], Track]) -> tuple[Track, Poses]:
+    """Some poses of a flight, as logged, and those of its camera."""
+    thin = track.take(np.linspace(0, len(track) - 1, min(_POSES, len(track))).astype(np.int64))
+    flown = to_camera(thin)
+    return thin, (flown.positions, flown.quat_xyzw)
+
+
+def _as_logged(thin: Track, to_camera: Callable[[Track], Track]) -> list[tuple[Convention, Poses]]:
+    """The camera's poses by each named convention of what was logged."""
+    tried = []
+    for item in NAMED.values():
+        if not item.of_camera:
+            positions, quats = item.change(thin.positions, thin.quat_xyzw)
+            changed = to_camera(replace(thin, positions=positions, quat_xyzw=quats))
+            tried.append((item, (changed.positions, changed.quat_xyzw)))
+    return tried
+
+
+def _variation(positions: Floats, scene: Scene) -> float:
+    return float(np.std(np.log(np.maximum(scene.distance(positions), 0.05))))
+
+
+def fits(positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_m: float) -> Floats:
+    """Share (C,) of the poses (C, M, 3) and (C, M, 4) that could be of an inspection.
+
+    Such a camera is above the ground, outside the structure and not touching it, and its axis meets the
+    structure within reach; a pose counts half where only what is beside the axis does.
+    """
+    count = positions.shape[:2]
+    flat = positions.reshape(-1, 3)
+    good = np.where(flat[:, 2] >= ground_m, 1.0, 0.0)
+    where = np.flatnonzero(good)
+    met = met_in_the_middle(flat[where], quats.reshape(-1, 4)[where], scene, reach_m)
+    good[where] = np.mean([met[:, 0], met.any(axis=1)], axis=0)
+    where = np.flatnonzero(good)
+    good[where] *= scene.distance(flat[where]) >= 0.3
+    where = np.flatnonzero(good)
+    good[where] *= ~inside(flat[where], scene)
+    return np.asarray(good.reshape(count).mean(axis=1))
