@@ -323,8 +323,9 @@ def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, mad
     log = written(tmp_path, beside)
     row = keep(catalog, judged(catalog, log))
     assert row["shift_m"] == pytest.approx(2.5, abs=0.3) and row["place_error_m"] >= row["shift_m"]
-    (text,) = [each for each in row["findings"].split("; ") if "rightly corrected" in each]
-    assert row["inspected_pct"] + 5 < float(text.split(", ")[1].split(" %")[0]) <= 100
+    assert row["inspected_pct"] + 5 < row["inspected_if_corrected_pct"] <= 100
+    (stored,) = catalog.flights(kind="flown")["inspected_if_corrected_pct"]
+    assert stored == row["inspected_if_corrected_pct"]
     looks = catalog.looks.get(row["looks_sha256"])
     surface = catalog.surface(ID)
     truth, scene = [], scene_of(CUBE)
@@ -341,11 +342,23 @@ def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, mad
     (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
     said = f"{row['assumed_pct']:.1f} % more if the correction of the log is right"
     assert said in page.read_text() and "was certainly in view" in page.read_text()
+    said = f"inspected as planned, {stored:.1f} % if the correction of the log is right"
+    assert said in page.read_text()
+    assert main(["flights", "show", row["flight_id"][:8], "--catalog", catalog.location]) == 0
+    listed = " ".join(capsys.readouterr().out.split())
+    assert re.search(rf"the same if the alignment is right, % [^a-z]*{stored:.1f}", listed), listed
     states = {SURFACE_STATES[state] for state in np.unique(seen_as_flown(surface, looks).state)}
-    assert states >= {"shown", "in view only", "seen if corrected"}
+    assert states >= {"shown", "in view only", "inspected if corrected"}
+    besides = np.intersect1d(looks.patch[looks.assumed > 0], np.flatnonzero(required))
+    doubtful = [SURFACE_STATES.index(name) for name in ("seen if corrected", "inspected if corrected")]
+    assert np.isin(seen_as_flown(surface, looks).state[besides], doubtful).all() and len(besides)
+    colour = seen_as_flown(surface, looks).state == SURFACE_STATES.index("inspected if corrected")
+    both = row["inspected_pct"] + 100 * colour[required].mean()
+    assert both == pytest.approx(stored)  # the two figures are what the two colours show
     # With a stated accuracy no more than that is corrected.
     fixed = judge_log(catalog.location, str(log), ID, None, None, 0.1).row
     assert fixed["shift_m"] == 0 and fixed["assumed_pct"] == 0 and "left as logged" in fixed["findings"]
+    assert fixed["inspected_if_corrected_pct"] is None  # nothing of it hangs on a correction
 
 
 def test_a_log_of_another_structure_or_on_no_plan_is_refused(catalog, log, tmp_path):

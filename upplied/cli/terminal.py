@@ -85,7 +85,8 @@ def show(
     )
     for name in (columns := [name for name in cells if name not in left_out]):
         numbers = any(isinstance(row[name], int | float) for row in rows)
-        table.add_column(name, justify="right" if numbers else "left", overflow="fold", no_wrap=numbers)
+        whole = numbers and not any(isinstance(row[name], str) for row in rows)  # a long text may be wrapped
+        table.add_column(name, justify="right" if numbers else "left", overflow="fold", no_wrap=whole)
     for texts in zip(*(cells[name] for name in columns), strict=True):
         table.add_row(*map(Text, texts))
     console.print(table)

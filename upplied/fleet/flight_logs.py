@@ -195,10 +195,6 @@ def judged_on_plan(
         plan.trajectory, viewpoint_s, on, logged, surface, camera, scene, photo_s, planned_with, rule
     )
     looks = judged.looks
-    findings = list(judged.findings)
-    if looks.inspected_if_corrected is not None:
-        share = _share_pct(looks.inspected_if_corrected, required) or 0.0
-        findings.append(f"if the log was rightly corrected, {share:.1f} % was inspected as asked")
     of_plan = ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")
     columns = {
         **{name: row[name] for name in of_plan},
@@ -215,10 +211,11 @@ def judged_on_plan(
         "plan_frechet_m": judged.frechet_m,
         "flown_pct": judged.flown_pct,
         "inspected_pct": _share_pct(looks.inspected, required),
+        "inspected_if_corrected_pct": _share_pct(looks.inspected_if_corrected, required),
         "required_pct": _share_pct(looks.seen, required),
         "assumed_pct": _share_pct(looks.assumed, required) or 0.0,
         "silent_s": judged.silent_s,
-        "findings": "; ".join(findings),
+        "findings": "; ".join(judged.findings),
         "min_clearance_m": judged.clearance_m,
         "path_length_m": float(leg_lengths(on.flown.positions).sum()),
         "duration_s": float(on.flown.t_s[-1] - on.flown.t_s[0]),
@@ -234,7 +231,7 @@ def _share_pct(flags: Bools | None, required: Bools) -> float | None:
 def keep_looks(catalog: Catalog, surface: Cloud, looks: Looks) -> str:
     """Store how a flight saw the samples of a surface; the hash of it."""
     where = catalog, surface.points, surface.normals, looks.seen, looks.values, looks.pictures
-    return put_looks(*where, looks.assumed, looks.inspected)
+    return put_looks(*where, looks.assumed, looks.inspected, looks.inspected_if_corrected)
 
 
 def required_of(

@@ -23,6 +23,7 @@ STATES = {
     "inspected": "#2e9e7c",
     "seen if corrected": "#c9a0dc",
     "in view only": "#b5651d",
+    "inspected if corrected": "#7b3fa0",
 }
 
 #: Colour of what is, and is not, the structure in a scan: it, the ground, clutter, a neighbour.

@@ -73,6 +73,7 @@ def flown_sentence(flight: Mapping[str, Any] | None, row: Mapping[str, Any]) -> 
 
 _SHARES = {
     "inspected_pct": "of the planned surface was inspected as planned",
+    "inspected_if_corrected_pct": "if the correction of the log is right",
     "required_pct": "of it was certainly in view",
     "assumed_pct": "more if the correction of the log is right",
 }
@@ -99,6 +100,7 @@ def seen_as_flown(planned: SurfaceStates, looks: StoredLooks) -> SurfaceStates:
     become = np.full(len(state), SURFACE_STATES.index("missed"))
     become[looks.patch] = SURFACE_STATES.index("seen if corrected")
     become[looks.certain.patch] = SURFACE_STATES.index("in view only")
+    become[looks.as_asked_if_corrected] = SURFACE_STATES.index("inspected if corrected")
     become[looks.as_asked] = SURFACE_STATES.index("shown")
     state[shown] = become[shown]
     return replace(planned, state=state)

@@ -68,6 +68,7 @@ SURFACE_STATES = (
     "inspected",
     "seen if corrected",
     "in view only",
+    "inspected if corrected",
 )
 
 
@@ -76,8 +77,8 @@ class SurfaceStates(Record):
     """What became of each piece of a target's surface, or what of a source's was inspected, for reports.
 
     `other` was not inspected by the demonstration, and `no counterpart` has no partner on the other one. A
-    flight showed what is `seen if corrected` only if its log was rightly moved onto its plan, and
-    what is `in view only` less finely or sharply than its plan asks.
+    flight showed what is `seen if corrected` or `inspected if corrected` only if its log was rightly moved
+    onto its plan, and what is `in view only` less finely or sharply than its plan asks.
     """
 
     points: Floats  # (N, 3) m, target frame

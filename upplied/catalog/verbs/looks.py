@@ -29,6 +29,7 @@ def put_looks(
     pictures: Ints | None = None,
     assumed: Bools | None = None,
     inspected: Bools | None = None,
+    inspected_if_corrected: Bools | None = None,
 ) -> str:
     """Keep how a flight saw the samples (N, 3) of a surface; returns the hash.
 
@@ -44,8 +45,8 @@ def put_looks(
         That show each sample.
     assumed : array of bool, shape (N,), optional
         Samples that were seen besides, if the correction of the log is right.
-    inspected : array of bool, shape (N,), optional
-        Samples that were looked at as the plan asks.
+    inspected, inspected_if_corrected : array of bool, shape (N,), optional
+        Samples that were looked at as the plan asks, for certain and if the correction of the log is right.
     """
     samples = catalog.surfaces.put_samples(points, normals)
     besides = np.zeros(len(seen), bool) if assumed is None else assumed
@@ -54,9 +55,9 @@ def put_looks(
     number: Any = patch.astype(np.int32)
     count: Any = None if pictures is None else np.minimum(pictures[patch], 65535).astype(np.uint16)
     doubt: Any = besides[patch].astype(np.uint8) if besides.any() else None
-    asked: Any = None if inspected is None else inspected[patch].astype(np.uint8)
-    stored = StoredLooks(samples, number, **small, pictures=count, assumed=doubt, inspected=asked)
-    return catalog.looks.put(stored)
+    flags = {"inspected": inspected, "inspected_if_corrected": inspected_if_corrected}
+    asked: Any = {k: None if flag is None else flag[patch].astype(np.uint8) for k, flag in flags.items()}
+    return catalog.looks.put(StoredLooks(samples, number, **small, pictures=count, assumed=doubt, **asked))
 
 
 def looks_at(catalog: Reading, structure_id: str, place_m: Sequence[float], kind: str = "") -> pd.DataFrame:

@@ -11,7 +11,7 @@ upplied.STATES = [
   ["not inspected", "#c7cdd6"], ["shown", "#7db8e8"], ["missed", "#d55e00"],
   ["unattainable", "#f0e442"], ["no counterpart", "#8c7a99"],
   ["hardly inspected", "#d5e8e0"], ["partly inspected", "#8fcbb5"], ["inspected", "#2e9e7c"], ["seen if corrected", "#c9a0dc"],
-  ["in view only", "#b5651d"],
+  ["in view only", "#b5651d"], ["inspected if corrected", "#7b3fa0"],
 ];
 upplied.SIGNS = { ok: "✓", refused: "!", failed: "×", "not flyable": "⊘", recalled: "⛔" };
 
