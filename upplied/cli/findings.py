@@ -207,7 +207,7 @@ def looks(
     *,
     out: OutOption = None,
     photos: PhotosOption = None,
-    simulated: Annotated[bool, Parameter(negative="", help="Simulated flights as well.")] = False,
+    simulated: Annotated[bool, Parameter(help="Simulated flights as well.")] = False,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
@@ -225,9 +225,7 @@ def carry(
     /,
     *,
     to: ToOption = "kind",
-    every: Annotated[
-        bool, Parameter(negative="", help="Repeat on each similar part, such as each blade.")
-    ] = False,
+    every: Annotated[bool, Parameter(help="Repeat on each similar part, such as each blade.")] = False,
     mm_px: FinenessOption = float("inf"),
     since: SinceOption = None,
     catalog: CatalogOption = "catalog",

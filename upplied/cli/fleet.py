@@ -41,7 +41,7 @@ def run(
 def notify(
     url: str,
     *,
-    every_run: Annotated[bool, Parameter(negative="", help="Report successful runs as well.")] = False,
+    every_run: Annotated[bool, Parameter(help="Report successful runs as well.")] = False,
     port: PortOption = 4200,
 ) -> int:
     """Send a message whenever a run fails, is lost or leaves failures; a new address replaces the old one.

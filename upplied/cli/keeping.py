@@ -63,8 +63,7 @@ def export(
     kind: Annotated[str | None, Parameter(help="Only structures of this kind.")] = None,
     demonstration: Annotated[str | None, Parameter(help="Only this demonstration.")] = None,
     preset: Annotated[
-        str,
-        Parameter(help="Preset, or all; by default the first in use of recommended, paper, baseline."),
+        str, Parameter(help="Preset, or all; by default the first in use of recommended, paper, baseline.")
     ] = "",
     catalog: CatalogOption = "catalog",
 ) -> int:
@@ -109,12 +108,8 @@ def import_(
     folder: Path,
     /,
     *,
-    replace: Annotated[
-        bool, Parameter(negative="", help="Store entries of the same name as newer versions.")
-    ] = False,
-    verify: Annotated[
-        bool, Parameter(negative="", help="Compute the measures of every plan again and compare.")
-    ] = False,
+    replace: Annotated[bool, Parameter(help="Store entries of the same name as newer versions.")] = False,
+    verify: Annotated[bool, Parameter(help="Compute the measures of every plan again and compare.")] = False,
     catalog: CatalogOption = "catalog",
 ) -> int:
     """Import an exported folder after checking it.

@@ -87,8 +87,7 @@ def release(
     by: ByOption,
     note: NoteOption = "",
     force: Annotated[
-        tuple[str, ...],
-        Parameter(negative="", help="Rule to overrule: preset, verdict, rejected, recalled or changed."),
+        tuple[str, ...], Parameter(help="Rule to overrule: preset, verdict, rejected, recalled or changed.")
     ] = (),
     catalog: CatalogOption = "catalog",
 ) -> int:

@@ -27,8 +27,7 @@ PortOption = Annotated[
     ),
 ]
 RootOption = Annotated[
-    tuple[str, ...],
-    Parameter(name="--root", negative="", help="Additional folder or URI that runs may use; repeatable."),
+    tuple[str, ...], Parameter(name="--root", help="Additional folder or URI that runs may use; repeatable.")
 ]
 PartOption = Annotated[
     Literal["server", "worker", "reports"] | None,
@@ -70,9 +69,7 @@ def deploy(*, port: PortOption = 4200) -> int:
 def watch(
     folder: Path,
     *,
-    flights: Annotated[
-        bool, Parameter(negative="", help="The logs are flights of plans: start ingest-flights.")
-    ] = False,
+    flights: Annotated[bool, Parameter(help="The logs are flights of plans: start ingest-flights.")] = False,
     port: PortOption = 4200,
 ) -> int:
     """Emit the event that starts ingest-demonstrations for each complete log.

@@ -54,7 +54,7 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
     from json import loads
 
     from upplied.outputs.pairs import shown_status
-    from upplied.outputs.verdicts import fineness
+    from upplied.outputs.verdicts import resolution
 
     if as_json:
         show("", [{**row, "warnings": loads(row["warnings"] or "[]")} for row in rows], as_json)
@@ -68,7 +68,7 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
             why = row["reason"] or row["not_flyable"]
             say(f"{status}: {row['target_id']} ({row['preset']}): {why}")
             continue
-        if fine := fineness(row):
+        if fine := resolution(row):
             say(f"{row['target_id']} ({row['preset']}): {fine}")
         if warnings := loads(row["warnings"] or "[]"):
             say(f"check: {row['target_id']} ({row['preset']}): {'; '.join(warnings)}")

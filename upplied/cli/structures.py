@@ -32,9 +32,7 @@ def add(
     manifest: Path,
     /,
     *,
-    prune: Annotated[
-        bool, Parameter(negative="", help="Retire structures that the manifest no longer names.")
-    ] = False,
+    prune: Annotated[bool, Parameter(help="Retire structures that the manifest no longer names.")] = False,
     allow: AllowOption = (),
     strict: StrictOption = False,
     set_: RuleOption = (),
@@ -109,8 +107,7 @@ def check(
     id: Annotated[str | None, Parameter(help="Structure of a manifest to report in full.")] = None,
     png: Annotated[Path | None, Parameter(help="Picture to write; by default NAME-check.png here.")] = None,
     clean: Annotated[
-        bool,
-        Parameter(negative="", help="Also write NAME-clean.ply without ground, clutter and neighbours."),
+        bool, Parameter(help="Also write NAME-clean.ply without ground, clutter and neighbours.")
     ] = False,
     allow: AllowOption = (),
     strict: StrictOption = False,

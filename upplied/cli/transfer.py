@@ -21,34 +21,18 @@ plan = App(name="plan", help="Plan every pair whose inputs changed, or show whic
 
 PresetOption = Annotated[
     tuple[str, ...],
-    Parameter(
-        name="--preset",
-        negative="",
-        consume_multiple=True,
-        help="paper, recommended or baseline; repeatable.",
-    ),
+    Parameter(name="--preset", consume_multiple=True, help="paper, recommended or baseline; repeatable."),
 ]
 SetOption = Annotated[
-    tuple[str, ...],
-    Parameter(
-        name="--set",
-        negative="",
-        show_default=False,
-        help="A planning parameter, as STAGE.NAME=VALUE; repeatable.",
-    ),
+    tuple[str, ...], Parameter(name="--set", help="A planning parameter, as STAGE.NAME=VALUE; repeatable.")
 ]
 BestOption = Annotated[
-    str,
-    Parameter(
-        name="--best", show_default=False, help="Structure that receives the demonstration that fits best."
-    ),
+    str, Parameter(name="--best", help="Structure that receives the demonstration that fits best.")
 ]
 ExperimentOption = Annotated[
     str,
     Parameter(
-        name="--experiment",
-        show_default=False,
-        help="Name of an experiment; its plans are never current and never released.",
+        name="--experiment", help="Name of an experiment; its plans are never current and never released."
     ),
 ]
 TimeoutOption = Annotated[float, Parameter(name="--timeout", help="Time limit of one structure, in seconds.")]
@@ -60,7 +44,7 @@ def transfer(
     demonstration: str = "",
     /,
     *,
-    to: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="", show_default=False)] = (),
+    to: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
     preset: PresetOption = DEFAULT_PRESETS,
     set_: SetOption = (),
     choices: Choices | None = None,
@@ -147,10 +131,10 @@ def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> t
 @plan.default
 def plan_fleet(
     *,
-    dry_run: Annotated[bool, Parameter(negative="", help="Show what would be planned, and stop.")] = False,
+    dry_run: Annotated[bool, Parameter(help="Show what would be planned, and stop.")] = False,
     preset: PresetOption = DEFAULT_PRESETS,
     set_: SetOption = (),
-    retry_failed: Annotated[bool, Parameter(negative="", help="Include pairs that failed before.")] = False,
+    retry_failed: Annotated[bool, Parameter(help="Include pairs that failed before.")] = False,
     experiment: ExperimentOption = "",
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
