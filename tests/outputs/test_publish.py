@@ -129,7 +129,7 @@ def test_a_flight_in_simulation_stands_beside_its_plan_until_another_takes_its_p
     )
     drawn = np.frombuffer(base64.b64decode(told["path"]["xyz"]["data"]), "<f4").reshape(-1, 3) + origin
     assert np.allclose(drawn, catalog.path.positions, atol=1e-4)
-    assert told["measures"]["min_clearance_m"] == 3.25 and "3.25 m (planned 4.00 m)" in told["said"]
+    assert told["measures"]["min_clearance_m"] == 3.25 and "3.25 m (planned 4.00 m)" in told["summary"]
     assert not publish_pages(catalog, tmp_path, pictures=0).written
 
 
@@ -301,7 +301,7 @@ def test_pictures_and_missions_by_id(kept, tmp_path):
     draft = MissionOptions(draft=True)
     done = render.export_transfer(kept, row["transfer_id"], "mcap", tmp_path / "p.mcap", draft)
     assert b"DRAFT, NOT RELEASED" in done.paths[0].read_bytes()
-    with pytest.raises(RefusedError, match="no place on the Earth"):
+    with pytest.raises(RefusedError, match="place on the Earth is unknown"):
         render.export_transfer(kept, row["transfer_id"], "kml", tmp_path / "p.kml", draft)
     with pytest.raises(CatalogError, match="not in the catalog"):
         render.render_transfer(kept, "0" * 20)

@@ -256,12 +256,12 @@ def reshoot(
     catalog: CatalogOption = "catalog",
 ) -> int:
     """Plan a mission that shows findings from where their photos did; the result is a draft."""
-    from upplied.findings.campaign import asked_findings
+    from upplied.findings.campaign import selected_findings
     from upplied.findings.reshoot import plan_reshoot
 
     store = opened(catalog)
     with errors.status("planning"):
-        plan = plan_reshoot(store, asked_findings(store, findings, on), on, mm_px)
+        plan = plan_reshoot(store, selected_findings(store, findings, on), on, mm_px)
     for words in plan.words:
         say(words)
     say(f"{plan.transfer_id}: a draft for {on}")

@@ -17,23 +17,23 @@ def reproduce(catalog: str, transfer_id: str) -> int:
     from upplied.provenance import causes
 
     store = opened(catalog)
-    made_from = recipe(store, store.find_transfer(transfer_id))
-    purpose = made_from.row["purpose"] or ""
+    basis = recipe(store, store.find_transfer(transfer_id))
+    purpose = basis.row["purpose"] or ""
     if purpose.startswith("gap "):
         remedy = f"plan it again: upplied flights gap {purpose.removeprefix('gap ')}"
         raise RefusedError(f"plan {transfer_id}", "was made from a flight", "", remedy)
     if purpose.startswith("reshoot "):
-        remedy = f"plan it again: upplied reshoot --on {made_from.row['target_id']}"
+        remedy = f"plan it again: upplied reshoot --on {basis.row['target_id']}"
         raise RefusedError(f"plan {transfer_id}", "was made from findings", "", remedy)
     with errors.status("planning again"):
-        settings = made_from.settings
-        zones, untold = required_surface(store, store.cache, made_from.target, settings.required.zones)
-        inputs = (made_from.demonstration, made_from.source, made_from.target)
-        plan = plan_transfer(*inputs, settings, no_memo, zones, made_from.siblings)
+        settings = basis.settings
+        zones, untold = required_surface(store, store.cache, basis.target, settings.required.zones)
+        inputs = (basis.demonstration, basis.source, basis.target)
+        plan = plan_transfer(*inputs, settings, no_memo, zones, basis.siblings)
         plan = replace(plan, warnings=(*plan.warnings, *untold))
-    different = made_from.differences(plan)
-    row = made_from.row
-    for doubt in made_from.doubts:
+    different = basis.differences(plan)
+    row = basis.row
+    for doubt in basis.doubts:
         say(f"note: {doubt}")
     if not different:
         what = f"{row['n_waypoints']} waypoints" if row["status"] == "ok" else row["status"]

@@ -38,7 +38,7 @@ PartOption = Annotated[
 @serving.default
 def serve(*, port: PortOption = 4200, root: RootOption = (), only: PartOption = None) -> int:
     """Serve the fleet of this folder on this machine."""
-    flows_wanted()
+    require_flows()
     from upplied.flows import serve as service
     from upplied.flows.server import ServerError
 
@@ -91,7 +91,7 @@ def watch(
     return 0
 
 
-def flows_wanted() -> None:
+def require_flows() -> None:
     """Say what to install where the flows are not there."""
     with extra("fleet"):
         if find_spec("prefect") is None:
@@ -100,7 +100,7 @@ def flows_wanted() -> None:
 
 def connected(port: int) -> dict[str, str]:
     """The variables of the server, known to Prefect from here on; none, and told, where none answers."""
-    flows_wanted()
+    require_flows()
     from upplied.flows import environment
     from upplied.flows.server import answers
 

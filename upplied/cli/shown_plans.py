@@ -36,10 +36,10 @@ def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]
     from upplied.fleet.decisions import SettingsOf
 
     table = catalog.transfers(every=True)
-    wanted = table["demonstration_id"].isin(plan_request.demonstrations)
-    wanted &= table["purpose"] == plan_request.purpose
-    wanted &= table["target_id"].isin(plan_request.targets or catalog.structures()["structure_id"])
-    table = table[wanted & table["preset"].isin(plan_request.presets)]
+    selected = table["demonstration_id"].isin(plan_request.demonstrations)
+    selected &= table["purpose"] == plan_request.purpose
+    selected &= table["target_id"].isin(plan_request.targets or catalog.structures()["structure_id"])
+    table = table[selected & table["preset"].isin(plan_request.presets)]
     settings_of = SettingsOf(catalog, plan_request)
     hashes = [settings_of(*row).sha256 for row in table[["preset", "kind", "target_id"]].to_numpy().tolist()]
     table = table[table["settings_sha256"] == hashes]

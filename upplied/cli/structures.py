@@ -49,7 +49,7 @@ def add(
     from upplied import fleet
     from upplied.inputs.manifests import read_manifest
 
-    store, rules = opened(catalog), _asked(allow, strict, set_)
+    store, rules = opened(catalog), _rule_options(allow, strict, set_)
     with progress("reading structures", len(read_manifest(manifest))) as advance:
         ingested = fleet.ingest_structures(store, manifest, workers, lambda _: advance(), prune, rules)
     code = ingested_report(ingested)
@@ -128,7 +128,7 @@ def check(
     from upplied.errors import InputError
     from upplied.inputs.manifests import read_manifest
 
-    rules = _asked(allow, strict, set_)
+    rules = _rule_options(allow, strict, set_)
     if file.suffix.lower() not in (".toml", ".csv"):
         return check_one(file, png, clean=clean)
     others = _compared(catalog)
@@ -146,7 +146,7 @@ def check(
     return int(any(item.status == "failed" for item in checked))
 
 
-def _asked(allow: tuple[str, ...], strict: bool, limits: tuple[str, ...]) -> RuleOptions:
+def _rule_options(allow: tuple[str, ...], strict: bool, limits: tuple[str, ...]) -> RuleOptions:
     from upplied.fleet import RuleOptions
     from upplied.inputs.structure_rules import changed
 

@@ -82,16 +82,16 @@ def transfer(
     if not demonstration:
         raise SettingsError("transfer", "no demonstration is named", "", "see: upplied demonstrations list")
     opened_catalog = opened(catalog)
-    wanted = fitting(opened_catalog, demonstration, to)
+    targets = fitting(opened_catalog, demonstration, to)
     plan_request = fleet.PlanRequest(
-        preset, (choices or Choices()).onto(changes(set_)), (demonstration,), wanted, False, experiment
+        preset, (choices or Choices()).onto(changes(set_)), (demonstration,), targets, False, experiment
     )
     run(opened_catalog, fleet.decide(opened_catalog, plan_request), workers, timeout)
     rows = current(opened_catalog, plan_request)
     show_plans(demonstration, rows, json)
     if not json and any(row["status"] == "ok" for row in rows):
         next_step("report", "publish the plans as pages", catalog)
-    return int(len(wanted) < len(to) or any(row["status"] != "ok" for row in rows))
+    return int(len(targets) < len(to) or any(row["status"] != "ok" for row in rows))
 
 
 def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> tuple[str, ...]:

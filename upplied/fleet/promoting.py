@@ -69,8 +69,8 @@ def promote_flight(
     if left:
         reasons = "; ".join(fault for _, fault in left)
         raise RefusedError(what, reasons, RULES[left[0][0]], f"or overrule it: --force {left[0][0]}")
-    made_up = f"{plan['demonstration_id']}-{structure.structure_id}-{row['flown_at']:%Y%m%d}"[:64]
-    name = check_id(name or made_up, "demonstration id")
+    usual_name = f"{plan['demonstration_id']}-{structure.structure_id}-{row['flown_at']:%Y%m%d}"[:64]
+    name = check_id(name or usual_name, "demonstration id")
     known = set(catalog.demonstrations(every=True)["demonstration_id"])
     if name in known:
         fault = "is in the catalog"

@@ -12,7 +12,7 @@ _WORTH_A_LOOK_PCT = 1.0  # of the inspected surface: below it nobody finds the p
 _SHOWN = (
     ("coverage_inspected_pct", "of the inspected surface at the demonstrated quality"),
     ("coverage_seen_pct", "of the demonstrated surface"),
-    ("coverage_paper_pct", "of the surface in the camera's frustum, hidden or not"),
+    ("coverage_paper_pct", "of the surface by the camera's frustum alone"),
 )
 
 

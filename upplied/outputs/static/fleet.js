@@ -166,10 +166,10 @@
       if (wanted === drawn) return;
       drawn = wanted;
       body.replaceChildren(...rows.slice(first, last).map((row, at) => {
-        const made = element("div", { class: "row " + row.status, role: "row", "aria-rowindex": first + at + 2 }, cells(row, columns));
-        made.style.top = (first + at) * height + "px";
-        made.style.height = height + "px";
-        return made;
+        const line = element("div", { class: "row " + row.status, role: "row", "aria-rowindex": first + at + 2 }, cells(row, columns));
+        line.style.top = (first + at) * height + "px";
+        line.style.height = height + "px";
+        return line;
       }));
     }
 
