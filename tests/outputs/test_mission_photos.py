@@ -92,7 +92,7 @@ def test_a_camera_that_takes_longer_gets_fewer_photos_and_the_flight_waits_only_
     )
     assert slow.photo.sum() < quick.photo.sum()
     for mission in (quick, slow):
-        assert any("% of what the plan shows" in note for note in mission.notes)
+        assert any("% of the planned surface" in note for note in mission.notes)
     asked = MissionOptions(trigger_s=6.0, home_m=HOME, overlap="85/0")
     waiting = missions_of(plan, placed_box(), asked)[0]
     assert waiting.duration_s > slow.duration_s + 10
@@ -136,7 +136,7 @@ def test_thinned_photos_show_all_that_the_plan_shows_and_say_so(trigger_s):
     by_distance = replace(options, photos="distance", photo_distance_m=40.0, least_seen_pct=0.0)
     (few,) = missions_of(plan, placed_box(), by_distance, camera=camera)
     assert few.shown_pct < 80 and any(
-        f"which show {few.shown_pct / 0.9:.1f} % of what the plan shows" in note for note in few.notes
+        f"which show {few.shown_pct / 0.9:.1f} % of the planned surface" in note for note in few.notes
     )
     with pytest.raises(RefusedError, match="coverage"):
         missions_of(plan, placed_box(), replace(by_distance, least_seen_pct=95.0), camera=camera)
@@ -222,7 +222,7 @@ def test_a_film_begins_with_the_inspection_and_ends_with_it(tmp_path):
     for name in ("qgc-plan", "dji-wpml", "litchi"):
         done = export(made_plan(), placed_box(), name, tmp_path / f"f{FORMATS[name]}", options)
         (mission,), path = done.missions, done.paths[0]
-        assert not mission.photo.any() and any("films" in note for note in mission.notes)
+        assert not mission.photo.any() and any("records a video" in note for note in mission.notes)
         if name == "qgc-plan":
             commands = [item["command"] for item in json.loads(path.read_text())["mission"]["items"]]
             first, last = commands.index(2500), commands.index(2501)

@@ -240,7 +240,7 @@ def test_stops_count_against_the_battery_and_are_told():
     stopping = missions_of(made_plan(), placed_box(), options, Flying(stop_s=5.0))
     assert len(stopping) > len(straight)
     assert all(mission.duration_s <= 240.0 for mission in stopping)
-    assert "5 s are added for the stop at each waypoint" in stopping[0].notes
+    assert "the flight time includes 5 s for the stop at each waypoint" in stopping[0].notes
 
 
 def test_the_notes_say_what_heights_mean_and_how_high_the_way_home_is():
