@@ -19,10 +19,8 @@ from upplied.cli import (
     declared,
     demonstrations,
     doctor,
-    edit,
     export,
     findings,
-    fleet,
     flights,
     fly,
     keeping,
@@ -70,11 +68,11 @@ _GROUPS = {  # of the help, in the order in which a newcomer needs them
     ),
     "Review": (
         *(studio.app, report.app, render.app),
-        *(review.reviewing, review.releasing, review.rejecting, edit.app),
+        *(review.reviewing, review.releasing, review.rejecting, review.editing),
     ),
     "Fly": (fly.app, export.app, export.briefing, flights.app),
     "Findings": (findings.app, looks.looking, findings.reshooting),
-    "Fleet": (review.in_force, fleet.app, keys.app),
+    "Fleet": (review.in_force, serve.fleet, keys.app),
     "Service": (quickstart.app, serve.serving, serve.deploying, serve.watching, doctor.app),
 }
 for _at, (_title, _commands) in enumerate(_GROUPS.items()):

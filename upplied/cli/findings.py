@@ -127,7 +127,8 @@ def photos(
     from upplied.findings.photos import flight_of, register_photos
 
     store = opened(catalog)
-    new, refused = register_photos(store, flight_of(store, flight), folder, times, clock, by)
+    with errors.status("reading photos"):
+        new, refused = register_photos(store, flight_of(store, flight), folder, times, clock, by)
     for reason in refused:
         complain(f"refused: {reason}")
     say(f"{new} photos registered, {len(refused)} refused")

@@ -83,18 +83,18 @@ def export(
     if not preset:
         used = [name for name in ("recommended", "paper", "baseline") if name in set(chosen["preset"])]
         chosen = chosen[chosen["preset"].isin(used[:1])]
-    if format == "tum":
-        _counted(str(folder), export_tum(store, folder, chosen))
-        return 0
-    if format == "lerobot":
-        flown = store.demonstrations()
-        flown = flown[flown["structure_id"].isin(store.structures(kind=kind)["structure_id"])]
-        names = [name for name in flown["demonstration_id"] if demonstration in (None, name)]
-        _counted(str(folder), export_lerobot(store, folder, chosen, 10, names, licence, attribution))
-        return 0
-    name = name or versioned(folder.resolve().name)
     with errors.status("exporting"):
-        _counted(str(folder), export_dataset(store, folder, name, chosen, licence, attribution))
+        if format == "tum":
+            counts = export_tum(store, folder, chosen)
+        elif format == "lerobot":
+            flown = store.demonstrations()
+            flown = flown[flown["structure_id"].isin(store.structures(kind=kind)["structure_id"])]
+            names = [each for each in flown["demonstration_id"] if demonstration in (None, each)]
+            counts = export_lerobot(store, folder, chosen, 10, names, licence, attribution)
+        else:
+            name = name or versioned(folder.resolve().name)
+            counts = export_dataset(store, folder, name, chosen, licence, attribution)
+    _counted(str(folder), counts)
     return 0
 
 

@@ -10,7 +10,7 @@ from upplied.cli.choices import Choices
 from upplied.cli.options import CatalogOption, JsonOption, WorkersOption
 from upplied.cli.recommend import best as best_for
 from upplied.cli.shown_plans import current, show_decision, show_plans
-from upplied.cli.terminal import complain, console, next_step, opened, progress, say
+from upplied.cli.terminal import complain, console, errors, next_step, opened, progress, say
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
@@ -66,11 +66,10 @@ def transfer(
         IDs of the targets; by default every other structure of the kind.
     """
     from upplied import fleet
-    from upplied.cli.reproduce import reproduce as made_again
     from upplied.errors import SettingsError
 
     if reproduce is not None:
-        return made_again(catalog, reproduce)
+        return _reproduced(catalog, reproduce)
     if best and (demonstration or to):
         raise SettingsError(
             "transfer",
@@ -146,7 +145,8 @@ def plan_fleet(
 
     opened_catalog = opened(catalog)
     plan_request = fleet.PlanRequest(preset, changes(set_), retry_failed=retry_failed, experiment=experiment)
-    decision = fleet.decide(opened_catalog, plan_request)
+    with errors.status("comparing inputs"):
+        decision = fleet.decide(opened_catalog, plan_request)
     if dry_run:
         show_decision(decision, json)
         if decision.jobs and not json:
@@ -191,3 +191,49 @@ def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> R
     for message in carry_edits(catalog):
         complain(message)
     return result
+
+
+def _reproduced(catalog: str, transfer_id: str) -> int:
+    """Plan again what a transfer was planned from; 0 when the same bytes come of it, else 1."""
+    from dataclasses import replace
+
+    from upplied.catalog import recipe
+    from upplied.errors import RefusedError
+    from upplied.fleet.required import required_surface
+    from upplied.planning.correspondence.memo import no_memo
+    from upplied.planning.plan import METHOD_VERSION, plan_transfer
+    from upplied.provenance import causes
+
+    store = opened(catalog)
+    basis = recipe(store, store.find_transfer(transfer_id))
+    purpose = basis.row["purpose"] or ""
+    if purpose.startswith("gap "):
+        remedy = f"plan it again: upplied flights gap {purpose.removeprefix('gap ')}"
+        raise RefusedError(f"plan {transfer_id}", "was made from a flight", "", remedy)
+    if purpose.startswith("reshoot "):
+        remedy = f"plan it again: upplied reshoot --on {basis.row['target_id']}"
+        raise RefusedError(f"plan {transfer_id}", "was made from findings", "", remedy)
+    with errors.status("planning again"):
+        settings = basis.settings
+        zones, untold = required_surface(store, store.cache, basis.target, settings.required.zones)
+        inputs = (basis.demonstration, basis.source, basis.target)
+        plan = plan_transfer(*inputs, settings, no_memo, zones, basis.siblings)
+        plan = replace(plan, warnings=(*plan.warnings, *untold))
+    different = basis.differences(plan)
+    row = basis.row
+    for doubt in basis.doubts:
+        say(f"note: {doubt}")
+    if not different:
+        what = f"{row['n_waypoints']} waypoints" if row["status"] == "ok" else row["status"]
+        say(f"{transfer_id}: the same again ({what})")
+        return 0
+    say(f"{transfer_id}: differs in {', '.join(different)}")
+    why = causes(row, METHOD_VERSION)
+    origin = f"It was planned by method {row['method_version']}, code {row['code_version']}."
+    origin += (
+        f" Cause: {'; '.join(why)}."
+        if why
+        else (" Method, sources, libraries and machine are unchanged: please report this as a fault.")
+    )
+    say(origin)
+    return 1
