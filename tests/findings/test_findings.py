@@ -436,7 +436,7 @@ def test_a_mission_shows_a_place_as_its_photo_did_and_as_finely_as_asked(filled)
         assert picture == b"" and "is not the one that was registered" in caption
     finally:
         photo.write_bytes(kept)
-    with pytest.raises(RefusedError, match=r"no safe look at 0\.2 mm a pixel, 2 m away"):
+    with pytest.raises(RefusedError, match=r"no safe look at 0\.2 mm/px, 2 m away"):
         plan_reshoot(catalog, rows, "cube-v1", 0.2)
     with pytest.raises(RefusedError, match="has neither plan nor demonstration"):
         plan_reshoot(catalog, rows, "cuboid-v1", 5.0)

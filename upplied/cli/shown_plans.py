@@ -32,7 +32,7 @@ _SPARE = ("paper %", "Frechet", "time s", "flown mm", "as fine %", "stand-off", 
 
 
 def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]:
-    """The newest plans of what was asked for: with these very settings, whatever was planned since."""
+    """The newest plans of a request: with exactly these settings, whatever was planned since."""
     from upplied.fleet.decisions import SettingsOf
 
     table = catalog.transfers(every=True)

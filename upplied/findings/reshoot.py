@@ -97,8 +97,8 @@ def plan_reshoot(
         If no finding can be shown so by a safe flight; nothing is stored then.
     """
     if not (rows and 0 < mm_px < np.inf):
-        request = f"{len(rows)} findings at {mm_px:g} mm a pixel"
-        raise RefusedError("a mission", f"was asked for {request}", "findings, and more than 0 mm a pixel")
+        request = f"{len(rows)} findings at {mm_px:g} mm/px"
+        raise RefusedError("the mission", f"has {request}", "at least one finding, and more than 0 mm/px")
     base = base_of(catalog, structure_id)
     wanted, refused = wanted_looks(carrying or Carrying(catalog), rows, structure_id)
     supposed = base.about["supposed"]
@@ -113,7 +113,7 @@ def plan_reshoot(
     for one in wanted:
         look = best_look(one, base.camera, graph, base.settings.retime, mm_px)
         if look is None:
-            near = f"no safe look at {mm_px:g} mm a pixel, {clearance:g} m away, sees the place"
+            near = f"no safe look at {mm_px:g} mm/px, {clearance:g} m away, sees the place"
             refused.append(f"finding {one.finding_id}: {near}")
         else:
             looks.append(look)

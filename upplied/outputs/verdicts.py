@@ -52,7 +52,7 @@ def verdict(row: Mapping[str, Any], safety_m: float | None) -> dict[str, Any]:
     row : mapping
         Of the table of transfers.
     safety_m : float or None
-        Distance that the plan was asked to keep, m.
+        Required distance from the structure, m.
 
     Returns
     -------

@@ -67,7 +67,7 @@ def broken_by(plan: Plan, structure: Structure, clearance_m: float) -> list[Brea
     structure : Structure
         The target, with its surroundings.
     clearance_m : float
-        That the plan was asked to keep.
+        Required distance from the structure, m.
     """
     path = plan.trajectory
     if path is None:
