@@ -81,7 +81,7 @@ RANGES = {
     "retime.min_gimbal_pitch_deg": (-90, 90),
     "retime.max_gimbal_pitch_deg": (-90, 90),
     "inspection.least_resolution": (0, 1),
-    "refine.added_rounds": (0, 10),
+    "refine.added_passes": (0, 3),
     "refine.longer": (0, 10),
     "refine.least_rate": (0, 1),
     "inspection.planned_resolution": (0, 1),
