@@ -21,7 +21,7 @@ from upplied.polylines import arc_length, cumulated, interpolated, leg_lengths
 from upplied.poses import wrapped
 from upplied.records import Bools, Floats, Ints, Record
 
-_NEEDED = 800  # samples, at most, that stand for all that is needed
+_NEEDED = 600  # samples, at most, that stand for all that is needed
 _LEAST = 0.02  # share of the need, that a pass must show
 _TURN_S = 2.0  # to slow down and turn at each end of a pass
 _PRICES = (27.0, 9.0, 3.0, 1.0)  # of a second, over the least rate: few passes first

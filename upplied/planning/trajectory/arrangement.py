@@ -16,9 +16,10 @@ from upplied.planning.trajectory.lanes import STEPS, Lanes
 from upplied.polylines import cumulated
 from upplied.records import Bools, Floats, Ints, Record
 
-_APART = 2  # steps, from one pass to the next: a third of a swath overlaps
+_APART = (3, 2)  # steps, from one pass to the next: side by side, or with a third of a swath in common
 _ASIDE = 1  # steps, by which the demonstrated pass may be moved where others are flown
 _END_S = 10.0  # that beginning a pass takes, and ending it: to fly there, slow down and turn
+_ABOUT = 0.9  # of the most that a part of a pass can show
 _WINDOW = 3  # stations to each side, from which a sample is shown
 _NEARER = 0.25  # of a step, by which a lane must be nearer to a sample than the next one to the path
 
@@ -32,10 +33,16 @@ class Pass(Record):
     own: Ints  # (R,) the lane of the demonstrated pass
 
     def within(self, gains: Floats, seconds: Floats, most_s: float) -> Pass:
-        """What of it shows most in so much time, without a gap; `gains`, `seconds` (S,) of all stations."""
+        """The last part of it, without a gap, that shows about most in so much time.
+
+        `gains` and `seconds` (S,) are of all stations. The last is the nearest to where the flight ends.
+        """
         spent, shown = cumulated(seconds[self.rows]), cumulated(gains[self.rows])
+        if spent[-1] <= most_s:
+            return self
         last = np.searchsorted(spent, spent[:-1] + most_s, side="right") - 1
-        first = int((shown[last] - shown[:-1]).argmax())
+        more = shown[last] - shown[:-1]
+        first = int(np.flatnonzero(more >= _ABOUT * more.max())[-1])
         part = slice(first, int(last[first]))
         return Pass(self.rows[part], self.lane[part], self.own[part])
 
@@ -59,15 +66,17 @@ class Cover(Record):
     @classmethod
     def of(cls, lanes: Lanes, need: Floats) -> Cover:
         """The samples that any lane shows; each lies before the place that is nearest to it of those."""
-        apart = np.linalg.norm(lanes.surface[:, :, None] - lanes.points, axis=3)
-        apart += _NEARER * lanes.step_m * np.abs(np.arange(-STEPS, STEPS + 1))[:, None]
-        apart[~lanes.shows] = np.inf
-        nearest = apart.min(axis=1)
-        mine = np.flatnonzero(np.isfinite(nearest).any(axis=0))
-        owner = nearest[:, mine].argmin(axis=0)
-        beside = np.abs(np.arange(len(nearest))[:, None] - owner) <= _WINDOW
-        shown = (lanes.shows[:, :, mine] & beside[:, None]).any(axis=0)
-        return cls(owner, shown, need[mine], len(nearest))
+        row, lane, sample = np.nonzero(lanes.shows)
+        apart = np.linalg.norm(lanes.surface[row, lane] - lanes.points[sample], axis=1)
+        apart += _NEARER * lanes.step_m * np.abs(lane - STEPS)
+        order = np.lexsort((apart, sample))
+        mine, first = np.unique(sample[order], return_index=True)
+        owner = row[order][first]
+        of_mine = np.searchsorted(mine, sample)
+        beside = np.abs(row - owner[of_mine]) <= _WINDOW
+        shown = np.zeros((lanes.shows.shape[1], len(mine)), bool)
+        shown[lane[beside], of_mine[beside]] = True
+        return cls(owner, shown, need[mine], len(lanes.station))
 
     def before(self, flown: Bools) -> Floats:
         """Share of the need (S,) that the lanes flown (S, K) show before each station."""
@@ -93,7 +102,7 @@ def arranged(cover: Cover, seconds: Floats, price: float, most: int) -> list[Pas
     for column, state in enumerate(table):
         flown = np.zeros((cover.stations, 2 * STEPS + 1), bool)
         flown[:, _lane(state, np.arange(-state[1], state[2] + 1))] = True
-        cost[:, column] = price * seconds * (1 + state[1:].sum()) - cover.before(flown)
+        cost[:, column] = price * seconds * (1 + state[1:3].sum()) - cover.before(flown)
     change = price * _END_S * np.abs(table[:, None] - table[None]).sum(axis=2)
     total, came = cost[0] + change[0], np.zeros(cost.shape, np.int64)
     for row in every[1:]:
@@ -113,12 +122,17 @@ def arranged(cover: Cover, seconds: Floats, price: float, most: int) -> list[Pas
 
 @cache
 def _states(most: int) -> Ints:
-    """The demonstrated pass's steps aside, passes to its right, and to its left, (N, 3); the first: none."""
-    sides = list(itertools.product(range(most + 1), repeat=2))
-    aside = range(-_ASIDE, _ASIDE + 1)
-    return np.array([(0, 0, 0), *((off, *two) for off in aside for two in sides if any(two))])
+    """Steps aside of the demonstrated pass, passes to its right and left, and steps between them, (N, 4).
+
+    The first has none beside it.
+    """
+    aside, count = range(-_ASIDE, _ASIDE + 1), range(most + 1)
+    every = [one for one in itertools.product(aside, count, count, _APART) if one[1] or one[2]]
+    table = np.array([(0, 0, 0, _APART[0]), *every])
+    ends = [np.abs(_lane(table, sign * table[:, side]) - STEPS) for side, sign in ((1, -1), (2, 1))]
+    return table[np.maximum(*ends) <= STEPS]
 
 
 def _lane(state: Ints, number: int | Ints) -> Ints:
     """The lane of a pass: 0 is the demonstrated one, those above lie to its left, others to its right."""
-    return STEPS + state[..., 0] + _APART * number
+    return STEPS + state[..., 0] + state[..., 3] * number

@@ -25,7 +25,7 @@ STEPS = 7  # to each side
 _A_SWATH = 3  # steps in a swath
 _NEAREST = 12  # samples of the surface, whose mean plane a place is put on
 _OFF = 0.4  # of a swath, that the next place may lie off the surface: an edge may be looked past
-_EVENED = 1.5  # places of a lane, over which its distance from the path is evened out
+_EVENED = 2.5  # places of a lane, over which its distance from the path is evened out
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,7 +62,7 @@ def lanes_beside(path: Flown, view: View, airspace: Airspace, half_rad: float, n
     if hit.sum() < 2:
         return None
     swath_m = 2 * float(np.median(away[hit])) * np.tan(half_rad)
-    station = _apart(path.positions, hit, swath_m / 2)
+    station = _apart(path.positions, hit, swath_m / _A_SWATH)
     way = np.gradient(gaussian_filter1d(path.positions, 2.0, axis=0, mode="nearest"), axis=0)[station]
     own, axis, away = path.positions[station], axis[station], away[station, None]
     samples = cKDTree(view.cloud.points), view.cloud.points, view.cloud.outward
