@@ -83,7 +83,6 @@ RANGES = {
     "inspection.least_resolution": (0, 1),
     "refine.added_passes": (0, 3),
     "refine.longer": (0, 10),
-    "refine.least_rate": (0, 1),
     "inspection.planned_resolution": (0, 1),
     "inspection.max_incidence_deg": (1, 90),
     "inspection.max_motion_px": (0.01, 1000),

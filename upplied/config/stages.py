@@ -107,7 +107,6 @@ class RefineSettings:
     # Passes added to each side of a demonstrated one, at most, where the demonstrated mm/px is kept; 0: none.
     added_passes: int = 3
     longer: float = 1.25  # the path's time, at most, over the demonstration's times the ratio of the areas
-    least_rate: float = 0.03  # of what a second shows in the mean, that a second of an added pass must show
 
 
 @dataclass(frozen=True)

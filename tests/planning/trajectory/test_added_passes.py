@@ -51,7 +51,7 @@ def along(high: float) -> Flown:
 
 def extended(view: View, path: Flown, allowed_s: float = 1000.0, most: int = 3) -> Extended | None:
     airspace = Airspace(view.scene, 2.0, Surroundings())
-    pace = Pace(np.ones(len(path)), 1.0, allowed_s, 0.03, most)
+    pace = Pace(np.ones(len(path)), 1.0, allowed_s, most)
     return with_added_passes(path, view, Ways(airspace, view.cloud), pace, HALF)
 
 

@@ -24,7 +24,7 @@ from upplied.records import Bools, Floats, Ints, Record
 _NEEDED = 600  # samples, at most, that stand for all that is needed
 _LEAST = 0.02  # share of the need, that a pass must show
 _TURN_S = 2.0  # to slow down and turn at each end of a pass
-_PRICES = (27.0, 9.0, 3.0, 1.0)  # of a second, over the least rate: few passes first
+_PRICES = (0.8, 0.27, 0.09, 0.03)  # of what a second shows in the mean, that a second must: few passes first
 _SHARES = (np.inf, 1.0, 0.75, 0.5)  # of the time that is left, in which a part of a pass is flown
 
 
@@ -44,7 +44,6 @@ class Pace(Record):
     speed_mps: Floats  # (M,) at its stations
     pan_radps: float
     allowed_s: float
-    least_rate: float  # of the mean share of the need shown a second, that a second of a pass must show
     most: int  # passes to each side
 
     def seconds(self, path: Flown, origin: Ints) -> Floats:
@@ -78,7 +77,7 @@ def with_added_passes(path: Flown, view: View, ways: Ways, pace: Pace, half_rad:
     seconds, spare_s = np.gradient(spent[lanes.station]), pace.allowed_s - float(spent[-1])
     best, most = None, 0.0
     for times in _PRICES if spare_s > 0 else ():
-        passes = arranged(cover, seconds, times * pace.least_rate / pace.allowed_s, pace.most)
+        passes = arranged(cover, seconds, times / pace.allowed_s, pace.most)
         tour = _Tour(path, lanes, ways, pace)
         worth = _put_in(tour, passes, cover, seconds, spare_s)
         if worth > most:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
@@ -81,7 +80,7 @@ class Cover(Record):
     def before(self, flown: Bools) -> Floats:
         """Share of the need (S,) that the lanes flown (S, K) show before each station."""
         seen = (flown[self.owner].T & self.shown).any(axis=0)
-        return np.bincount(self.owner[seen], self.need[seen], self.stations)
+        return np.asarray(np.bincount(self.owner[seen], self.need[seen], self.stations), float)
 
 
 def arranged(cover: Cover, seconds: Floats, price: float, most: int) -> list[Pass]:
@@ -114,13 +113,12 @@ def arranged(cover: Cover, seconds: Floats, price: float, most: int) -> list[Pas
         best[row - 1] = came[row, best[row]]
     state, passes = table[best], []
     for number, (side, sign) in itertools.product(range(1, most + 1), ((1, -1), (2, 1))):
-        flown = np.flatnonzero(state[:, side] >= number)
-        for rows in np.split(flown, np.flatnonzero(np.diff(flown) > 1) + 1) if len(flown) else []:
+        beside = np.flatnonzero(state[:, side] >= number)
+        for rows in np.split(beside, np.flatnonzero(np.diff(beside) > 1) + 1) if len(beside) else []:
             passes.append(Pass(rows, _lane(state[rows], sign * number), _lane(state[rows], 0)))
     return passes
 
 
-@cache
 def _states(most: int) -> Ints:
     """Steps aside of the demonstrated pass, passes to its right and left, and steps between them, (N, 4).
 

@@ -157,8 +157,8 @@ class _Timer(Record):
     def pace(self, problem: Problem, limit_s: float) -> Pace:
         """The pace of the carried flight: it is slower than that for bends and sharp pictures."""
         path, origin, carried = problem.starts[0].safe, np.arange(len(problem.speed_mps)), self.carried.path
-        rule = self.settings.refine
-        pace = Pace(problem.speed_mps, problem.pan_radps, limit_s, rule.least_rate, rule.added_passes)
+        most = self.settings.refine.added_passes
+        pace = Pace(problem.speed_mps, problem.pan_radps, limit_s, most)
         poses = from_yaw_pitch(path.yaw, path.pitch)
         flown_s = self.seconds(replace(carried, positions=path.positions, quat_xyzw=poses))
         return replace(pace, allowed_s=limit_s * float(pace.seconds(path, origin).sum()) / max(flown_s, 1e-3))
