@@ -7,12 +7,13 @@ patch is its own finest look at it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from upplied.config import InspectionSettings, focal_px
+from upplied.config import InspectionSettings, VisibilitySettings, focal_px
 from upplied.planning.measures.resolution import AS_FINE
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
@@ -23,6 +24,7 @@ from upplied.poses import interpolate
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 from upplied.scene import Scene
 
+_SURE_DEG = 0.15  # from the edge of a picture and the largest incidence: what noise of 2 cm does from 8 m
 _HALF_S, _INNER = 0.5, 5  # over which poses are averaged on both sides of a photo, and how many of them
 
 
@@ -37,6 +39,8 @@ class PlannedLooks(Record):
 
     def matched(self, shown: Views, steps: Moments, surface: Cloud, camera: Camera) -> Bools:
         """Which samples (N,) a flight looks at as finely, and where the rule holds as sharply and frontally.
+
+        A look counts where it would if its pose were a little off.
 
         Parameters
         ----------
@@ -53,7 +57,9 @@ class PlannedLooks(Record):
             for one, other in ((camera, self.camera), (self.camera, camera))
         )
         coarsest_m = AS_FINE * self.sampled_m * mine / planned
-        strict, any_look = (_finest(steps, shown, surface, camera, rule) for rule in (self.rule, None))
+        sure = replace(self.rule, max_incidence_deg=self.rule.max_incidence_deg - _SURE_DEG)
+        inner = _well_inside(shown, surface, camera)
+        strict, any_look = (_finest(steps, inner, surface, camera, rule) for rule in (sure, None))
         finest_m = np.where(self.by_rule, strict.sampled_m, any_look.sampled_m)
         return np.asarray(np.isfinite(finest_m) & (finest_m <= coarsest_m), bool)
 
@@ -122,6 +128,20 @@ def views_from(poses: Trajectory, surface: Cloud, camera: Camera, scene: Scene) 
     where = poses.positions, poses.quat_xyzw
     seen = visible(*where, surface, camera, TRULY, scene, fov_deg=poses.fov_deg).seen
     return Views(poses, seen, coarseness(camera, poses.fov_deg))
+
+
+def _well_inside(shown: Views, surface: Cloud, camera: Camera) -> Views:
+    """The views without what lies so near the edge of a picture that it may lie outside."""
+
+    def inner(angle_deg: Any) -> Any:
+        return np.maximum(angle_deg - 2 * _SURE_DEG, angle_deg / 2)
+
+    poses = shown.stations
+    fov_deg = None if poses.fov_deg is None else inner(poses.fov_deg)
+    camera = replace(camera, hfov_deg=inner(camera.hfov_deg), vfov_deg=inner(camera.vfov_deg))
+    frustum = Cloud(surface.points), camera, VisibilitySettings(occlusion=False)
+    inside = visible(poses.positions, poses.quat_xyzw, *frustum, fov_deg=fov_deg).seen
+    return replace(shown, seen=shown.seen & inside)
 
 
 def _finest(
