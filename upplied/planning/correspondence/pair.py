@@ -234,8 +234,7 @@ def surface_fit(task: Task) -> Fit:
     # Which parts there are does not depend on counterparts that the user names.
     if known[0] == known[1]:
         fit = replace(task, settings=without_counterparts(task.settings)).matched(fit)
-    scanned = task.source.is_scan or task.target.is_scan
-    if any(known) and (scanned or known[0] != known[1]) and explained(fit) < MAJORITY:
+    if any(known) and explained(fit) < MAJORITY:
         fewer = number_of_parts(fit.target) <= number_of_parts(fit.source)
         one = int(fewer if known[0] == known[1] else known[0])
         other = _with_inferred_parts(task, fit, one)
