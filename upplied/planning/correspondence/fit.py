@@ -8,8 +8,9 @@ import numpy as np
 
 from upplied.config import Settings, settings_for
 from upplied.planning.constants import LEAST_PART
+from upplied.planning.correspondence.part_assignment import Matching, with_named
 from upplied.planning.geometry.clouds import in_source_frame
-from upplied.planning.surface.parts import parts_of
+from upplied.planning.surface.parts import names_of, parts_of
 from upplied.records import Cloud, Correspondences, Ints, Record, Registration
 
 NOTHING = Correspondences(np.empty(0, np.int64), np.empty(0), np.empty((0, 3)))
@@ -56,6 +57,15 @@ def explained(fit: Fit) -> float:
         if known is not None
     ]
     return min(shares, default=0.0)
+
+
+def leaves_named(fit: Fit) -> bool:
+    """Whether the displacement brings parts of the source onto parts of the target that were left."""
+    here, there = fit.correspondences.source_class, fit.correspondences.target_class
+    if fit.carried is None or here is None or there is None:
+        return False
+    by_name = with_named(Matching(here, there), names_of(fit.registered, fit.carried), {})
+    return bool((parts_of(fit.target).area[by_name.target_class != there] > LEAST_PART).any())
 
 
 def number_of_parts(cloud: Cloud) -> int:
