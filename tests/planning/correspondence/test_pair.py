@@ -13,7 +13,7 @@ from made_clouds import boxes
 from upplied.config import settings_for
 from upplied.planning.correspondence import fit as pair_fits
 from upplied.planning.correspondence import pair, registration
-from upplied.planning.correspondence.fit import Fit, leaves_named, surface_settings, voxel_settings
+from upplied.planning.correspondence.fit import Fit, named_by_displacement, surface_settings, voxel_settings
 from upplied.planning.correspondence.memo import content_key, no_memo, remembering, surface_key
 from upplied.planning.correspondence.pair import Task, study_pair
 from upplied.planning.correspondence.registration import Declared
@@ -225,7 +225,7 @@ def fitted(
         calls.append(("inferred", one))
         return Fit(*task.clouds, registration, inferred=one)
 
-    def matched(task: Task, fit: Fit) -> Fit:
+    def matched(task: Task, fit: Fit, named: Any = None) -> Fit:
         calls.append(("matched", task.settings.correspondence.counterparts, len(task.names)))
         return fit
 
@@ -265,14 +265,15 @@ def test_a_surface_of_one_piece_has_its_parts_told_by_the_other(
     assert fit.inferred == one and fit.carried is None
 
 
-@pytest.mark.parametrize(("brought", "left"), [(0, True), (2, True), (-1, False)])
-def test_a_part_is_left_that_the_displacement_brings_one_of_the_source_onto(brought: int, left: bool) -> None:
-    """Its box is another one: a nacelle that was drawn with its pylon here, and without it there."""
+@pytest.mark.parametrize(("brought", "name"), [(0, -1), (2, 2), (-1, -1)])
+def test_a_part_that_boxes_left_is_named_by_what_is_brought_there(brought: int, name: int) -> None:
+    """If that was left too: a nacelle that was drawn with its pylon here, and without it there."""
     cloud = boxes(HULL, FIN, POD)
     label = labels_of(cloud)
     fit = fit_of(cloud, cloud, [0, 1, -1], [0, 1, -1])
-    assert leaves_named(replace(fit, carried=np.where(label == 2, brought, label))) == left
-    assert not leaves_named(fit)
+    named = named_by_displacement(replace(fit, carried=np.where(label == 2, brought, label)))
+    assert (named == np.where(label == 2, name, -1)).all()
+    assert (named_by_displacement(fit) == -1).all()
 
 
 def test_two_surfaces_of_one_piece_have_no_parts(monkeypatch: pytest.MonkeyPatch) -> None:

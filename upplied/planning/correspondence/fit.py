@@ -8,9 +8,8 @@ import numpy as np
 
 from upplied.config import Settings, settings_for
 from upplied.planning.constants import LEAST_PART
-from upplied.planning.correspondence.part_assignment import Matching, with_named
 from upplied.planning.geometry.clouds import in_source_frame
-from upplied.planning.surface.parts import names_of, parts_of
+from upplied.planning.surface.parts import labels_of, names_of, parts_of
 from upplied.records import Cloud, Correspondences, Ints, Record, Registration
 
 NOTHING = Correspondences(np.empty(0, np.int64), np.empty(0), np.empty((0, 3)))
@@ -59,13 +58,17 @@ def explained(fit: Fit) -> float:
     return min(shares, default=0.0)
 
 
-def leaves_named(fit: Fit) -> bool:
-    """Whether the displacement brings parts of the source onto parts of the target that were left."""
+def named_by_displacement(fit: Fit) -> Ints:
+    """The part of the source (M,) that is brought onto the part of each sample; -1 unless boxes left both.
+
+    A nacelle with its pylon has another box than one without.
+    """
     here, there = fit.correspondences.source_class, fit.correspondences.target_class
     if fit.carried is None or here is None or there is None:
-        return False
-    by_name = with_named(Matching(here, there), names_of(fit.registered, fit.carried), {})
-    return bool((parts_of(fit.target).area[by_name.target_class != there] > LEAST_PART).any())
+        return np.full(len(fit.target), -1)
+    name = names_of(fit.registered, fit.carried)
+    left = (there < 0) & (name >= 0) & (here[name] < 0) & (parts_of(fit.target).area > LEAST_PART)
+    return np.where(left, name, -1)[labels_of(fit.target)]
 
 
 def number_of_parts(cloud: Cloud) -> int:

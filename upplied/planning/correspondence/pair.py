@@ -14,7 +14,7 @@ from upplied.planning.correspondence.correspondences import by_displacement, cor
 from upplied.planning.correspondence.fit import (
     Fit,
     explained,
-    leaves_named,
+    named_by_displacement,
     number_of_parts,
     surface_settings,
     voxel_settings,
@@ -177,16 +177,17 @@ class Task(Record):
             "registration", Registration, lambda: register(*self.clouds, rule, self.declared)
         )
 
-    def matched(self, fit: Fit) -> Fit:
-        """A fit with its parts and samples matched as the settings say."""
+    def matched(self, fit: Fit, named: Ints | None = None) -> Fit:
+        """A fit with its parts and samples matched as the settings say, and by names (M,) of the target's."""
+        named = fit.carried if named is None and fit.inferred >= 0 else named
         rule, marks = self.settings.correspondence, (self.source.landmarks, self.target.landmarks)
         clouds, words = (fit.source, fit.target), self.declared.words
         match = self.remembered(
             "correspondences",
             Correspondences,
-            lambda: correspond(*clouds, fit.registration, rule, *marks, words, fit.carried),
+            lambda: correspond(*clouds, fit.registration, rule, *marks, words, named),
             rule,
-            fit.carried is not None,
+            *(() if named is None else ("named",)),
         )
         return replace(fit, correspondences=match)
 
@@ -250,7 +251,8 @@ def surface_fit(task: Task) -> Fit:
     if not (has_parts(fit.source) and has_parts(fit.target)):
         return task.as_named(fit)
     fit = task.with_carried(fit)
-    return task.matched(fit) if leaves_named(fit) or task.settings.correspondence.counterparts else fit
+    named = named_by_displacement(fit)
+    return task.matched(fit, named) if (named >= 0).any() else task.as_named(fit)
 
 
 def _with_inferred_parts(task: Task, fit: Fit, one: int) -> Task:
