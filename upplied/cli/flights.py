@@ -178,8 +178,7 @@ def promote(
     by: ByOption,
     name: Annotated[str, Parameter(help="Name of the demonstration; by default one is generated.")] = "",
     force: Annotated[
-        tuple[str, ...],
-        Parameter(negative="", help="Rule to overrule: flown, whole, recorded or clearance."),
+        tuple[str, ...], Parameter(help="Rule to overrule: flown, whole, recorded or clearance.")
     ] = (),
     catalog: CatalogOption = "catalog",
 ) -> int:

@@ -61,21 +61,21 @@ def plan_gap(catalog: Catalog, start: str) -> str:
         raise RefusedError(
             f"flight {start}", "was stored by a version without looks", "", "fly it or add it again"
         )
-    made_from = recipe(catalog, str(row["transfer_id"]))
+    basis = recipe(catalog, str(row["transfer_id"]))
     target = catalog.structure(str(row["target_id"]))
     flown = catalog.plan(str(row["transfer_id"]))
-    camera = made_from.demonstration.camera
-    surface, required = required_of(catalog, made_from.row, flown, target, camera)
+    camera = basis.demonstration.camera
+    surface, required = required_of(catalog, basis.row, flown, target, camera)
     inspected = np.zeros(len(surface), bool)
     inspected[catalog.looks.get(str(row["looks_sha256"])).as_asked] = True
-    settings = made_from.settings
+    settings = basis.settings
     route = settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
     airspace = Airspace(
         scene_for(target, flown.supposed), clearance, target.surroundings, route.ground_clearance_m
     )
     zones, untold = missed_zones(catalog, row, target, camera)
-    key = digest(["gap", flight_id, method(), target.sha256, made_from.settings.sha256, *key_of(zones)])
+    key = digest(["gap", flight_id, method(), target.sha256, basis.settings.sha256, *key_of(zones)])
     if len(catalog.transfers(every=True, ids=[id_of(key)], columns=["transfer_id"])):
         return id_of(key)
     missing = np.asarray(required & ~inspected, bool)
@@ -97,13 +97,13 @@ def plan_gap(catalog: Catalog, start: str) -> str:
         raise RefusedError(f"gap of flight {start}", "; ".join(broken), "a safe flight", "plan it again")
     nearest_m = path_clearance(airspace.scene, flight.trajectory.positions).distance_m
     plan = _plan(flown, flight, surface, missing, nearest_m, zones, (clearance_words, *untold))
-    hashes = {name: made_from.row[name] for name in ("demonstration_sha256", "source_sha256")}
+    hashes = {name: basis.row[name] for name in ("demonstration_sha256", "source_sha256")}
     provenance = {
         **hashes,
         **recorded(),
         "target_sha256": target.sha256,
         "method_version": METHOD_VERSION,
-        "settings": made_from.settings,
+        "settings": basis.settings,
         "purpose": f"gap {flight_id[:20]}",
     }
     catalog.add_plans([(key, plan, provenance)])

@@ -115,7 +115,9 @@ def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) ->
     key = TABLES[name].names[0]
     times = steps["t_s" if name == "waypoints" else "t_ns"].to_numpy()
     flags = np.asarray(steps["is_viewpoint"]) if name == "waypoints" else None
-    added = added_of(steps) if name == "waypoints" else None
+    added = None  # of each owner by itself: plans of other presets store no origin
+    if "origin" in steps.column_names:
+        added = np.asarray(pc.equal(steps["origin"], ORIGINS[1]).combine_chunks().fill_null(False))
     numbers, (positions, quats), zooms = steps["seq"].to_numpy(), pose_arrays(steps), zoom_of(steps)
     starts = _starts(steps, (key, "commit_id"))
     if not len(starts):
