@@ -168,12 +168,15 @@ class StoredTable(TableLog):
         with self._lock:
             delta = self._refreshed()
             files = [] if delta is None else [uri.rsplit("/", 1)[-1] for uri in delta.file_uris()]
-            read = partial(
-                pq.read_table, columns=self.declared.names[:1], filesystem=self._files.filesystem()
-            )
-            new = {name: explained(self.uri, partial(read, name))[0] for name in {*files} - {*self._names}}
+            new = {
+                name: explained(self.uri, partial(self._names_in, name)) for name in {*files} - {*self._names}
+            }
             self._names = {name: new.get(name, self._names.get(name)) for name in files}
             return names.filter(pc.is_in(names, pa.chunked_array(self._names.values(), pa.string())))
+
+    def _names_in(self, file: str) -> pa.ChunkedArray:
+        with pq.ParquetFile(file, filesystem=self._files.filesystem()) as parquet:
+            return parquet.read(self.declared.names[:1], use_threads=False)[0]
 
     def append(self, rows: pa.Table) -> int:
         """Commit rows, all or none; returns the version that has them when they are there to stay.
@@ -267,6 +270,8 @@ class StoredTable(TableLog):
             except CommitFailedError:
                 self._files.remove(added.path)
                 raise
+            if self._names:  # which asks for all of them
+                self._names[added.path] = numbered[0]
             return self._committed(delta.version() + 1, added.path)
 
     def _committed(self, version: int, name: str) -> int:
