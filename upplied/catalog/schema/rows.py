@@ -169,7 +169,7 @@ def table_of(table: Table, rows: list[Row]) -> pa.Table:
         empty = "" if pa.types.is_string(column.type) else None
         values = [row.get(column.name, empty) for row in rows]
         if pa.types.is_floating(column.type):
-            values = [None if value is None or np.isnan(value) else float(value) for value in values]
+            values = [None if value is None or value != value else float(value) for value in values]
         columns.append(pa.array(values, column.type))
     return pa.table(columns, schema=table.schema)
 

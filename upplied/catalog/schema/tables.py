@@ -77,6 +77,12 @@ class Table:
         """The names of the columns, in order."""
         return [column.name for column in self.columns]
 
+    @cached_property
+    def sought(self) -> list[str]:
+        """The columns that rows are looked for by: files are skipped by the ranges of these alone."""
+        others = ("kind", "commit_version", "added_at")
+        return [name for name in self.names if name.endswith("_id") or name in others]
+
     @property
     def is_chained(self) -> bool:
         """Whether the rows follow each other by their hashes."""

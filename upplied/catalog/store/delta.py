@@ -236,13 +236,15 @@ class StoredTable(TableLog):
         self._identity.made()
         with self._lock:
             delta = self._refreshed() or self._created()
-            known = {field.name for field in delta.schema().fields}
-            new = [field for field in self.declared.schema if field.name not in known]
+            columns = {field.name for field in delta.schema().fields}
+            new = [field for field in self.declared.schema if field.name not in columns]
             if new:
                 delta.alter.add_columns(list(DeltaSchema.from_arrow(pa.schema(new)).fields))
-            if int(delta.metadata().configuration[VERSION_KEY]) < SCHEMA_VERSION:
-                raised = {VERSION_KEY: str(SCHEMA_VERSION), HASHED_KEY: str(delta.version() + 1)}
-                delta.alter.set_table_properties(raised, raise_if_not_exists=False)
+            known, changed = delta.metadata().configuration, dict(self._skipping)
+            if int(known[VERSION_KEY]) < SCHEMA_VERSION:
+                changed |= {VERSION_KEY: str(SCHEMA_VERSION), HASHED_KEY: str(delta.version() + 1)}
+            if not changed.items() <= known.items():
+                delta.alter.set_table_properties(changed, raise_if_not_exists=False)
 
     def _append_next(self, rows: pa.Table) -> int:
         """Commit rows as the next in order; where another writer was faster, they are numbered anew.
@@ -261,7 +263,7 @@ class StoredTable(TableLog):
                 stamp = pa.array([value], pa.int64()).cast(field.type)[0]
                 numbered = numbered.set_column(at, field, pa.repeat(stamp, len(rows)))
             numbered = sealed(numbered, self._chain(delta) if self.declared.is_chained else None)
-            added = new_file(self._files, numbered)
+            added = new_file(self._files, numbered, self.declared.sought)
             properties = {"rows": str(len(rows)), STATED: self._unstated(delta.version())}
             turns = [Transaction(_ORDER, now)]
             commit = CommitProperties(properties, max_commit_retries=30, app_transactions=turns)
