@@ -27,7 +27,7 @@ from upplied.catalog import (
 )
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema import plan_rows
-from upplied.catalog.store import clock, identity
+from upplied.catalog.store import identity
 
 MINUTE = 60.0
 SKEWS = (0.0, 10 * MINUTE, -10 * MINUTE, 400 * 86_400.0, -400 * 86_400.0)
@@ -43,7 +43,7 @@ def skewed(monkeypatch):
         def now(cls, tz=None):
             return datetime.fromtimestamp(real() + off[0], tz)
 
-    for module in (plan_rows, clock, identity):
+    for module in (plan_rows, identity):
         monkeypatch.setattr(module, "datetime", Wrong)
     monkeypatch.setattr(time, "time", lambda: real() + off[0])
 

@@ -11,7 +11,7 @@ def reproduce(catalog: str, transfer_id: str) -> int:
     from dataclasses import replace
 
     from upplied.catalog import recipe
-    from upplied.fleet.required import required_surface
+    from upplied.fleet.planner import required_surface
     from upplied.planning.correspondence.memo import no_memo
     from upplied.planning.plan import METHOD_VERSION, plan_transfer
     from upplied.provenance import causes

@@ -28,11 +28,10 @@ from deltalake.exceptions import CommitFailedError
 from upplied.catalog.schema.migrations import SCHEMA_VERSION, in_schema, needed, upgraded
 from upplied.catalog.schema.tables import BEFORE_SHA256, ROW_SHA256, Table
 from upplied.catalog.store.chain import sealed
-from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.data_files import ROW_GROUP, encoded, new_file
 from upplied.catalog.store.errors import explained
 from upplied.catalog.store.files import FileStore, sync_path
-from upplied.catalog.store.identity import Identity
+from upplied.catalog.store.identity import Clock, Identity
 from upplied.catalog.store.locking import turn
 from upplied.catalog.store.log import HASHED_KEY, VERSION_KEY, TableLog
 from upplied.catalog.store.log_hashes import STATED, unstated

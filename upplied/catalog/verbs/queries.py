@@ -89,11 +89,11 @@ class PlannedTrajectory(Trajectory):
 
 
 def matching(
-    equal: Mapping[str, str | None], among: Mapping[str, Iterable[str] | None]
+    equal: Mapping[str, str | None], among: Mapping[str, Iterable[str] | None] | None = None
 ) -> ds.Expression | None:
     """The rows whose columns are equal to these texts, or among these, where any are asked for."""
     parts = [pc.field(name) == value for name, value in equal.items() if value is not None]
-    for name, values in among.items():
+    for name, values in (among or {}).items():
         parts += [] if values is None else [pc.field(name).isin(pa.array(list(values), pa.string()))]
     return reduce(and_, parts) if parts else None
 
