@@ -222,6 +222,10 @@ class Reading:
         flights["kind"] = flights["kind"].where(flights["kind"] != "", "simulated")
         return flights if kind is None else flights[flights["kind"] == kind].reset_index(drop=True)
 
+    def flight(self, start: str) -> Row:
+        """The newest row of the one flight whose id begins so; none, or more than one, is an error."""
+        return queries.beginning(self.flights(), "flight", start)
+
     def overruled(self, transfer_id: str | None = None) -> pd.DataFrame:
         """Rules of the gate that a person overruled, in the order they were added; of one plan, or all."""
         where = queries.matching({"transfer_id": transfer_id})

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from upplied.catalog.schema.rows import Row
+from upplied.catalog.verbs import queries
 from upplied.catalog.verbs.adding import Adding
 from upplied.catalog.verbs.queries import When, matching, moment
 from upplied.catalog.verbs.roster import author
-from upplied.errors import CatalogError, SettingsError
+from upplied.errors import SettingsError
 from upplied.provenance import code_version
 
 if TYPE_CHECKING:
@@ -61,22 +62,8 @@ class Finding(Adding):
         return found.reset_index(drop=True)
 
     def finding(self, start: str) -> Row:
-        """The newest row of the one finding whose id begins so.
-
-        Raises
-        ------
-        CatalogError
-            If there is none, or more than one.
-        """
-        rows = self.findings()
-        found = rows[rows["finding_id"].str.startswith(start)]
-        if len(found) != 1:
-            what = "is not in the catalog" if found.empty else f"may be {len(found)}"
-            known = ", ".join(rows["finding_id"].tail(5)) or "none"
-            raise CatalogError(
-                f"finding {start}", what, f"the last ones: {known}", "see: upplied findings list"
-            )
-        return {str(name): value for name, value in found.iloc[0].items()}
+        """The newest row of the one finding whose id begins so; none, or more than one, is an error."""
+        return queries.beginning(self.findings(), "finding", start)
 
     def add_findings(self, found: Sequence[Mapping[str, Any]], by: str) -> list[str]:
         """Add findings in one commit; the ids of those that are new.

@@ -129,6 +129,23 @@ def completed(
     return more.select(wanted).take(pa.array(np.flatnonzero(first)[place]))
 
 
+def beginning(rows: pd.DataFrame, what: str, start: str) -> Row:
+    """The newest row of the one flight or finding whose id begins so.
+
+    Raises
+    ------
+    CatalogError
+        If there is none, or more than one.
+    """
+    ids = rows[f"{what}_id"]
+    found = rows[ids.str.startswith(start)].drop_duplicates(f"{what}_id", keep="last")
+    if len(found) != 1:
+        known = ", ".join(ids.drop_duplicates().tail(5).str[:12]) or "none"
+        words = "is not in the catalog" if found.empty else f"may be {len(found)}"
+        raise CatalogError(f"{what} {start}", words, f"the last ones: {known}", f"see: upplied {what}s list")
+    return {str(name): value for name, value in found.iloc[0].items()}
+
+
 def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
     """The decisions until a moment, in the order of commits."""
     found = rows.rows_of(table.read(until("added_at", as_of)))
