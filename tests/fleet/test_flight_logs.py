@@ -21,7 +21,7 @@ from upplied.errors import InputError, RefusedError, SettingsError
 from upplied.fleet import promoting
 from upplied.fleet.flight_logs import Judged, judge_log, keep
 from upplied.fleet.flights import simulated_row
-from upplied.fleet.gaps import flight_row, plan_gap
+from upplied.fleet.gaps import plan_gap
 from upplied.fleet.promoting import promote_flight
 from upplied.inputs.photos import photo_times
 from upplied.outputs import logs
@@ -382,7 +382,7 @@ def test_a_simulated_flight_is_a_flight(catalog, made):
     path = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
     half = Trajectory(path.t_s[:600], path.positions[:600], path.quat_xyzw[:600])
     catalog.add_flight(simulated_row(catalog, "f" * 64, catalog.transfer(ID), half, SIMULATED), half)
-    row = flight_row(catalog, "ffff")
+    row = catalog.flight("ffff")
     assert (row["kind"], row["seed"], row["target_id"]) == ("simulated", 2, "cube-v1")
     assert 0 < row["required_pct"] < 100 and row["min_clearance_m"] == 3.0
     assert catalog.plan(plan_gap(catalog, "ffff")).status == "ok"

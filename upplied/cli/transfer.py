@@ -199,7 +199,7 @@ def _reproduced(catalog: str, transfer_id: str) -> int:
 
     from upplied.catalog import recipe
     from upplied.errors import RefusedError
-    from upplied.fleet.required import required_surface
+    from upplied.fleet.planner import required_surface
     from upplied.planning.correspondence.memo import no_memo
     from upplied.planning.plan import METHOD_VERSION, plan_transfer
     from upplied.provenance import causes
