@@ -1,14 +1,16 @@
 """Rules that what comes in keeps, a verdict on each that is broken, and how a person overrules one by name.
 
-The same for structures and for flights. A rule is data; the code that measures gives a `Verdict` for
-each rule that is broken, with the figure. `decided` says what follows from them, `refuse` refuses.
+The same for structures and for flights: a rule is data (`rules.toml`); the code that measures gives a
+`Verdict` for each rule that is broken, with the figure. `decided` marks what is overruled, `refuse` refuses.
 """
 
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from importlib import resources
 from typing import Any, Literal, TypeVar
 
 from upplied.errors import InputError, SettingsError
@@ -24,8 +26,19 @@ class Rule:
     name: str  # by which it is overruled
     severity: Severity  # what cannot be right is refused, what is odd is warned of
     reason: str  # why there is this rule
-    remedy: str  # what to do where it is broken
-    limit: str = ""  # the setting that holds its threshold, where there is one
+    remedy: str = ""  # what to do where it is broken
+    bounds: tuple[str, ...] = ()  # the settings that hold its limits
+    broken: str = ""  # figure, sign and bound that break it; empty where code decides
+    finding: str = ""  # in words, to be filled with figures and bounds
+
+
+def rules_of(group: str) -> dict[str, Rule]:
+    """The rules of a group of `rules.toml` (flight, reading, structure) by their names, in order."""
+    table = tomllib.loads(resources.files("upplied.inputs").joinpath("rules.toml").read_text("utf-8"))
+    return {
+        name: Rule(name, **row | {"bounds": tuple(row.get("bounds", "").split())})
+        for name, row in table[group].items()
+    }
 
 
 @dataclass(frozen=True)
