@@ -125,9 +125,7 @@ def _stands(low: Floats, high: Floats, turn: Floats) -> str:
     axis = 2 if hanging else int(np.argmax(ends))
     right = turn[axis] * (1 if below[axis] else -1)
     name = ("-" if right.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(right)))]
-    return (
-        f"its origin is at one end of the file's {name[-1]}, and in the middle of what is up: up = {name!r}?"
-    )
+    return f"its origin is at one end of the file's {name[-1]}, in the middle of what is up: up = {name!r}?"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

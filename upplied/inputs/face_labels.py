@@ -60,9 +60,7 @@ def _lines(data: bytes, faces: int) -> list[Any]:
 
 
 def _csv(data: bytes, faces: int) -> list[Any]:
-    rows = csv.DictReader(
-        io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True, skipinitialspace=True
-    )
+    rows = csv.DictReader(io.StringIO(data.decode("utf-8-sig")), strict=True, skipinitialspace=True)
     if "label" not in (rows.fieldnames or ()):
         raise ValueError("has no column 'label'")
     read = list(rows)

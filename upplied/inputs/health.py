@@ -64,12 +64,10 @@ class HealthReport(Record):
             parts += f", {found.hidden_parts} hidden inside" if found.hidden_parts else ""
             yield "mesh", f"{len(mesh.triangles)} triangles, {len(mesh.vertices)} vertices, {parts}"
             seen = 100 * found.outside_area_m2 / max(found.area_m2, 1e-12)
-            yield (
-                "surface",
-                f"{found.area_m2:.1f} m², {found.outside_area_m2:.1f} m² seen from outside ({seen:.0f} %)",
-            )
+            outside = f"{found.outside_area_m2:.1f} m² seen from outside ({seen:.0f} %)"
+            yield "surface", f"{found.area_m2:.1f} m², {outside}"
             holes = (
-                f"no: {found.boundary_edges} open edges, {found.nonmanifold_edges} of three and more faces"
+                f"no: {found.boundary_edges} open edges, {found.nonmanifold_edges} of three faces and more"
             )
             yield "watertight", "yes" if found.watertight else holes
         yield "known to", _known(mesh)
@@ -105,9 +103,8 @@ def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:
 def _assumed(path: Path, raw: RawMesh) -> tuple[StructureEntry, tuple[str, ...]]:
     """An entry for a file that no manifest declares, and what was assumed, in words."""
     up = raw.up or "z"
-    entry = StructureEntry(
-        "unnamed", "unknown", path, raw.unit_m if raw.unit_m is not None else 1.0, up, _FORWARD[up]
-    )
+    unit_m = 1.0 if raw.unit_m is None else raw.unit_m
+    entry = StructureEntry("unnamed", "unknown", path, unit_m, up, _FORWARD[up])
     assumed = []
     if raw.unit_m is None:
         assumed.append("the file declares no unit: metres assumed; declare `units` in the manifest")

@@ -254,9 +254,7 @@ def _in_metres(track: Track, facts: LogOptions, what: str) -> Track:
         return track
     if not facts.unit_m > 0:
         found, rule = "has the scale of a reconstruction, which has no unit", "unit_m: metres per unit of it"
-        raise InputError(
-            what, found, rule, "write unit_m into the side-car, as the mesh of the project has it"
-        )
+        raise InputError(what, found, rule, "write unit_m of the project's mesh into the side-car")
     return replace(track, positions=track.positions * facts.unit_m)
 
 
@@ -265,6 +263,4 @@ def _check_length(track: Track, facts: LogOptions, what: str) -> None:
     if len(track) < 2 or seconds < facts.min_duration_s:
         dropped = f" ({reasons(track)} dropped)" if track.dropped else ""
         found, rule = f"holds {len(track)} poses over {seconds:.2f} s{dropped}", f"{facts.min_duration_s} s"
-        raise InputError(
-            what, found, f"at least 2 poses and {rule}", "lower min_duration_s if this is all of it"
-        )
+        raise InputError(what, found, f"at least 2 poses and {rule}", "lower min_duration_s if this is all")

@@ -98,9 +98,7 @@ def _text(path: Path) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(
-            str(path), f"byte {error.start} is not UTF-8", "UTF-8 text", "save it as UTF-8"
-        ) from None
+        raise InputError(str(path), f"byte {error.start} is not UTF-8", "text in UTF-8") from None
 
 
 def _toml_rows(path: Path, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -113,9 +111,7 @@ def _toml_rows(path: Path, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]
             raise InputError(str(path), f"unknown top-level key {key[:60]!r}", "[[structure]] tables only")
     tables = document.get("structure", [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise InputError(
-            str(path), "`structure` is not an array of tables", "[[structure]], with two brackets"
-        )
+        raise InputError(str(path), "`structure` is no array of tables", "[[structure]], with two brackets")
     for number, table in enumerate(tables, 1):
         yield f"{path}, structure {number} ({str(table.get('id', 'without id'))[:64]!r})", table
 

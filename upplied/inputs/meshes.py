@@ -215,9 +215,7 @@ def _cloud(
 
 def _check_left(triangles: Ints, entry: StructureEntry) -> None:
     if not len(triangles):
-        raise InputError(
-            str(entry.path), "holds no triangle that has an area and is kept", "a mesh", "export it again"
-        )
+        raise InputError(str(entry.path), "holds no triangle that has an area", "a mesh", "export it again")
 
 
 def _check_surface(structure: Structure, entry: StructureEntry) -> None:

@@ -7,13 +7,12 @@ The same for structures and for flights: a rule is data (`rules.toml`); the code
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from importlib import resources
 from typing import Any, Literal, TypeVar
 
 from upplied.errors import InputError, SettingsError
+from upplied.inputs.files import table
 
 Severity = Literal["refuse", "warn"]
 Settings = TypeVar("Settings", bound=Any)
@@ -34,10 +33,9 @@ class Rule:
 
 def rules_of(group: str) -> dict[str, Rule]:
     """The rules of a group of `rules.toml` (flight, reading, structure) by their names, in order."""
-    table = tomllib.loads(resources.files("upplied.inputs").joinpath("rules.toml").read_text("utf-8"))
     return {
         name: Rule(name, **row | {"bounds": tuple(row.get("bounds", "").split())})
-        for name, row in table[group].items()
+        for name, row in table("rules.toml")[group].items()
     }
 
 

@@ -88,9 +88,7 @@ def unlike_its_kind(size_m: Floats, name: str) -> Iterator[Verdict]:
     length, width, height = (float(side) for side in np.maximum(size_m, 1e-9))
     longest, (low, high) = max(length, width, height), kind.longest_m
     if not low <= longest <= high:
-        yield broken(
-            RULES["odd-size"], f"it is {longest:.3g} m large: units?", f"{name}: {low:g} to {high:g} m"
-        )
+        yield broken(RULES["odd-size"], f"it is {longest:.3g} m: units?", f"{name}: {low:g} to {high:g} m")
     for words, ratio, (low, high) in (
         ("as wide as long", width / length, kind.width),
         ("as high as long or wide", height / max(length, width), kind.height),

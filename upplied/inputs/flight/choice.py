@@ -28,9 +28,7 @@ READERS: dict[str, Samples] = {
 
 # What was asked of the aircraft, and what went into its estimate: neither is where it flew.
 _COMMANDED = re.compile(r"setpoint|goal|target|cmd|command|desired|reference|plan|initialpose", re.IGNORECASE)
-_INPUTS = re.compile(
-    r"visual|vision|mocap_odometry|mocap/pose|fake_gps|raw|estimator_|groundtruth|/in$", re.IGNORECASE
-)
+_INPUTS = re.compile(r"(?i)visual|vision|mocap_odometry|mocap/pose|fake_gps|raw|estimator_|groundtruth|/in$")
 _MOST = 8  # sources that are compared
 NOTHING = "holds no poses"
 SAME_M, SAME_RAD = 0.05, np.radians(3.0)  # sources of one estimate differ by their stamps alone
@@ -50,9 +48,7 @@ def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table
     """
     sources = _by_topic([table for table in tables if table.schema in READERS])
     if facts.topic and not any(table.channel.topic == facts.topic for table in tables):
-        raise InputError(
-            what, f"has no poses on topic {facts.topic!r}", listed(_all(tables)), "name one of these"
-        )
+        raise InputError(what, f"has no poses on topic {facts.topic!r}", listed(_all(tables)), "name one")
     if facts.topic:
         sources = [table for table in sources if table.channel.topic == facts.topic]
     if facts.schema:

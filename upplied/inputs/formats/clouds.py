@@ -62,9 +62,7 @@ def read_e57(source: Source) -> RawMesh:
         for scan in range(scans):
             read = file.read_scan(scan, ignore_missing_fields=True)
             found.append(np.column_stack([read[f"cartesian{axis}"] for axis in "XYZ"]))
-    return RawMesh(
-        np.concatenate(found), unit_m=1.0, up="z"
-    )  # metres by specification; points marked bad are not there
+    return RawMesh(np.concatenate(found), unit_m=1.0, up="z")  # metres by specification
 
 
 def _e57_xml(source: Source) -> Any:
@@ -74,9 +72,7 @@ def _e57_xml(source: Source) -> Any:
         remedy = "export it again, or save it as PLY in double precision (e.g. with CloudCompare)"
         raise source.error("its header points beyond its end", "a complete E57", remedy)
     first, last = start // page, (start + length) // page + length // page + 2
-    pages = [
-        source.data[at * page : (at + 1) * page - 4] for at in range(first, last)
-    ]  # each ends with its CRC
+    pages = [source.data[at * page : (at + 1) * page - 4] for at in range(first, last)]  # then a CRC
     text = b"".join(pages)[start % page :][:length]
     return plain_xml(text)
 

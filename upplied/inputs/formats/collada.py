@@ -79,7 +79,7 @@ class _Reader:
         url = element.get(attribute, "")
         if not url.startswith("#") or url[1:] not in self._by_id:
             raise self._source.error(
-                f"refers to {url[:80]!r}, which it does not hold", "a file complete in itself"
+                f"refers to {url[:80]!r}, which is not in it", "a file complete in itself"
             )
         return self._by_id[url[1:]]
 
@@ -99,7 +99,7 @@ class _Reader:
             mesh = element.find("mesh")
             if mesh is None:
                 raise self._source.error(
-                    "holds a geometry that is no mesh", "polygon meshes", "tessellate it on export"
+                    "holds a geometry that is no mesh", "polygons", "tessellate it on export"
                 )
             self._geometries[id(element)] = self._mesh(mesh)
         return self._geometries[id(element)]

@@ -170,9 +170,7 @@ def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
             if primitive.get("mode") == _FAN:
                 raise source.error("holds triangle fans", "triangles or strips", "export it as triangles")
             if "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
-                raise source.error(
-                    "is compressed with Draco", "plain glTF 2.0", "export it without compression"
-                )
+                raise source.error("is compressed with Draco", "plain glTF 2.0", "export it uncompressed")
         for primitive in surfaces:
             named = [
                 primitive["attributes"]["POSITION"],
@@ -184,9 +182,7 @@ def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
             ):
                 raise source.error("a primitive has no positions", "a complete file")
             if any("sparse" in accessors[n] or "bufferView" not in accessors[n] for n in named):
-                raise source.error(
-                    "uses sparse accessors", "plain accessors", "export it again without sparse"
-                )
+                raise source.error("uses sparse accessors", "plain accessors", "export it without sparse")
             used.update(named)
             corners = sum(accessors[number]["count"] for number in named)
             copies = int(placements[index]) if index < len(placements) else 0

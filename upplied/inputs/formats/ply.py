@@ -67,9 +67,7 @@ def read_ply(source: Source) -> RawMesh:
     if vertices is None:
         raise source.error("has no element 'vertex'", "vertices with x, y, z")
     if any(body.tobytes().strip(b"\0 \t\r\n")):
-        raise source.error(
-            f"goes on for {len(body)} bytes after all that its header counts", "a complete file"
-        )
+        raise source.error(f"goes on for {len(body)} bytes after what its header counts", "a complete file")
     triangles, _ = source.triangulated(vertices, corners, sizes)
     remarks = counted((int((sizes > 3).sum()), "polygons triangulated"))
     return RawMesh(vertices, triangles, normals=None if len(sizes) else normals, remarks=remarks)

@@ -50,9 +50,7 @@ def _check_content(source: Source, suffix: str) -> None:
     if suffix in READERS and content in ("", suffix):
         return
     if {suffix, content} <= {"glb", "gltf"} or {suffix, content} <= {"las", "laz"}:
-        raise source.error(
-            f"is {content.upper()} by its content", "a suffix that says so", f"name it .{content}"
-        )
+        raise source.error(f"is {content.upper()} by its content", "the suffix of it", f"name it .{content}")
     refused = content if content in REFUSED else suffix
     if refused in REFUSED:
         raise source.error(f"is {refused.upper()}, which is not read", _known(), REFUSED[refused])

@@ -56,7 +56,7 @@ def read_threemf(source: Source) -> RawMesh:
         missing = [key for key, _ in items if key not in objects]
         if missing:
             raise source.error(
-                f"refers to object {missing[0][1][:20]!r}, which it does not hold", "a complete file"
+                f"refers to object {missing[0][1][:20]!r}, which is not in it", "a complete file"
             )
         return [(objects[key], matrix) for key, matrix in items]
 
@@ -82,7 +82,7 @@ def _models(source: Source) -> dict[str, bytes]:
                 left -= len(text)
                 if left < 0:
                     raise source.error(
-                        "unpacks to far more than its size", "at most 40 times", "export it again"
+                        "unpacks to far more than its size", "40 times at most", "export it again"
                     )
                 found["/" + info.filename.lstrip("/")] = text
     except (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError, OSError) as error:
@@ -124,9 +124,7 @@ class _Handler(ContentHandler):
         for prefix in attrs.get("requiredextensions", "").split():
             uri = attrs.get(f"xmlns:{prefix}", "")
             if not uri.endswith(_HARMLESS):
-                raise self._source.error(
-                    f"requires the extension {uri[:80]!r}", "meshes", "export plain meshes"
-                )
+                raise self._source.error(f"requires the extension {uri[:80]!r}", "meshes", "export meshes")
 
 
 def _matrix(text: str) -> Floats:

@@ -161,9 +161,7 @@ class Recording:
         """
         if number > self.limit(bound):
             found = f"holds more than {self.limit(bound)} {what}"
-            raise InputError(
-                str(self.path), found, "what an honest log of its size can hold", "check where it is from"
-            )
+            raise InputError(str(self.path), found, "what a log of its size can hold", "check its origin")
 
 
 class _Sinks(dict[int, "Sink | None"]):

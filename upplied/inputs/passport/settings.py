@@ -37,9 +37,7 @@ class PassportSettings:
     least_shown_pct: float = 50.0  # of the pictures, showing the structure within the camera's range
     fit_gain_pct: float = 15.0  # of the poses that would make sense in another convention alone
     fit_least_pct: float = 75.0  # of the poses, in that convention
-    steadier_ratio: float = (
-        3.0  # of how the stand-off varies; of 96 right flights none would be steadier by 2.5
-    )
+    steadier_ratio: float = 3.0  # of how the stand-off varies; no right flight of 96 is steadier by 2.5
     off_centre_m: float = 3.0  # a stand-off that changes with the side, as if the log lay this far off
     odd_off_centre_m: float = 1.2  # of 150 right flights none is so by more than 0.2 m with as much certainty
     # Of 200 right flights none drifts by more than 10.7 deg or looks aside by more than 9.4.

@@ -107,9 +107,7 @@ def camera_of(
         listed = ", ".join(
             f"{topic} (frame {frame}, {cam.hfov_deg:.0f} deg)" for topic, (cam, frame, _) in found.items()
         )
-        raise InputError(
-            what, f"holds several cameras: {listed}", "one camera", "name one by camera_frame_id"
-        )
+        raise InputError(what, f"holds several cameras: {listed}", "one camera", "give camera_frame_id")
     camera, frame, zoom = next(iter(found.values()), (Camera(), "", None))
     notes = [] if found else [NO_CALIBRATION]
     names = ("hfov_deg", "vfov_deg", "min_range_m", "max_range_m", *_OPTICS)
@@ -158,9 +156,7 @@ def through(
     if fov_deg is None:
         if zoom.spread_pct > facts.passport.zoom_pct and "zoom-untimed" not in facts.allow:
             change = f"from {zoom.hfov_deg.max():.1f} to {zoom.hfov_deg.min():.1f} deg"
-            found = (
-                f"zoom-untimed: the field of view changes {change}, by another clock than that of the poses"
-            )
+            found = f"zoom-untimed: the field of view changes {change}, by another clock than the poses"
             rule = f"one field of view, within {facts.passport.zoom_pct:g} %, or one clock"
             remedy = "record with one clock, or --allow zoom-untimed: the narrowest then counts"
             raise InputError(what, found, rule, remedy)

@@ -107,9 +107,8 @@ class Tree:
             step, turn, there = self._link(link, lead.t_ns, limits)
             positions = positions + rotation.apply(step)
             rotation, known = rotation * turn, known & there
-        chain = replace(
-            lead, positions=positions, quat_xyzw=rotation.as_quat(), parent=links[0][0], child=leaf
-        )
+        chain = replace(lead, positions=positions, quat_xyzw=rotation.as_quat(), parent=links[0][0])
+        chain = replace(chain, child=leaf)
         return chain.during(known, "complete chain of transforms")
 
     def _link(self, link: Link, t_ns: Ints, limits: LogOptions) -> tuple[Floats, Rotation, Bools]:

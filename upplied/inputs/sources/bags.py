@@ -111,9 +111,8 @@ class _Bag2(_Bag):
                 topics = database.execute(
                     "SELECT id, name, type, serialization_format FROM topics"
                 ).fetchall()
-                names = {
-                    name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type='table'")
-                }
+                tables = database.execute("SELECT name FROM sqlite_master WHERE type='table'")
+                names = {name for (name,) in tables}
                 if "message_definitions" in names:
                     query = "SELECT topic_type, encoded_message_definition FROM message_definitions"
                     texts |= dict(database.execute(query))

@@ -187,10 +187,8 @@ def _marks(data: bytes) -> _Route:
                 here = ahead = float(pitch)
             if (heading := action.findtext(".//aircraftHeading")) is not None:
                 yaw = float(heading)
-        speed, height = (
-            float(mark.findtext("waypointSpeed") or "nan"),
-            float(str(mark.findtext("executeHeight"))),
-        )
+        speed = float(mark.findtext("waypointSpeed") or "nan")
+        height = float(str(mark.findtext("executeHeight")))
         route.add(lat, lon, height, yaw=yaw, pitch=here, speed=speed)
         route.pitch = ahead
     return route

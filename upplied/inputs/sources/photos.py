@@ -23,7 +23,6 @@ from upplied.inputs.tables import Table
 from upplied.records import Floats, Ints
 
 ENDINGS = (".jpg", ".jpeg", ".dng", ".tif", ".tiff")
-MAGIC = (b"\xff\xd8\xff", b"II*\x00", b"MM\x00*")
 MAX_PHOTOS = 100_000
 _RTK_FIXED = 50
 _NADIR_DEG, _TURN_DEG, _STILL_DEG = 85.0, 60.0, 15.0
@@ -102,15 +101,11 @@ def _yaw(at: dict[str, Floats], notes: list[str]) -> Floats:
     yaw, flight = at["gimbal"], at["flight"]
     known = np.isfinite(yaw) & np.isfinite(flight)
     steep = np.abs(at["pitch"]) > _NADIR_DEG
-    some = (
-        known & ~steep if (known & ~steep).sum() >= 5 else known
-    )  # straight down a yaw may be half a turn off
+    some = known & ~steep if (known & ~steep).sum() >= 5 else known  # of a nadir yaw half a turn may be off
     turns = np.unwrap(np.radians(flight[some])) if some.any() else np.zeros(1)
     relative = np.abs((yaw[some] + 180) % 360 - 180)
     if some.sum() >= 3 and np.degrees(np.ptp(turns)) > _TURN_DEG and np.percentile(relative, 90) < _STILL_DEG:
-        notes.append(
-            "the gimbal's yaw counts from the aircraft's nose in these photos: the aircraft's is added"
-        )
+        notes.append("the gimbal's yaw counts from the aircraft's nose in these photos: its yaw is added")
         return np.where(known, yaw + flight, np.nan)
     if known.any() and steep[known].mean() > 0.5:
         notes.append("most photos look straight down: which way is up in them is known to half a turn")
