@@ -28,7 +28,8 @@ from upplied.inputs.passport.measured import SEEN, Reading
 from upplied.inputs.passport.passport import passport_of
 from upplied.inputs.passport.rules import RULES
 from upplied.inputs.rules import Verdict, broken
-from upplied.inputs.schemas import cameras, geodetic, gimbal, px4, ros, tf, wind
+from upplied.inputs.schemas import cameras, geodetic, gimbal, ros, tf, wind
+from upplied.inputs.schemas.fields import FIELDS
 from upplied.inputs.sidecar import LogOptions, inspection, placed, stated
 from upplied.inputs.sources import door
 from upplied.inputs.sources.source import Source
@@ -37,13 +38,7 @@ from upplied.poses import normalised
 from upplied.records import Demonstration, Placement, Structure
 from upplied.scene import scene_of
 
-__all__ = ["LogOptions", "fingerprint", "read_demonstration"]
-
-FIELDS = {
-    schema: paths
-    for family in (ros, px4, geodetic, tf, gimbal, cameras, inspections, wind)
-    for schema, paths in family.FIELDS.items()
-}
+__all__ = ["FIELDS", "LogOptions", "fingerprint", "read_demonstration"]
 
 
 def read_demonstration(

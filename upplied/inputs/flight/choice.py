@@ -94,7 +94,7 @@ def nothing(tables: Sequence[Table], what: str) -> InputError:
 
 
 def _all(tables: Sequence[Table]) -> list[Table]:
-    return _by_topic([table for table in tables if table.schema in READERS or table.schema in tf.FIELDS])
+    return _by_topic([table for table in tables if table.schema in READERS or table.schema in tf.SCHEMAS])
 
 
 def _by_topic(tables: Sequence[Table]) -> list[Table]:

@@ -12,17 +12,12 @@ import numpy as np
 from upplied.cameras import completed, known_camera, unverified
 from upplied.errors import InputError
 from upplied.inputs.flight.tracks import Track, names, source_times, stamps
+from upplied.inputs.schemas.fields import fields_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Camera, Floats, Ints
 
-_CALIBRATION = ("width", "height", "k", "K", "distortion_model")
-FIELDS = {
-    "sensor_msgs/CameraInfo": (
-        "header.stamp.sec", "header.stamp.nanosec", "header.frame_id", *_CALIBRATION
-    ),
-    "foxglove.CameraCalibration": ("timestamp.sec", "timestamp.nanosec", "frame_id", *_CALIBRATION),
-}  # fmt: skip
+_SCHEMAS = fields_of("cameras")
 _KNOWN = 0.5  # of the poses that come after the first calibration: fewer, and the clocks are two
 ZOOM_UNHEARD = "against a calibration in the log that changes"
 NO_CALIBRATION = "no camera calibration in the log"
@@ -99,7 +94,7 @@ def camera_of(
 
     Raises InputError if the log holds several cameras and nothing says which.
     """
-    calibrations = [table for table in tables if table.schema in FIELDS]
+    calibrations = [table for table in tables if table.schema in _SCHEMAS]
     found = {t.channel.topic: cam for t in calibrations if (cam := calibrated(t)) is not None}
     if facts.camera_frame_id:
         found = {topic: cam for topic, cam in found.items() if cam[1] == facts.camera_frame_id.lstrip("/")}

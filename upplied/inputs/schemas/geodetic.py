@@ -19,6 +19,7 @@ from upplied.errors import InputError
 from upplied.inputs.flight.clean import attitude_track
 from upplied.inputs.flight.tracks import Track, are_unit, source_times, stamps
 from upplied.inputs.schemas import gimbal, px4
+from upplied.inputs.schemas.fields import fields_of
 from upplied.inputs.schemas.geoid import undulation_m
 from upplied.inputs.schemas.ros import IMU
 from upplied.inputs.sidecar import LogOptions
@@ -28,15 +29,7 @@ from upplied.records import Bools, Floats, Ints
 
 _PLACE = ("latitude", "longitude", "altitude")
 _TURN = tuple(f"orientation.{axis}" for axis in "xyzw")
-FIELDS = {
-    "sensor_msgs/NavSatFix": ("header.stamp.sec", "header.stamp.nanosec", "status.status", *_PLACE),
-    "foxglove.LocationFix": ("timestamp.sec", "timestamp.nanosec", "heading", *_PLACE),
-    "px4_msgs/VehicleGlobalPosition": (
-        "timestamp", "timestamp_sample", "lat", "lon", "alt", "alt_ellipsoid", "alt_takeoff",
-        "lat_lon_valid", "alt_valid", "lat_lon_reset_counter", "alt_reset_counter",
-    ),
-}  # fmt: skip
-SOURCES = ("sensor_msgs/NavSatFix", "foxglove.LocationFix", "px4_msgs/VehicleGlobalPosition")
+SOURCES = tuple(fields_of("geodetic"))
 TAKEOFF = "takeoff"  # a datum: heights count from there
 _NAMES = {"ellipsoid": "ellipsoid", "amsl": "mean sea level", TAKEOFF: "place of take-off"}
 STRUCTURE = "structure"  # name of the frame of these tracks: no further placing is needed

@@ -20,14 +20,6 @@ from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints
 
-_STAMPS = ("timestamp", "timestamp_sample")
-FIELDS = {
-    "px4_msgs/VehicleOdometry": (*_STAMPS, "pose_frame", "position", "q", "reset_counter"),
-    "px4_msgs/VehicleLocalPosition": (
-        *_STAMPS, "x", "y", "z", "xy_valid", "z_valid", "xy_reset_counter", "z_reset_counter",
-    ),
-    "px4_msgs/VehicleAttitude": (*_STAMPS, "q", "quat_reset_counter"),
-}  # fmt: skip
 SOURCES = ("px4_msgs/VehicleOdometry", "px4_msgs/VehicleLocalPosition")
 
 _HALF = np.sqrt(0.5)

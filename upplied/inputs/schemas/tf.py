@@ -17,28 +17,13 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
-from upplied.inputs.flight.tracks import PoseShape, Track, are_unit, at_times, groups_of
+from upplied.inputs.flight.tracks import Track, are_unit, at_times, groups_of
+from upplied.inputs.schemas.fields import shapes_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints
 
-_ROS = PoseShape(
-    "transforms[].header.stamp", "transforms[].transform.translation", "transforms[].transform.rotation",
-    "transforms[].header.frame_id", "transforms[].child_frame_id",
-)  # fmt: skip
-_MANY = PoseShape(
-    "transforms[].timestamp", "transforms[].translation", "transforms[].rotation",
-    "transforms[].parent_frame_id", "transforms[].child_frame_id",
-)  # fmt: skip
-_SHAPES = {
-    "tf2_msgs/TFMessage": _ROS,
-    "tf/tfMessage": _ROS,
-    "foxglove.FrameTransforms": _MANY,
-    "foxglove.FrameTransform": PoseShape(
-        "timestamp", "translation", "rotation", "parent_frame_id", "child_frame_id"
-    ),
-}
-FIELDS = {schema: shape.paths for schema, shape in _SHAPES.items()}
+SCHEMAS = shapes_of("tf")
 _MAX_FRAMES = 1000
 _BODIES = ("base_link", "body", "fcu", "base_footprint", "imu")
 
@@ -128,7 +113,7 @@ def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
 
     Raises InputError if there are too many frames.
     """
-    tables = [table for table in tables if table.schema in FIELDS]
+    tables = [table for table in tables if table.schema in SCHEMAS]
     tree = Tree(topic=tables[0].channel.topic if tables else "")
     loose: dict[Link, list[Track]] = {}
     for table in tables:
@@ -185,7 +170,7 @@ def _leaf(tree: Tree, facts: LogOptions, named: str, what: str) -> str:
 def _links(table: Table) -> list[tuple[Link, Track]]:
     if not len(table):
         return []
-    shape = _SHAPES[table.schema]
+    shape = SCHEMAS[table.schema]
     whole, groups = shape.track(table), groups_of(table, shape)
     if len(groups) > _MAX_FRAMES:
         raise InputError(table.channel.topic, f"holds {len(groups)} links", f"at most {_MAX_FRAMES}")
