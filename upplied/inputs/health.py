@@ -51,27 +51,29 @@ class HealthReport(Record):
         return "\n".join(lines)
 
     def _facts(self) -> Iterator[tuple[str, str]]:
-        found, mesh = self.findings, self.structure
-        unit = next((name for name, metres in UNITS.items() if metres == found.unit_m), f"{found.unit_m:g} m")
+        findings, mesh = self.findings, self.structure
+        unit = next(
+            (name for name, metres in UNITS.items() if metres == findings.unit_m), f"{findings.unit_m:g} m"
+        )
         yield "size", " x ".join(f"{side:.2f}" for side in self.size_m) + " m (length x width x height)"
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         yield "box", "  ".join(f"{a} {low[i]:.2f} to {high[i]:.2f}" for i, a in enumerate("xyz"))
-        yield "units", f"{unit} ({found.unit_from}); up {found.up}, forward {found.forward}"
+        yield "units", f"{unit} ({findings.unit_from}); up {findings.up}, forward {findings.forward}"
         if not len(mesh.triangles):
             yield "cloud", f"{len(mesh.vertices)} points"
         else:
-            parts = f"{found.parts} connected part{'s' if found.parts != 1 else ''}"
-            parts += f", {found.hidden_parts} hidden inside" if found.hidden_parts else ""
+            parts = f"{findings.parts} connected part{'s' if findings.parts != 1 else ''}"
+            parts += f", {findings.hidden_parts} hidden inside" if findings.hidden_parts else ""
             yield "mesh", f"{len(mesh.triangles)} triangles, {len(mesh.vertices)} vertices, {parts}"
-            seen = 100 * found.outside_area_m2 / max(found.area_m2, 1e-12)
-            outside = f"{found.outside_area_m2:.1f} m² seen from outside ({seen:.0f} %)"
-            yield "surface", f"{found.area_m2:.1f} m², {outside}"
+            seen = 100 * findings.outside_area_m2 / max(findings.area_m2, 1e-12)
+            outside = f"{findings.outside_area_m2:.1f} m² seen from outside ({seen:.0f} %)"
+            yield "surface", f"{findings.area_m2:.1f} m², {outside}"
             holes = (
-                f"no: {found.boundary_edges} open edges, {found.nonmanifold_edges} of three faces and more"
+                f"no: {findings.boundary_edges} open edges, {findings.nonmanifold_edges} of 3 faces or more"
             )
-            yield "watertight", "yes" if found.watertight else holes
+            yield "watertight", "yes" if findings.watertight else holes
         yield "known to", _known(mesh)
-        yield "repaired", "; ".join(found.done) or "nothing"
+        yield "repaired", "; ".join(findings.done) or "nothing"
 
 
 def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:

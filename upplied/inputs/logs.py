@@ -25,8 +25,7 @@ from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.conventions import converted
 from upplied.inputs.passport.measured import SEEN, Reading
-from upplied.inputs.passport.passport import passport_of
-from upplied.inputs.passport.rules import RULES
+from upplied.inputs.passport.rules import RULES, passport_of
 from upplied.inputs.rules import Verdict, broken
 from upplied.inputs.schemas import cameras, geodetic, gimbal, ros, tf, wind
 from upplied.inputs.schemas.fields import FIELDS
@@ -159,8 +158,8 @@ def _demonstration(
     if structure is not None:
         of_reader: dict[str, Callable[[LogOptions], object]] = {
             "zoom-untimed": through,
-            "several-publishers": lambda asked: _one_body(tables, track, asked, what),
-            "frame-unconnected": lambda asked: in_frame(track, asked, tree, what),
+            "several-publishers": lambda options: _one_body(tables, track, options, what),
+            "frame-unconnected": lambda options: in_frame(track, options, tree, what),
         }
         reading = Reading(
             source, track, flown, shortened, pace, camera, to_camera, gap_s, tuple(notes),
@@ -217,10 +216,10 @@ def _overruled(facts: LogOptions, rules: Mapping[str, Callable[[LogOptions], obj
 def _in_context(error: InputError, path: Path, source: Source) -> InputError:
     """The error with the name of the file, and with what was lost of it before."""
     what = error.what if str(path) in error.what else f"{path}, {error.what}"
-    found = "; ".join([error.found, *source.losses])
+    finding = "; ".join([error.found, *source.losses])
     if error.found.startswith(NOTHING):
-        found += f"; its topics: {source.topics or 'none'}"
-    return InputError(what, found, error.rule, error.remedy)
+        finding += f"; its topics: {source.topics or 'none'}"
+    return InputError(what, finding, error.rule, error.remedy)
 
 
 def _source(
@@ -239,8 +238,8 @@ def _check_flown(metadata: Sequence[tuple[str, Mapping[str, str]]], what: str) -
     for name, values in metadata:
         plan = name == "plan" and "structure_id" in values
         if plan or (name == "inspection" and values.get("simulated", "").lower() == "true"):
-            found = "is an export of a plan" if plan else "is the log of a simulated flight"
-            raise InputError(what, f"{found}: its metadata say so", "the log of a vehicle that flew")
+            finding = "is an export of a plan" if plan else "is the log of a simulated flight"
+            raise InputError(what, f"{finding}: its metadata say so", "the log of a vehicle that flew")
 
 
 def _in_metres(track: Track, facts: LogOptions, what: str) -> Track:
@@ -248,8 +247,8 @@ def _in_metres(track: Track, facts: LogOptions, what: str) -> Track:
     if facts.unit_m is None or track.parent == geodetic.STRUCTURE:
         return track
     if not facts.unit_m > 0:
-        found, rule = "has the scale of a reconstruction, which has no unit", "unit_m: metres per unit of it"
-        raise InputError(what, found, rule, "write unit_m of the project's mesh into the side-car")
+        remedy = "write unit_m of the project's mesh into the side-car"
+        raise InputError(what, "is a reconstruction without unit", "unit_m: metres per unit of it", remedy)
     return replace(track, positions=track.positions * facts.unit_m)
 
 
@@ -257,5 +256,5 @@ def _check_length(track: Track, facts: LogOptions, what: str) -> None:
     seconds = float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0
     if len(track) < 2 or seconds < facts.min_duration_s:
         dropped = f" ({reasons(track)} dropped)" if track.dropped else ""
-        found, rule = f"holds {len(track)} poses over {seconds:.2f} s{dropped}", f"{facts.min_duration_s} s"
-        raise InputError(what, found, f"at least 2 poses and {rule}", "lower min_duration_s if this is all")
+        finding, rule = f"holds {len(track)} poses over {seconds:.2f} s{dropped}", f"{facts.min_duration_s} s"
+        raise InputError(what, finding, f"at least 2 poses and {rule}", "lower min_duration_s if this is all")

@@ -49,9 +49,11 @@ def axes(given: Mapping[str, Any], what: str) -> tuple[str, str]:
     if forward is None and given.get("symmetric"):
         forward = next(axis for axis in AXES if axis[-1] != up[-1])
     if forward is None:
-        found = "has no 'forward'"
+        finding = "has no 'forward'"
         rule = "the axis of the file that points to the nose, bow, rotor hub or along the structure"
-        raise InputError(what, found, rule, "declare it, or symmetric = true where no such direction exists")
+        raise InputError(
+            what, finding, rule, "declare it, or symmetric = true where no such direction exists"
+        )
     if forward[-1] == up[-1]:
         raise InputError(what, f"forward {forward!r} and up {up!r} lie on one axis", "two different axes")
     return up, forward
@@ -75,12 +77,12 @@ def number(low: float = -1e12, high: float = 1e12, above: float = -math.inf, who
 
     def parse_number(value: Any, what: str) -> float:
         try:
-            found = float("nan") if isinstance(value, bool) else (int if whole else float)(value)
+            parsed = float("nan") if isinstance(value, bool) else (int if whole else float)(value)
         except (ValueError, TypeError, OverflowError):
-            found = float("nan")
-        if not low <= found <= high or found <= above:
+            parsed = float("nan")
+        if not low <= parsed <= high or parsed <= above:
             raise InputError(what, f"got {_shown(value)}", rule)
-        return found
+        return parsed
 
     return parse_number
 

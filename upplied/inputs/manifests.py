@@ -154,9 +154,9 @@ def _inside(folder: Path, name: str, what: str, allow_outside: bool) -> Path:
         return folder / path
     root = folder.resolve()
     if path.is_absolute() or not (root / path).resolve().is_relative_to(root):
-        found = f"the path {name[:120]!r} leaves the manifest's folder"
+        finding = f"the path {name[:120]!r} leaves the manifest's folder"
         rule = "paths relative to the manifest, inside its folder"
-        raise InputError(what, found, rule, "move the file there, or allow outside paths explicitly")
+        raise InputError(what, finding, rule, "move the file there, or allow outside paths explicitly")
     return folder / path
 
 

@@ -114,8 +114,8 @@ def structure_frame(raw: RawMesh, entry: StructureEntry) -> Floats:
     used = used_vertices(raw.triangles, len(near)) if len(raw.triangles) else slice(None)
     far = raw.vertices[used][~near[used] & np.isfinite(raw.vertices[used])]
     if len(far):
-        found, rule = f"has a coordinate of {far[0]:.3g} units", f"at most {_FARTHEST_M:g} m"
-        raise InputError(str(entry.path), found, rule, "check the units, or export it again")
+        finding, rule = f"has a coordinate of {far[0]:.3g} units", f"at most {_FARTHEST_M:g} m"
+        raise InputError(str(entry.path), finding, rule, "check the units, or export it again")
     local = np.where(near, raw.vertices, np.nan) - np.asarray(entry.local_origin)
     return (local @ turn(entry.up, entry.forward).T) * (unit * entry.scale)
 
@@ -154,8 +154,8 @@ def _mesh(
     drop: Bools = outside.hidden & entry.drop_hidden
     verdicts = []
     if outside.hidden.any() and not entry.drop_hidden:
-        found = f"{outside.hidden.sum()} of {len(triangles)} triangles lie in parts that nobody sees"
-        verdicts.append(broken(RULES["hidden"], f"{found} from outside (drop_hidden = true drops them)"))
+        finding = f"{outside.hidden.sum()} of {len(triangles)} triangles lie in parts that nobody sees"
+        verdicts.append(broken(RULES["hidden"], f"{finding} from outside (drop_hidden = true drops them)"))
     for outlier in outliers:
         drop[outlier.triangles] |= entry.drop_outliers
         if not entry.drop_outliers:
@@ -165,8 +165,8 @@ def _mesh(
         vertices, triangles = compact(vertices, triangles[~drop])
         _check_left(triangles, entry)
     if looks_scanned(Structure(entry.structure_id, entry.kind, vertices, triangles, surface=entry.surface)):
-        found = 'it looks like a reconstruction of a scan (then declare surface = "scanned")'
-        verdicts.append(broken(RULES["looks-scanned"], found))
+        finding = 'it looks like a reconstruction of a scan (then declare surface = "scanned")'
+        verdicts.append(broken(RULES["looks-scanned"], finding))
     hidden = np.unique(topology.component[outside.hidden])
     final = topology_of(triangles) if drop.any() else topology
     verdicts += cut_off(vertices, final.rim)
@@ -225,9 +225,9 @@ def _check_surface(structure: Structure, entry: StructureEntry) -> None:
         raise InputError(what, "is a point cloud and declared to be drawn", "a cloud is a scan", remedy)
     stated, most = structure.surface_error_m, _COARSEST * structure.diagonal_m
     if stated is not None and stated > most:
-        found = f"surface_error_m is {stated:g} m, of a structure of {structure.diagonal_m:.3g} m"
+        finding = f"surface_error_m is {stated:g} m, of a structure of {structure.diagonal_m:.3g} m"
         rule = f"at most {most:.3g} m, a tenth of its size"
-        raise InputError(what, found, rule, "give it in metres, or leave it out")
+        raise InputError(what, finding, rule, "give it in metres, or leave it out")
 
 
 def _declared(raw: RawMesh, entry: StructureEntry) -> dict:

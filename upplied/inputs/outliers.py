@@ -47,12 +47,12 @@ def find_outliers(vertices: Floats, triangles: Ints, topology: Topology) -> list
     component = topology.component
     planes = _planes(vertices, triangles, component)
     rest = np.flatnonzero(~np.isin(component, planes))
-    found = [
+    outliers = [
         _outlier("a plane that sticks out (a wake, a light, a billboard?)", vertices, triangles, which)
         for which in (np.flatnonzero(component == label) for label in planes)
     ]
     cluster = _clusters(vertices, triangles[rest])
-    return found + [
+    return outliers + [
         _outlier("a part far off the rest", vertices, triangles, rest[cluster == label])
         for label in _far(vertices, triangles[rest], cluster)
     ]

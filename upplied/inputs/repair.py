@@ -28,13 +28,13 @@ class Repairs:
 
     def texts(self) -> tuple[str, ...]:
         """Each kind that occurred, in words."""
-        found = (
+        kinds = (
             (self.welded, "vertices welded"),
             (self.degenerate, "triangles without area removed"),
             (self.duplicate, "repeated triangles removed"),
             (self.unused, "unused vertices dropped"),
         )
-        return tuple(f"{count} {what}" for count, what in found if count)
+        return tuple(f"{count} {what}" for count, what in kinds if count)
 
 
 def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, Repairs]:

@@ -98,12 +98,12 @@ def refuse(what: str, verdicts: Iterable[Verdict]) -> None:
     Raises InputError naming each rule, what was found, what is allowed, the remedy, and how it is
     overruled.
     """
-    found = refusals(verdicts)
-    if found:
-        remedy = "; ".join(dict.fromkeys(filter(None, (verdict.remedy for verdict in found))))
-        names = " ".join(dict.fromkeys(f"--allow {verdict.rule}" for verdict in found))
+    broken_rules = refusals(verdicts)
+    if broken_rules:
+        remedy = "; ".join(dict.fromkeys(filter(None, (verdict.remedy for verdict in broken_rules))))
+        names = " ".join(dict.fromkeys(f"--allow {verdict.rule}" for verdict in broken_rules))
         how = f"{remedy}; or, if it is right as it is, {names}" if remedy else f"if it is right, {names}"
-        raise InputError(what, "; ".join(map(str, found)), remedy=how)
+        raise InputError(what, "; ".join(map(str, broken_rules)), remedy=how)
 
 
 def to_json(verdicts: Iterable[Verdict]) -> str:

@@ -95,5 +95,5 @@ def unlike_its_kind(size_m: Floats, name: str) -> Iterator[Verdict]:
     ):
         if not low <= ratio <= high:
             bounds = f"at least {low:g}" if math.isinf(high) else f"{low:g} to {high:g}"
-            found = f"it is {ratio:.2g} times {words}: another kind, or other axes up and forward?"
-            yield broken(RULES["kind"], found, f"{name}: {bounds}")
+            finding = f"it is {ratio:.2g} times {words}: another kind, or other axes up and forward?"
+            yield broken(RULES["kind"], finding, f"{name}: {bounds}")

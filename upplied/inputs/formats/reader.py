@@ -38,8 +38,8 @@ def read_raw(path: Path | str) -> tuple[RawMesh, str]:
     except UppliedError:
         raise
     except Exception as error:  # whatever a damaged file provokes leaves as one kind of error
-        found = f"cannot be understood as {suffix.upper()} ({type(error).__name__}: {str(error)[:120]})"
-        raise source.error(found, "a complete file of its format") from None
+        finding = f"cannot be understood as {suffix.upper()} ({type(error).__name__}: {str(error)[:120]})"
+        raise source.error(finding, "a complete file of its format") from None
     return _checked(source, raw), source.sha256
 
 

@@ -71,7 +71,7 @@ def read_threemf(source: Source) -> RawMesh:
 def _models(source: Source) -> dict[str, bytes]:
     """The model parts of the archive; together no larger than XML of that size can be in honesty."""
     left = max(32 << 20, 40 * len(source.data))
-    found = {}
+    models = {}
     try:
         with zipfile.ZipFile(io.BytesIO(source.data)) as archive:
             for info in archive.infolist():
@@ -84,12 +84,12 @@ def _models(source: Source) -> dict[str, bytes]:
                     raise source.error(
                         "unpacks to far more than its size", "40 times at most", "export it again"
                     )
-                found["/" + info.filename.lstrip("/")] = text
+                models["/" + info.filename.lstrip("/")] = text
     except (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError, OSError) as error:
         raise source.error(f"its archive cannot be unpacked: {str(error)[:80]}", "a complete 3MF") from None
-    if not found:
+    if not models:
         raise source.error("its archive holds no model", "a .model part, as 3MF says")
-    return found
+    return models
 
 
 class _Handler(ContentHandler):

@@ -1,15 +1,19 @@
-"""The rules that a flight is judged by; here, what breaks those that compare more than two figures."""
+"""A flight's passport: its figures, the rules it breaks, as it is stored and as a refusal."""
 
 from __future__ import annotations
 
 import math
 import operator
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from typing import Any
 
-from upplied.inputs.passport.measured import Measured
+from upplied.inputs.passport.measured import Measured, Reading, measure
 from upplied.inputs.passport.settings import PassportSettings
-from upplied.inputs.rules import Rule, Verdict, broken, decided, rules_of
+from upplied.inputs.rules import Rule, Verdict, broken, decided, refusals, refuse, rules_of
+from upplied.inputs.sidecar import LogOptions
+from upplied.records import Structure
 
 _NED = re.compile(r"(^|[_/-])(ned|frd)([_/-]|$)", re.IGNORECASE)
 _SURE = 0.8  # least share of the stand-off's variance that a place off the structure explains
@@ -30,8 +34,8 @@ def judged(
     for rule in CHECKS:
         if _is_broken(rule, measured, settings):
             words = _WORDS[rule.name](measured) if rule.name in _WORDS else ""
-            found = rule.finding.format(m=measured, s=settings, words=words)
-            verdicts.append(broken(rule, found, remedy=rule.remedy or measured.other_advice))
+            finding = rule.finding.format(m=measured, s=settings, words=words)
+            verdicts.append(broken(rule, finding, remedy=rule.remedy or measured.other_advice))
     return decided(verdicts, allow, strict)
 
 
@@ -117,3 +121,54 @@ _WORDS: dict[str, Callable[[Measured], str]] = {
     "assumed": lambda m: ", ".join(m.assumed),
     "salvaged": lambda m: "; ".join(m.losses),
 }
+
+
+def passport_of(reading: Reading, structure: Structure, facts: LogOptions, what: str) -> Mapping[str, Any]:
+    """The passport of a flight, in plain values.
+
+    Raises InputError if a rule is broken that refuses and is not overruled.
+    """
+    measured = measure(reading, structure, facts.passport)
+    verdicts = (*reading.overruled, *judged(measured, facts.passport, facts.allow, facts.strict))
+    refuse(f"{what}, flown on {facts.structure_id}", _with_hint(verdicts, measured))
+    overruled = any(verdict.overruled for verdict in verdicts)
+    return {
+        "verdict": "overruled" if overruled else "warned" if verdicts else "good",
+        "findings": [asdict(verdict) for verdict in verdicts],
+        "allowed": sorted(facts.allow),
+        "structure_sha256": structure.sha256,
+        "measured": _plain(asdict(measured)),
+        "bounds": _plain(asdict(facts.passport)),
+    }
+
+
+def findings_of(passport: Mapping[str, Any]) -> tuple[Verdict, ...]:
+    """The rules that a flight was found to break; none where it has no passport."""
+    return tuple(Verdict(**item) for item in passport.get("findings", ()))
+
+
+def _with_hint(verdicts: tuple[Verdict, ...], measured: Measured) -> list[Verdict]:
+    """What is refused, the last of it with the convention that comes nearest to making sense of it."""
+    hinted = list(verdicts)
+    names = {verdict.rule for verdict in refusals(verdicts)}
+    if (
+        names
+        and not names & {"fits-otherwise", "stand-off"}
+        and measured.other_fit_pct - measured.fit_pct >= 5
+    ):
+        share = f"{measured.other_fit_pct:.0f} %, as given {measured.fit_pct:.0f} %"
+        hint = f"; the nearest other convention, {measured.other_words} ({measured.other}), fits {share}"
+        last = max(at for at, verdict in enumerate(hinted) if verdict.rule in names)
+        hinted[last] = replace(hinted[last], found=hinted[last].found + hint)
+    return hinted
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers rounded to what they are worth; None for what is not finite."""
+    return {name: _rounded(value) for name, value in values.items()}
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return round(value, 3) if math.isfinite(value) else None
+    return [_rounded(item) for item in value] if isinstance(value, tuple | list) else value

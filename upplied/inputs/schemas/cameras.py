@@ -95,24 +95,28 @@ def camera_of(
     Raises InputError if the log holds several cameras and nothing says which.
     """
     calibrations = [table for table in tables if table.schema in _SCHEMAS]
-    found = {t.channel.topic: cam for t in calibrations if (cam := calibrated(t)) is not None}
+    by_topic = {t.channel.topic: cam for t in calibrations if (cam := calibrated(t)) is not None}
     if facts.camera_frame_id:
-        found = {topic: cam for topic, cam in found.items() if cam[1] == facts.camera_frame_id.lstrip("/")}
-    if len({(cam.hfov_deg, cam.vfov_deg, frame) for cam, frame, _ in found.values()}) > 1:
+        by_topic = {
+            topic: cam for topic, cam in by_topic.items() if cam[1] == facts.camera_frame_id.lstrip("/")
+        }
+    if len({(cam.hfov_deg, cam.vfov_deg, frame) for cam, frame, _ in by_topic.values()}) > 1:
         listed = ", ".join(
-            f"{topic} (frame {frame}, {cam.hfov_deg:.0f} deg)" for topic, (cam, frame, _) in found.items()
+            f"{topic} (frame {frame}, {cam.hfov_deg:.0f} deg)" for topic, (cam, frame, _) in by_topic.items()
         )
         raise InputError(what, f"holds several cameras: {listed}", "one camera", "give camera_frame_id")
-    camera, frame, zoom = next(iter(found.values()), (Camera(), "", None))
-    notes = [] if found else [NO_CALIBRATION]
+    camera, frame, zoom = next(iter(by_topic.values()), (Camera(), "", None))
+    notes = [] if by_topic else [NO_CALIBRATION]
     names = ("hfov_deg", "vfov_deg", "min_range_m", "max_range_m", *_OPTICS)
     declared: dict[str, Any] = {name: getattr(facts, f"camera_{name}") for name in names}
     declared = {name: value for name, value in declared.items() if value is not None}
     declared |= {name: int(declared[name]) for name in ("width_px", "height_px") if name in declared}
     if facts.camera_model:
         model = known_camera(facts.camera_model, facts.camera_file_format or "jpeg")
-        camera = completed(camera, model) if found else model
-        notes += filter(None, [unverified(facts.camera_model, [*declared, *(["hfov_deg"] if found else [])])])
+        camera = completed(camera, model) if by_topic else model
+        notes += filter(
+            None, [unverified(facts.camera_model, [*declared, *(["hfov_deg"] if by_topic else [])])]
+        )
     camera = replace(camera, **declared)
     if camera.focus_m > camera.min_range_m and facts.camera_min_range_m is None:
         camera = replace(camera, min_range_m=camera.focus_m)
@@ -151,10 +155,10 @@ def through(
     if fov_deg is None:
         if zoom.spread_pct > facts.passport.zoom_pct and "zoom-untimed" not in facts.allow:
             change = f"from {zoom.hfov_deg.max():.1f} to {zoom.hfov_deg.min():.1f} deg"
-            found = f"zoom-untimed: the field of view changes {change}, by another clock than the poses"
+            finding = f"zoom-untimed: the field of view changes {change}, by another clock than the poses"
             rule = f"one field of view, within {facts.passport.zoom_pct:g} %, or one clock"
             remedy = "record with one clock, or --allow zoom-untimed: the narrowest then counts"
-            raise InputError(what, found, rule, remedy)
+            raise InputError(what, finding, rule, remedy)
         fov_deg = np.column_stack([zoom.hfov_deg, zoom.vfov_deg])
     if facts.camera_vfov_deg is not None:
         fov_deg = np.column_stack([fov_deg[:, 0], np.full(len(fov_deg), camera.vfov_deg)])

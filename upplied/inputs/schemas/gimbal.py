@@ -47,10 +47,10 @@ class Gimbal:
 
 def gimbal(tables: Sequence[Table], facts: LogOptions) -> Gimbal | None:
     """The gimbal of a log; None where it has none. Of several, the one that reports most often."""
-    found = [table for table in tables if table.schema in _SCHEMAS and len(table) > 1]
-    if not found:
+    gimbals = [table for table in tables if table.schema in _SCHEMAS and len(table) > 1]
+    if not gimbals:
         return None
-    table = max(found, key=len)
+    table = max(gimbals, key=len)
     if table.schema.startswith("px4"):
         times, quats = px4.stamps_us(table), px4.xyzw(table)
     else:

@@ -64,8 +64,8 @@ class Tree:
         """The one frame on a static link that is called a camera's; empty where none or several are."""
         named = [child for _, child in self.static if re.search(r"optical|cam", child, re.IGNORECASE)]
         optical = [name for name in named if "optical" in name.lower()]
-        found = optical or named
-        return found[0] if len(found) == 1 else ""
+        candidates = optical or named
+        return candidates[0] if len(candidates) == 1 else ""
 
     def moves(self, frame: str) -> bool:
         """Whether a moving link lies above a frame."""
@@ -163,8 +163,8 @@ def _leaf(tree: Tree, facts: LogOptions, named: str, what: str) -> str:
             return choice[0]
         if choice:
             break
-    found = f"has several frames that could be the camera: {', '.join((optical or ends)[:20])}"
-    raise InputError(what, found, "one", "name it by camera_frame_id")
+    finding = f"has several frames that could be the camera: {', '.join((optical or ends)[:20])}"
+    raise InputError(what, finding, "one", "name it by camera_frame_id")
 
 
 def _links(table: Table) -> list[tuple[Link, Track]]:

@@ -44,7 +44,7 @@ class Kind:
 
 
 @dataclass(frozen=True)
-class Found:
+class FileKind:
     """What one file, or folder of photos, is."""
 
     path: Path
@@ -84,8 +84,8 @@ def kind_of(path: Path) -> str:
     kind = next((kind for kind, pattern in _BYTES.items() if pattern.match(head)), "")
     kind = kind or _binary(path, head) or ("" if b"\0" in head[:4096] else _text(path, head))
     if not kind and path.suffix.lower() in _LOGS:
-        found = f"does not begin as a {path.suffix} file does" if head.strip() else "is empty"
-        raise InputError(str(path), found, "a whole file", "copy it again from the recorder")
+        finding = f"does not begin as a {path.suffix} file does" if head.strip() else "is empty"
+        raise InputError(str(path), finding, "a whole file", "copy it again from the recorder")
     return kind
 
 
@@ -155,37 +155,39 @@ def parts_of(path: Path, kind: str) -> list[Path]:
     return [path, *(name for name in names if name != path and name.is_file())]
 
 
-def survey(paths: Iterable[str | Path]) -> list[Found]:
+def survey(paths: Iterable[str | Path]) -> list[FileKind]:
     """What the named files are, or those in the named folders: each of them, in order.
 
     Raises InputError if a name does not exist, or there are too many files.
     """
-    found: list[Found] = []
+    files: list[FileKind] = []
     for name in map(Path, paths):
         if not name.exists():
             raise InputError(str(name), "does not exist", remedy="check the path")
-        found += _folder(name) if name.is_dir() else _file(name, alone=True)
+        files += _folder(name) if name.is_dir() else _file(name, alone=True)
     parts: set[Path] = set()
-    for each in found:
+    for each in files:
         if each.is_flight and each.path.is_file() and each.path not in parts:
             parts |= set(parts_of(each.path, kind_of(each.path))[1:])
-    return [Found(it.path, _PART, "part of a flight beside it") if it.path in parts else it for it in found]
+    return [
+        FileKind(it.path, _PART, "part of a flight beside it") if it.path in parts else it for it in files
+    ]
 
 
-def _file(path: Path, alone: bool = False) -> list[Found]:
+def _file(path: Path, alone: bool = False) -> list[FileKind]:
     try:
         kind = kind_of(path)
     except InputError as error:
-        return [Found(path, _REFUSED, error.found)]
+        return [FileKind(path, _REFUSED, error.found)]
     if kind == "photos" and not alone:
         return []
     if kind:
-        return [Found(path, _FLIGHT, KINDS[kind].words)]
-    return [Found(path, _OTHER, "side-car of a flight" if path.suffix.lower() == ".toml" else "no flight")]
+        return [FileKind(path, _FLIGHT, KINDS[kind].words)]
+    return [FileKind(path, _OTHER, "side-car of a flight" if path.suffix.lower() == ".toml" else "no flight")]
 
 
-def _folder(folder: Path) -> list[Found]:
-    found: list[Found] = []
+def _folder(folder: Path) -> list[FileKind]:
+    files: list[FileKind] = []
     count = 0
     for place, names in _walked(folder):
         count += len(names)
@@ -195,11 +197,11 @@ def _folder(folder: Path) -> list[Found]:
         images = set(photos.members(place))
         if images:
             words = f"{len(images)} photos" if len(images) > 1 else "one photo: no flight"
-            found.append(Found(place, _FLIGHT if len(images) > 1 else _OTHER, words))
+            files.append(FileKind(place, _FLIGHT if len(images) > 1 else _OTHER, words))
         for name in names:
             if not name.startswith(".") and place / name not in images:
-                found += _file(place / name)
-    return found
+                files += _file(place / name)
+    return files
 
 
 def _walked(folder: Path) -> Iterator[tuple[Path, Sequence[str]]]:

@@ -106,7 +106,7 @@ def _up(source: Source, what: str) -> str:
     axis = int(np.argmax(np.abs(up)))
     off = float(np.degrees(np.arccos(min(abs(up[axis]), 1.0))))
     if tilt > _TILT_DEG or shares[1] < _TURNED or off > _OFF_DEG:
-        found = f"its cameras give no vertical along an axis (tilted by {tilt:.0f} deg, {off:.0f} deg off)"
+        finding = f"its cameras give no vertical along an axis (tilted by {tilt:.0f} deg, {off:.0f} deg off)"
         remedy = "align it first (COLMAP: model_orientation_aligner), or give --structure and --register"
-        raise InputError(what, found, f"within {_OFF_DEG:g} deg of an axis", remedy)
+        raise InputError(what, finding, f"within {_OFF_DEG:g} deg of an axis", remedy)
     return ("-" if up[axis] < 0 else "") + "xyz"[axis]

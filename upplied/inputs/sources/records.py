@@ -76,13 +76,13 @@ def _named(head: Sequence[str]) -> dict[str, tuple[int, float]]:
     """The column of each content of a head, and the factor to our unit."""
     plain = [name.strip().lower().lstrip("\ufeff") for name in head]
     bare = [_UNIT.sub("", name).strip() for name in plain]
-    found: dict[str, tuple[int, float]] = {}
+    columns: dict[str, tuple[int, float]] = {}
     for name, choices in _COLUMNS.items():
         hits = [names.index(choice) for choice in choices for names in (plain, bare) if choice in names]
         if hits:
             unit = _UNIT.search(plain[hits[0]])
-            found[name] = hits[0], _FOOT if unit is not None and unit[1] in ("feet", "ft") else 1.0
-    return found
+            columns[name] = hits[0], _FOOT if unit is not None and unit[1] in ("feet", "ft") else 1.0
+    return columns
 
 
 def _captions(text: str) -> Source:
@@ -101,8 +101,8 @@ def _captions(text: str) -> Source:
         since.append(((hours * 60 + minutes) * 60 + seconds) * 1e3 + ms if clock else np.nan)
     names = {name for row in rows for name in row}
     if not names & {"lat", "first"}:
-        found = f"has {len(blocks) if text.strip() else 0} captions, none with a place"
-        raise refusal(found, "captions with latitude and longitude", "let the camera record GPS")
+        finding = f"has {len(blocks) if text.strip() else 0} captions, none with a place"
+        raise refusal(finding, "captions with latitude and longitude", "let the camera record GPS")
     if {"lat", "first"} <= names:
         raise refusal("holds captions of two kinds", "one flight", "split it where another camera begins")
     columns = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
