@@ -137,7 +137,7 @@ def test_rules_and_bounds_are_named_or_refused() -> None:
 
 
 def test_every_convention_of_a_side_car_is_known() -> None:
-    assert tuple(conventions.NAMED) == CONVENTIONS
+    assert tuple(conventions.NAMED) == tuple(CONVENTIONS)
 
 
 def test_inside_is_inside(tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ class LogOptions:
     takeoff_alt_m: Annotated[float | None, number(-1000, 20_000)] = None  # in the structure's datum
     unit_m: Annotated[float | None, number(1e-6, 1e6)] = None  # metres per unit of a reconstruction's lengths
     # What the poses are of, and the camera.
-    convention: Annotated[str, choice(CONVENTIONS)] = ""  # where it is not what the schema says
+    convention: Annotated[str, choice(tuple(CONVENTIONS))] = ""  # where it is not what the schema says
     #: "camera" (x forward), "optical" (z forward) or "body" (x forward, with a mount).
     body_frame: Annotated[str, choice(BODY_FRAMES)] = ""
     body_T_camera_position_m: Place = None

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
+from upplied.inputs.files import table
 from upplied.inputs.rules import with_bounds
 
 #: In which a log may be written, see `upplied.inputs.passport.conventions`.
-CONVENTIONS = (
-    "ned", "ned-flu", "nwu-frd", "w-first", "inverse-quaternion", "inverse-pose", "swapped-xy",
-    "swapped-xy-poses", "mirrored-x", "mirrored-y", "mirrored-x-poses", "mirrored-y-poses", "y-up",
-    "z-forward", "z-down", "feet", "inches", "centimetres", "millimetres", "kilometres",
-    "metres-read-as-feet", "pitch-sign",
-)  # fmt: skip
+CONVENTIONS: Mapping[str, Any] = table("passport/conventions.toml")
 
 #: Bounds that change what is kept of a flight, and so what is planned from it; the others only judge.
 SHAPING = ("long_gap_s", "hover_cap_s")
