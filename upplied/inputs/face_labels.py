@@ -33,9 +33,8 @@ def read_face_labels(path: Path, faces: int, what: str) -> list[str]:
     if suffix not in SUFFIXES:
         raise InputError(str(path), f"has the suffix {suffix!r}", f"one of {', '.join(SUFFIXES)}")
     try:
-        labels = [
-            _label(value) for value in _in_order(_columns(suffix, read_regular(path, MAX_BYTES), faces))
-        ]
+        columns = _columns(suffix, read_regular(path, MAX_BYTES), faces)
+        labels = [_label(value) for value in _in_order(columns)]
     except InputError as error:
         raise InputError(str(path), str(error), _RULE) from None
     except (ValueError, TypeError, EOFError, KeyError, OSError, pa.ArrowException) as error:
@@ -59,9 +58,7 @@ def _columns(suffix: str, data: bytes, faces: int) -> pd.DataFrame:
             raise ValueError("is no array of one dimension of whole numbers or words")
         return pd.DataFrame({"label": array.astype(np.int64) if array.dtype.kind == "b" else array})
     if suffix == ".csv":
-        return pd.read_csv(
-            stream, dtype=str, keep_default_na=False, skipinitialspace=True, encoding="utf-8-sig"
-        )
+        return pd.read_csv(stream, dtype=str, keep_default_na=False, skipinitialspace=True)
     file = pq.ParquetFile(stream)
     if (rows := file.metadata.num_rows) != faces:  # before anything is unpacked
         return pd.DataFrame({"label": np.zeros(min(rows, 2 * faces + 1), np.int64)})

@@ -52,9 +52,8 @@ class HealthReport(Record):
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         findings, mesh = self.findings, self.structure
-        unit = next(
-            (name for name, metres in UNITS.items() if metres == findings.unit_m), f"{findings.unit_m:g} m"
-        )
+        names = {metres: name for name, metres in UNITS.items()}
+        unit = names.get(findings.unit_m, f"{findings.unit_m:g} m")
         yield "size", " x ".join(f"{side:.2f}" for side in self.size_m) + " m (length x width x height)"
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         yield "box", "  ".join(f"{a} {low[i]:.2f} to {high[i]:.2f}" for i, a in enumerate("xyz"))
@@ -68,9 +67,7 @@ class HealthReport(Record):
             seen = 100 * findings.outside_area_m2 / max(findings.area_m2, 1e-12)
             outside = f"{findings.outside_area_m2:.1f} m² seen from outside ({seen:.0f} %)"
             yield "surface", f"{findings.area_m2:.1f} m², {outside}"
-            holes = (
-                f"no: {findings.boundary_edges} open edges, {findings.nonmanifold_edges} of 3 faces or more"
-            )
+            holes = f"no: {findings.boundary_edges} open edges, {findings.nonmanifold_edges} of over 2 faces"
             yield "watertight", "yes" if findings.watertight else holes
         yield "known to", _known(mesh)
         yield "repaired", "; ".join(findings.done) or "nothing"

@@ -51,9 +51,7 @@ def axes(given: Mapping[str, Any], what: str) -> tuple[str, str]:
     if forward is None:
         finding = "has no 'forward'"
         rule = "the axis of the file that points to the nose, bow, rotor hub or along the structure"
-        raise InputError(
-            what, finding, rule, "declare it, or symmetric = true where no such direction exists"
-        )
+        raise InputError(what, finding, rule, "declare it, or symmetric = true where there is none")
     if forward[-1] == up[-1]:
         raise InputError(what, f"forward {forward!r} and up {up!r} lie on one axis", "two different axes")
     return up, forward

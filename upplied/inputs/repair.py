@@ -208,9 +208,8 @@ def topology_of(triangles: Ints) -> Topology:
     pair = first[count == 2]
     one, other = order[pair], order[pair + 1]
     alike = tail[one] != tail[other]
-    of_vertex = _labels(
-        triangles[:, [0, 0]].ravel(), triangles[:, [1, 2]].ravel(), triangles.max(initial=-1) + 1
-    )
+    ends = triangles[:, [0, 0]].ravel(), triangles[:, [1, 2]].ravel()
+    of_vertex = _labels(*ends, triangles.max(initial=-1) + 1)
     return Topology(
         patch=_labels(one[alike] // 3, other[alike] // 3, len(triangles)),
         component=np.unique(of_vertex[triangles[:, 0]], return_inverse=True)[1].reshape(-1),

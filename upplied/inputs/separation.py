@@ -207,9 +207,8 @@ def _clusters(points: Floats, above: Floats) -> Ints:
     some = points[:: max(1, len(points) // _SAMPLED)]
     apart = neighbour_spacing(points, some)
     edge = max(_GAP * float(np.linalg.norm(np.ptp(points, axis=0))), _SPACED * apart)
-    cell, voxel = np.unique(
-        np.floor((points - points.min(axis=0)) / max(edge, 1e-9)), axis=0, return_inverse=True
-    )
+    cells = np.floor((points - points.min(axis=0)) / max(edge, 1e-9))
+    cell, voxel = np.unique(cells, axis=0, return_inverse=True)
     near = cKDTree(cell).query_pairs(1.8, output_type="ndarray")  # voxels that share a corner
     graph = coo_array((np.ones(len(near), bool), tuple(near.T)), (len(cell), len(cell)))
     cluster = connected_components(graph, directed=False)[1][voxel.reshape(-1)]

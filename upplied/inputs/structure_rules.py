@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.inputs.files import table
 from upplied.inputs.rules import Verdict, broken, rules_of, with_bounds
 from upplied.records import Floats
 
@@ -54,17 +55,9 @@ class KnownKind:
     height: tuple[float, float] = (0.0, math.inf)  # over the larger of length and width
 
 
-KNOWN = (
-    KnownKind(
-        ("airliner", "airplane", "aeroplane", "aircraft", "plane", "jet"),
-        (4, 100), width=(0.5, 1.8), height=(0.08, 0.6)
-    ),
-    KnownKind(("turbine", "windmill"), (8, 450), height=(1.0, math.inf)),
-    KnownKind(("ship", "ferry", "tanker", "freighter", "vessel", "cruiser"), (5, 500), width=(0.03, 0.6)),
-    KnownKind(("yacht", "boat", "sailboat", "lifeboat"), (2, 200), width=(0.05, 0.8)),
-    KnownKind(("building", "house", "hotel", "office", "highrise", "skyscraper"), (2, 1000)),
-    KnownKind(("tower", "mast", "chimney", "pylon", "lighthouse"), (5, 900), height=(0.8, math.inf)),
-)  # fmt: skip
+KNOWN = tuple(
+    KnownKind(**{name: tuple(values) for name, values in row.items()}) for row in table("rules.toml")["kind"]
+)
 
 
 def known_kind(name: str) -> KnownKind | None:

@@ -88,9 +88,8 @@ def in_structure_frame(track: Track, facts: LogOptions) -> Track:
 def mounted(track: Track, position: Floats, rotation: Rotation) -> Track:
     """Poses of something at `position` (m) and `rotation` on the tracked body; (3,) or (N, 3)."""
     body = Rotation.from_quat(track.quat_xyzw)
-    return replace(
-        track, positions=track.positions + body.apply(position), quat_xyzw=(body * rotation).as_quat()
-    )
+    positions = track.positions + body.apply(position)
+    return replace(track, positions=positions, quat_xyzw=(body * rotation).as_quat())
 
 
 def _frame_of(tracked: str, camera_frame: str, facts: LogOptions) -> str:
@@ -198,9 +197,8 @@ def registered(
         rule = "points that span a plane"
         raise InputError(what, "registers by points on one line", rule, "add one beside the line")
     free = facts.unit_m is not None and not facts.unit_m > 0
-    scale, turn, shift = _similarity(
-        logged * (1.0 if free or facts.unit_m is None else facts.unit_m), wanted, free
-    )
+    unit_m = 1.0 if free or facts.unit_m is None else facts.unit_m
+    scale, turn, shift = _similarity(logged * unit_m, wanted, free)
     unit = scale if free else facts.unit_m
     off_m = np.linalg.norm((unit or 1.0) * logged @ turn.T + shift - wanted, axis=1)
     listed = ", ".join(f"{name} {off:.2f} m" for name, off in zip(names, off_m, strict=True))

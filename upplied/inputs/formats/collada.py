@@ -78,9 +78,7 @@ class _Reader:
     def _target(self, element: Any, attribute: str = "url") -> Any:
         url = element.get(attribute, "")
         if not url.startswith("#") or url[1:] not in self._by_id:
-            raise self._source.error(
-                f"refers to {url[:80]!r}, which is not in it", "a file complete in itself"
-            )
+            raise self._source.error(f"refers to {url[:80]!r}, which is not in it", "a complete file")
         return self._by_id[url[1:]]
 
     def _placed(self, element: Any) -> Floats:
@@ -98,9 +96,7 @@ class _Reader:
         if id(element) not in self._geometries:
             mesh = element.find("mesh")
             if mesh is None:
-                raise self._source.error(
-                    "holds a geometry that is no mesh", "polygons", "tessellate it on export"
-                )
+                raise self._source.error("holds a geometry that is no mesh", "polygons", "tessellate it")
             self._geometries[id(element)] = self._mesh(mesh)
         return self._geometries[id(element)]
 

@@ -55,9 +55,7 @@ def read_threemf(source: Source) -> RawMesh:
     def resolved(items: list[tuple[tuple[str, str], Floats]]) -> list[tuple[_Object, Floats]]:
         missing = [key for key, _ in items if key not in objects]
         if missing:
-            raise source.error(
-                f"refers to object {missing[0][1][:20]!r}, which is not in it", "a complete file"
-            )
+            raise source.error(f"refers to object {missing[0][1][:20]!r}, not in it", "a complete file")
         return [(objects[key], matrix) for key, matrix in items]
 
     assembly = Assembly(source)
@@ -81,9 +79,7 @@ def _models(source: Source) -> dict[str, bytes]:
                     text = file.read(left + 1)
                 left -= len(text)
                 if left < 0:
-                    raise source.error(
-                        "unpacks to far more than its size", "40 times at most", "export it again"
-                    )
+                    raise source.error("unpacks to far more than its size", "40 times", "export it again")
                 models["/" + info.filename.lstrip("/")] = text
     except (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError, OSError) as error:
         raise source.error(f"its archive cannot be unpacked: {str(error)[:80]}", "a complete 3MF") from None

@@ -74,9 +74,8 @@ class Decoder:
                 message = self._decode(payload)
                 row_values = [get(message)]
                 if many:
-                    row_values = [
-                        row_values[0] + get_inner(element) for element in get_elements(message)[0] or ()
-                    ]
+                    inner_values = (get_inner(element) for element in get_elements(message)[0] or ())
+                    row_values = [row_values[0] + each for each in inner_values]
             except Exception:  # whatever the bytes of one message do to a library
                 unreadable += 1
                 continue

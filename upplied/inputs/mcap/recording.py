@@ -144,9 +144,7 @@ class Recording:
 
     def compare(self, messages: Mapping[int, int]) -> None:
         """Note it where fewer messages of these channels were found than the log's statistics count."""
-        missing = sum(
-            max(self.counts.get(channel_id, 0) - number, 0) for channel_id, number in messages.items()
-        )
+        missing = sum(max(self.counts.get(number, 0) - read, 0) for number, read in messages.items())
         if missing and not self.losses:
             self.losses.append(f"{missing} messages that the log counts are not in it")
 

@@ -97,13 +97,11 @@ def camera_of(
     calibrations = [table for table in tables if table.schema in _SCHEMAS]
     by_topic = {t.channel.topic: cam for t in calibrations if (cam := calibrated(t)) is not None}
     if facts.camera_frame_id:
-        by_topic = {
-            topic: cam for topic, cam in by_topic.items() if cam[1] == facts.camera_frame_id.lstrip("/")
-        }
+        frame = facts.camera_frame_id.lstrip("/")
+        by_topic = {topic: each for topic, each in by_topic.items() if each[1] == frame}
     if len({(cam.hfov_deg, cam.vfov_deg, frame) for cam, frame, _ in by_topic.values()}) > 1:
-        listed = ", ".join(
-            f"{topic} (frame {frame}, {cam.hfov_deg:.0f} deg)" for topic, (cam, frame, _) in by_topic.items()
-        )
+        named = (f"{topic} (frame {of[1]}, {of[0].hfov_deg:.0f} deg)" for topic, of in by_topic.items())
+        listed = ", ".join(named)
         raise InputError(what, f"holds several cameras: {listed}", "one camera", "give camera_frame_id")
     camera, frame, zoom = next(iter(by_topic.values()), (Camera(), "", None))
     notes = [] if by_topic else [NO_CALIBRATION]
@@ -114,9 +112,8 @@ def camera_of(
     if facts.camera_model:
         model = known_camera(facts.camera_model, facts.camera_file_format or "jpeg")
         camera = completed(camera, model) if by_topic else model
-        notes += filter(
-            None, [unverified(facts.camera_model, [*declared, *(["hfov_deg"] if by_topic else [])])]
-        )
+        stated = [*declared, *["hfov_deg"] * bool(by_topic)]
+        notes += filter(None, [unverified(facts.camera_model, stated)])
     camera = replace(camera, **declared)
     if camera.focus_m > camera.min_range_m and facts.camera_min_range_m is None:
         camera = replace(camera, min_range_m=camera.focus_m)
@@ -133,9 +130,8 @@ def lens_ratio(zoom: Zoom | None, facts: LogOptions) -> float:
     """The declared field of view over that of the log's calibration; NaN where one of them is missing."""
     if zoom is None or facts.camera_hfov_deg is None or not len(zoom.hfov_deg):
         return float("nan")
-    return facts.camera_hfov_deg / float(
-        np.clip(facts.camera_hfov_deg, zoom.hfov_deg.min(), zoom.hfov_deg.max())
-    )
+    nearest = np.clip(facts.camera_hfov_deg, zoom.hfov_deg.min(), zoom.hfov_deg.max())
+    return facts.camera_hfov_deg / float(nearest)
 
 
 def through(

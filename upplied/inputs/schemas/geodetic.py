@@ -126,9 +126,7 @@ def _lifts(datum: str, facts: LogOptions, table: Table) -> tuple[float, float, t
         assert facts.structure_lat_deg is not None and facts.structure_lon_deg is not None
         undulation, words = undulation_m(facts.structure_lat_deg, facts.structure_lon_deg)
     if undulation is None:
-        finding = (
-            f"gives altitudes above the {_NAMES[datum]}, the structure stands above the {_NAMES[wanted]}"
-        )
+        finding = f"gives altitudes above the {_NAMES[datum]}, the structure's above the {_NAMES[wanted]}"
         rule = "one datum, or the height of mean sea level above the ellipsoid there"
         raise InputError(table.channel.topic, finding, rule, f"give geoid_undulation_m, or a grid: {words}")
     note = (f"mean sea level {undulation:.1f} m above the ellipsoid, {words}",)

@@ -54,10 +54,8 @@ def gimbal(tables: Sequence[Table], facts: LogOptions) -> Gimbal | None:
     if table.schema.startswith("px4"):
         times, quats = px4.stamps_us(table), px4.xyzw(table)
     else:
-        times, quats = (
-            source_times(table, stamps(table, "header.stamp")),
-            table.stack("q.x", "q.y", "q.z", "q.w"),
-        )
+        times = source_times(table, stamps(table, "header.stamp"))
+        quats = table.stack("q.x", "q.y", "q.z", "q.w")
     north = _from_north(table)
     most = bool(north.mean() >= 0.5)
     return Gimbal(attitude_track(table, times, quats, facts, north == most), most, table.channel.topic)

@@ -105,9 +105,8 @@ class _Bag2(_Bag):
         for file in siblings(path):
             numbers: dict[int, int] = {}
             with _opened(file) as database:
-                topics = database.execute(
-                    "SELECT id, name, type, serialization_format FROM topics"
-                ).fetchall()
+                query = "SELECT id, name, type, serialization_format FROM topics"
+                topics = database.execute(query).fetchall()
                 tables = database.execute("SELECT name FROM sqlite_master WHERE type='table'")
                 names = {name for (name,) in tables}
                 if "message_definitions" in names:

@@ -84,9 +84,8 @@ def project_at(cameras: Path, options: LogOptions) -> Project | None:
         site=declared.site, placement=source.place, surface="scanned",
         notes=f"reconstructed by the project of {cameras.name}",
     )  # fmt: skip
-    flight = replace(
-        options, structure_id=name, demonstration_id=options.demonstration_id or f"{name}-flight"
-    )
+    name_of_flight = options.demonstration_id or f"{name}-flight"
+    flight = replace(options, structure_id=name, demonstration_id=name_of_flight)
     axes = turn(up, forward)
     if source.place is None and not np.array_equal(axes, np.eye(3)):
         flight = replace(flight, structure_quat_xyzw=tuple(Rotation.from_matrix(axes.T).as_quat().tolist()))

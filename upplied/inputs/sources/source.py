@@ -47,9 +47,8 @@ class Source:
     @property
     def topics(self) -> str:
         """Topics and schemas in words."""
-        return self.listed or ", ".join(
-            f"{table.channel.topic} ({table.schema})" for table in self.tables[:12]
-        )
+        shown = (f"{table.channel.topic} ({table.schema})" for table in self.tables[:12])
+        return self.listed or ", ".join(shown)
 
 
 def refusal(found: str, rule: str = "", remedy: str = "") -> InputError:
