@@ -11,7 +11,7 @@ import numpy as np
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import Outlier
 from upplied.inputs.raw import RawMesh
-from upplied.inputs.repair import Repairs
+from upplied.inputs.repair import Repairs, Topology
 from upplied.inputs.rules import Verdict, broken, refusals
 from upplied.inputs.structure_rules import RULES, unlike_its_kind
 from upplied.records import Floats, Ints, Record
@@ -142,9 +142,7 @@ class Findings(Record):
     hidden_triangles: int = 0
     area_m2: float = 0.0
     outside_area_m2: float = 0.0  # that can be seen from outside, each face counted once
-    watertight: bool = False
-    boundary_edges: int = 0
-    nonmanifold_edges: int = 0
+    topology: Topology | None = None  # of a mesh
     outliers: tuple[Outlier, ...] = ()
     done: tuple[str, ...] = ()  # what was repaired, converted or dropped, in words
     assumed: tuple[str, ...] = ()  # where nothing declares the file

@@ -58,7 +58,7 @@ class HealthReport(Record):
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         yield "box", "  ".join(f"{a} {low[i]:.2f} to {high[i]:.2f}" for i, a in enumerate("xyz"))
         yield "units", f"{unit} ({findings.unit_from}); up {findings.up}, forward {findings.forward}"
-        if not len(mesh.triangles):
+        if (topology := findings.topology) is None:
             yield "cloud", f"{len(mesh.vertices)} points"
         else:
             parts = f"{findings.parts} connected part{'s' if findings.parts != 1 else ''}"
@@ -67,8 +67,10 @@ class HealthReport(Record):
             seen = 100 * findings.outside_area_m2 / max(findings.area_m2, 1e-12)
             outside = f"{findings.outside_area_m2:.1f} m² seen from outside ({seen:.0f} %)"
             yield "surface", f"{findings.area_m2:.1f} m², {outside}"
-            holes = f"no: {findings.boundary_edges} open edges, {findings.nonmanifold_edges} of over 2 faces"
-            yield "watertight", "yes" if findings.watertight else holes
+            edges = (
+                f"{topology.boundary_edges} open edges, {topology.nonmanifold_edges} of three and more faces"
+            )
+            yield "watertight", "yes" if topology.watertight else f"no: {edges}"
         yield "known to", _known(mesh)
         yield "repaired", "; ".join(findings.done) or "nothing"
 

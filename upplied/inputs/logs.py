@@ -39,6 +39,8 @@ from upplied.scene import scene_of
 
 __all__ = ["FIELDS", "LogOptions", "fingerprint", "read_demonstration"]
 
+_OF_FACTS = ("demonstration_id", "structure_id", "operator", "site", "about")
+
 
 def read_demonstration(
     path: str | Path,
@@ -168,16 +170,12 @@ def _demonstration(
         )  # fmt: skip
         passport = passport_of(reading, structure, facts, what)
     demonstration = Demonstration(
-        demonstration_id=facts.demonstration_id,
-        structure_id=facts.structure_id,
+        **{name: getattr(facts, name) for name in _OF_FACTS},
         t_ns=shortened.t_ns,
         positions=shortened.positions,
         quat_xyzw=normalised(shortened.quat_xyzw),
         camera=camera,
         fov_deg=shortened.fov_deg,
-        operator=facts.operator,
-        site=facts.site,
-        about=facts.about,
         breaks=first_after,
         degraded=bool(source.losses),
         dropped=dict(sorted(shortened.dropped.items())),

@@ -21,7 +21,7 @@ from upplied.errors import InputError
 from upplied.inputs import manifest_keys as keys
 from upplied.inputs.files import read_regular
 from upplied.inputs.structure_rules import StructureSettings
-from upplied.records import Floats, Placement, Surroundings
+from upplied.records import Placement, Surroundings
 
 MAX_BYTES = 16 << 20  # a row is some 200 bytes: 80 000 structures
 _AS_DECLARED = (  # keys of a manifest that are fields of an entry
@@ -173,13 +173,6 @@ def _placement(given: Mapping[str, Any], what: str) -> Placement | None:
 
 
 def _surroundings(given: Mapping[str, Any]) -> Surroundings:
-    def array(key: str, empty: tuple[int, ...]) -> Floats:
-        return np.asarray(given[key], float) if key in given else np.empty(empty)
-
-    return Surroundings(
-        ground_z_m=given.get("ground_z"),
-        keep_out_m=array("keep_out", (0, 2, 3)),
-        geofence_m=array("geofence", (0, 2)),
-        ceiling_z_m=given.get("ceiling_z"),
-        rally_m=array("rally", (0, 3)),
-    )
+    shapes = {"keep_out": (0, 2, 3), "geofence": (0, 2), "rally": (0, 3)}
+    areas = {f"{key}_m": np.asarray(given.get(key, np.empty(shape)), float) for key, shape in shapes.items()}
+    return Surroundings(ground_z_m=given.get("ground_z"), ceiling_z_m=given.get("ceiling_z"), **areas)

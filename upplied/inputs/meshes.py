@@ -178,9 +178,7 @@ def _mesh(
         hidden_triangles=int(outside.hidden.sum()),
         area_m2=_area(vertices, triangles),
         outside_area_m2=outside.area_m2,
-        watertight=final.watertight,
-        boundary_edges=final.boundary_edges,
-        nonmanifold_edges=final.nonmanifold_edges,
+        topology=final,
         outliers=outliers,
         done=tuple(done),
         verdicts=tuple(verdicts),
@@ -246,7 +244,8 @@ def _area(vertices: Floats, triangles: Ints) -> float:
 
 def _sha256(file: str, entry: StructureEntry) -> str:
     """Of the bytes of the file and of all that the manifest says and a plan may depend on."""
-    surroundings, placement = entry.surroundings, entry.placement
+    area, placement = entry.surroundings, entry.placement
+    walls = area.keep_out_m, area.geofence_m
     declared: dict[str, object] = {
         "file": file,
         "id": entry.structure_id,
@@ -254,16 +253,11 @@ def _sha256(file: str, entry: StructureEntry) -> str:
         "geometry": [entry.unit_m, entry.up, entry.forward, entry.scale, *map(float, entry.local_origin)],
         "repair": [entry.drop_hidden, entry.drop_outliers, entry.clip_ground],
         "placement": None if placement is None else astuple(placement),
-        "surroundings": [
-            surroundings.ground_z_m,
-            surroundings.keep_out_m.tolist(),
-            surroundings.geofence_m.tolist(),
-            surroundings.ceiling_z_m,
-        ],
+        "surroundings": [area.ground_z_m, *(each.tolist() for each in walls), area.ceiling_z_m],
         "landmarks": {name: list(xyz) for name, xyz in entry.landmarks.items()},
         "symmetric": entry.symmetric,
     }
     stated = {"surface": entry.surface, "surface_error_m": entry.surface_error_m}
-    stated["rally"] = surroundings.rally_m.tolist() or None
+    stated["rally"] = area.rally_m.tolist() or None
     declared |= {key: value for key, value in stated.items() if value is not None}  # else as before
     return digest(declared)

@@ -95,11 +95,8 @@ def breaks(track: Track, gap_s: float) -> tuple[Ints, list[str]]:
     gaps = step_s > gap_s
     resets = np.zeros(len(step_s), bool) if track.epoch is None else np.diff(track.epoch) != 0
     jumps = _jumps(track) & ~gaps & ~resets
-    counts = {
-        "gap": gaps.sum(),
-        "jump": jumps.sum(),
-        "estimator reset": resets.sum() - min(track.clock_steps, resets.sum()),
-    }
+    counts = {"gap": gaps.sum(), "jump": jumps.sum()}
+    counts["estimator reset"] = resets.sum() - min(track.clock_steps, resets.sum())
     words = [f"{number} {kind}{'s' if number > 1 else ''}" for kind, number in counts.items() if number]
     return np.flatnonzero(gaps | jumps | resets) + 1, words
 

@@ -113,15 +113,9 @@ def read_pcd(source: Source) -> RawMesh:
     if held < number or held >= number + 1:
         raise source.error(f"says it has {number} points, it holds {int(held)}", "a complete file")
     # Open3D is given the header that was understood here.
-    rows: dict[str, list] = {
-        "VERSION": ["0.7"],
-        "FIELDS": names,
-        "SIZE": sizes,
-        "TYPE": kinds,
-        "COUNT": counts,
-    }
-    rows |= {"WIDTH": [number], "HEIGHT": [1], "POINTS": [number], "DATA": [mode]}
-    text = "".join(f"{key} {' '.join(str(word) for word in words)}\n" for key, words in rows.items())
+    columns: dict[str, list[Any]] = {"FIELDS": names, "SIZE": sizes, "TYPE": kinds, "COUNT": counts}
+    lists = "".join(f"{key} {' '.join(map(str, words))}\n" for key, words in columns.items())
+    text = f"VERSION 0.7\n{lists}WIDTH {number}\nHEIGHT 1\nPOINTS {number}\nDATA {mode}\n"
     with file_of(text.encode() + body, "pcd") as path:
         cloud = open3d().t.io.read_point_cloud(path).point  # its older call takes doubles for 0
     normals = cloud["normals"].numpy().astype(float) if "normals" in cloud else None

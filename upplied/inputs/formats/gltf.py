@@ -172,10 +172,8 @@ def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
             if "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
                 raise source.error("is compressed with Draco", "plain glTF 2.0", "export it uncompressed")
         for primitive in surfaces:
-            named = [
-                primitive["attributes"]["POSITION"],
-                *(primitive[key] for key in ("indices",) if key in primitive),
-            ]
+            named = [primitive["attributes"]["POSITION"]]
+            named += [primitive["indices"]] if "indices" in primitive else []
             if (
                 any(not 0 <= number < len(accessors) for number in named)
                 or accessors[named[0]]["type"] != "VEC3"

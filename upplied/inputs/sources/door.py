@@ -169,7 +169,8 @@ def survey(paths: Iterable[str | Path]) -> list[FileKind]:
     for each in files:
         if each.is_flight and each.path.is_file() and each.path not in parts:
             parts |= set(parts_of(each.path, kind_of(each.path))[1:])
-    return [FileKind(it.path, _PART, "part of a flight here") if it.path in parts else it for it in files]
+    words = "part of a flight beside it"
+    return [FileKind(it.path, _PART, words) if it.path in parts else it for it in files]
 
 
 def _file(path: Path, alone: bool = False) -> list[FileKind]:
