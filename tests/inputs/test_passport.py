@@ -376,8 +376,10 @@ def test_the_documentation_names_every_rule_bound_and_convention() -> None:
     bounds = [item.name for item in fields(PassportSettings)]
     missing = [name for name in (*rules.RULES, *CONVENTIONS, *bounds) if f"`{name}`" not in page]
     assert set(missing) <= {"ned"}
+    rows = {line.split("`")[1]: line for line in page.splitlines()[::-1] if line.startswith("| `")}
     for rule in rules.CHECKS:
-        assert f"| `{rule.name}` | {rule.severity} |" in page
+        parts = [f"| `{rule.name}` | {rule.severity} | {rule.reason} |", rule.remedy, *rule.bounds]
+        assert all(each in rows[rule.name] for each in parts), rule.name
 
 
 @pytest.mark.parametrize("calibrated", [True, False])
