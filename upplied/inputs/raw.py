@@ -61,9 +61,9 @@ class Source:
         self._hash.update(data)
         return data
 
-    def error(self, found: str, rule: str = "", remedy: str = "export the file again") -> InputError:
+    def error(self, finding: str, rule: str = "", remedy: str = "export the file again") -> InputError:
         """An error about this file."""
-        return InputError(str(self.path), found, rule, remedy)
+        return InputError(str(self.path), finding, rule, remedy)
 
     def most(self, count: int, what: str, per_byte: float, least: int) -> None:
         """Refuse a count that no file of this size holds in honesty: packed formats count on trust."""

@@ -20,7 +20,7 @@ Settings = TypeVar("Settings", bound=Any)
 
 @dataclass(frozen=True)
 class Rule:
-    """Something that every file that is taken in keeps."""
+    """A bound that every imported file keeps."""
 
     name: str  # by which it is overruled
     severity: Severity  # what cannot be right is refused, what is odd is warned of
@@ -55,9 +55,9 @@ class Verdict:
         return f"{self.rule}: {self.found}{allowed}" + (" [overruled]" if self.overruled else "")
 
 
-def broken(rule: Rule, found: str, allowed: str = "", remedy: str = "") -> Verdict:
+def broken(rule: Rule, finding: str, allowed: str = "", remedy: str = "") -> Verdict:
     """The verdict that a rule is broken; its own remedy where no better one is known."""
-    return Verdict(rule.name, rule.severity, found, allowed, remedy or rule.remedy)
+    return Verdict(rule.name, rule.severity, finding, allowed, remedy or rule.remedy)
 
 
 def check_allowed(names: Iterable[str], rules: Mapping[str, Rule]) -> tuple[str, ...]:

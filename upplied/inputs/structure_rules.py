@@ -1,4 +1,4 @@
-"""The rules that a structure keeps when it is taken in, their bounds, and what is known of common kinds."""
+"""The rules that a structure keeps on import, their bounds, and what is known of common kinds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""STL: triangles and nothing else, in binary or in text, by trimesh; here what it must be told or asked."""
+"""STL: triangles and nothing else, in binary or in text, by trimesh; here, the checks that it lacks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bounds of the rules that a flight is judged by when it is taken in, each with its default."""
+"""The bounds of the rules that a flight is judged by on import, each with its default."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHAPING = ("long_gap_s", "hover_cap_s")
 
 @dataclass(frozen=True)
 class PassportSettings:
-    """What a flight may be measured to be when it is taken in (docs/checks.md).
+    """What a flight may be measured to be on import (docs/checks.md).
 
     Sample flights of 28 structures keep 2.8 m of clearance, look at their structure in 88 % of the poses
     or more, and would fit another convention by 7 % more at most; the bounds leave room beside that.

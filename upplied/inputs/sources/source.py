@@ -51,9 +51,9 @@ class Source:
         return self.listed or ", ".join(shown)
 
 
-def refusal(found: str, rule: str = "", remedy: str = "") -> InputError:
+def refusal(finding: str, rule: str = "", remedy: str = "") -> InputError:
     """An error about the file that is read; `upplied.inputs.sources.door` adds its name."""
-    return InputError("", found, rule, remedy)
+    return InputError("", finding, rule, remedy)
 
 
 def text_of(path: Path) -> str:
