@@ -8,7 +8,6 @@ patch is its own finest look at it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -131,17 +130,22 @@ def views_from(poses: Trajectory, surface: Cloud, camera: Camera, scene: Scene) 
 
 
 def _well_inside(shown: Views, surface: Cloud, camera: Camera) -> Views:
-    """The views without what lies so near the edge of a picture that it may lie outside."""
-
-    def inner(angle_deg: Any) -> Any:
-        return np.maximum(angle_deg - 2 * _SURE_DEG, angle_deg / 2)
-
-    poses = shown.stations
-    fov_deg = None if poses.fov_deg is None else inner(poses.fov_deg)
-    camera = replace(camera, hfov_deg=inner(camera.hfov_deg), vfov_deg=inner(camera.vfov_deg))
-    frustum = Cloud(surface.points), camera, VisibilitySettings(occlusion=False)
-    inside = visible(poses.positions, poses.quat_xyzw, *frustum, fov_deg=fov_deg).seen
+    """The views without what lies so near the rim of a picture that it may lie outside."""
+    poses, fov_deg = shown.stations, shown.stations.fov_deg
+    frustum = Cloud(surface.points), narrowed(camera, _SURE_DEG), VisibilitySettings(occlusion=False)
+    zoomed = None if fov_deg is None else _narrower(fov_deg, _SURE_DEG)
+    inside = visible(poses.positions, poses.quat_xyzw, *frustum, fov_deg=zoomed).seen
     return replace(shown, seen=shown.seen & inside)
+
+
+def narrowed(camera: Camera, rim_deg: float) -> Camera:
+    """A camera that loses so much of its picture at each rim, or half of it."""
+    hfov_deg, vfov_deg = _narrower(np.array([camera.hfov_deg, camera.vfov_deg]), rim_deg).tolist()
+    return replace(camera, hfov_deg=hfov_deg, vfov_deg=vfov_deg)
+
+
+def _narrower(fov_deg: Floats, rim_deg: float) -> Floats:
+    return np.asarray(np.maximum(fov_deg - 2 * rim_deg, fov_deg / 2))
 
 
 def _finest(
