@@ -314,6 +314,10 @@ def test_a_flight_of_another_mission_is_told_by_its_fit(catalog, made, tmp_path)
         with pytest.raises(RefusedError, match=f"is a flight of plan {theirs}"):
             judged(catalog, log, plan=mine)
         assert judged(catalog, log, plan=theirs).row["transfer_id"] == theirs
+    assert judged(catalog, log, plan="").row["transfer_id"] == ID
+    log = written(tmp_path, fly_trajectory(wide, wind=Wind(3.0), seed=1))
+    with pytest.raises(RefusedError, match=f"is a flight of plan {other[:20]}"):
+        judged(catalog, log, plan="")  # without a name it is laid on the recommended one
 
 
 def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, made, tmp_path, capsys):

@@ -105,13 +105,13 @@ def as_flown(
 
 
 def _clearance(scene: Scene, aligned: Alignment, logged: Trajectory) -> float:
-    """The lesser of both paths; where positions were corrected, less what the correction may be off by."""
+    """The lesser of both paths, less what the error that is stated may add to how far they lie apart."""
     flown = aligned.flown
-    kept = clearance_kept(scene, replace(flown, positions=logged.positions))
+    kept = [clearance_kept(scene, replace(flown, positions=logged.positions))]
     moved_m = float(np.linalg.norm(flown.positions - logged.positions, axis=1).max())
-    if not moved_m:
-        return kept
-    return max(min(kept, clearance_kept(scene, flown)) - (aligned.place_error_m - moved_m), 0.0)
+    if moved_m:
+        kept.append(clearance_kept(scene, flown))
+    return max(min(kept) - max(aligned.place_error_m - moved_m, 0.0), 0.0)
 
 
 def clearance_kept(scene: Scene, flown: Trajectory) -> float:

@@ -13,6 +13,7 @@ from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.observations import TRULY
 from upplied.polylines import chosen_evenly
 from upplied.poses import from_yaw_pitch, look_at, yaw_pitch
+from upplied.proof.inspected import narrowed
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 
 _AT_A_TIME = 60  # patches that poses are set before; what those show as well needs none of its own
@@ -36,13 +37,7 @@ class Part(Record):
 
     def well(self, poses: Trajectory, graph: Roadmap) -> Bools:
         """Which poses (P, M) show each sample well inside the picture; at its rim what is nowhere else."""
-        camera = self.camera
-        narrow = replace(
-            camera,
-            hfov_deg=max(camera.hfov_deg - 2 * _MARGIN_DEG, camera.hfov_deg / 2),
-            vfov_deg=max(camera.vfov_deg - 2 * _MARGIN_DEG, camera.vfov_deg / 2),
-        )
-        well = self.seen(poses, graph, narrow)
+        well = self.seen(poses, graph, narrowed(self.camera, _MARGIN_DEG))
         if not (rim := ~well.any(axis=0)).any():
             return well
         return well | (self.seen(poses, graph) & rim)
