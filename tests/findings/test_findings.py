@@ -29,13 +29,13 @@ from upplied.findings.marks import Mark, box_corners, read_marks
 from upplied.findings.photos import flight_of, register_photos
 from upplied.findings.place import Errors, located
 from upplied.findings.queries import by_reference, photographed
-from upplied.findings.rays import footprint_m, pixels_of, rays_of
+from upplied.findings.rays import footprint_m, frustum_of, pixels_of, rays_of
 from upplied.findings.reshoot import plan_reshoot
 from upplied.outputs.reference_photos import reference_photos
 from upplied.outputs.structure_page import fleet_findings, structure_facts
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import look_at, matrices
-from upplied.records import Camera, Demonstration
+from upplied.records import Camera, Demonstration, Lens
 from upplied.samples.correspondence import true_counterparts
 from upplied.samples.fleet import member, random_member
 from upplied.scene import scene_of
@@ -111,6 +111,89 @@ def test_a_pixel_is_the_ray_to_what_it_shows_and_back():
         pixels = np.array([[0.0, 0.0], [800.0, 595.0], [1599.0, 12.5]])
         points = np.array([1.0, 2.0, 3.0]) + 7 * rays_of(camera, pixels) @ matrices(quat).T
         assert pixels_of(camera, np.array([1.0, 2.0, 3.0]), quat, points) == pytest.approx(pixels, abs=1e-6)
+
+
+LENSES = {
+    "brown": (Lens("brown", (-0.28, 0.09, 1e-3, -5e-4, -0.01), (0.51, 0.49)), 73.7, 53.1),
+    "rational": (Lens("brown", (0.5, 0.2, 1e-3, 0.0, 0.01, 0.6, 0.3, 0.02)), 60.0, 45.0),
+    "fisheye": (Lens("fisheye", (-0.02, 0.003, 1e-4, -1e-4), (0.49, 0.5)), 170.0, 128.0),
+    "behind": (Lens("fisheye", (0.05,)), 220.0, 165.0),
+}
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_a_lens_shows_points_where_opencv_says_and_rays_lead_back_from_its_corners(name):
+    lens, across, down = LENSES[name]
+    camera = Camera(across, down, 1.0, 30.0, 4000, 3000, lens=lens)
+    pixels = np.random.default_rng(3).uniform([0, 0], [4000, 3000], (300, 2))
+    pixels = np.concatenate([pixels, [[0, 0], [4000, 0], [0, 3000], [4000, 3000]]])
+    rays = rays_of(camera, pixels)
+    assert np.linalg.norm(rays, axis=1) == pytest.approx(1.0)
+    assert pixels_of(camera, np.zeros(3), np.array([0.0, 0, 0, 1]), 5 * rays) == pytest.approx(
+        pixels, abs=1e-6
+    )
+    sees = frustum_of(camera)
+    ahead, left, _ = rays.T
+    assert (
+        sees.hfov_deg >= 2 * np.degrees(np.arctan2(np.abs(left), ahead)).max() - 1e-9 or sees.hfov_deg == 360
+    )
+    # The formulas of OpenCV's documentation, in its frame: x right, y down, z ahead.
+    k = (*lens.coefficients, *(0.0,) * 8)
+    for (u, v), (z, x, y) in zip(pixels, rays * [1, -1, -1], strict=True):
+        if lens.model == "fisheye":
+            angle = np.arctan2(np.hypot(x, y), z)
+            grown = angle * (1 + k[0] * angle**2 + k[1] * angle**4 + k[2] * angle**6 + k[3] * angle**8)
+            shown = grown * np.array([x, y]) / np.hypot(x, y)
+            focal = 4000 / np.radians(across), 3000 / np.radians(down)
+        else:
+            a, b = x / z, y / z
+            r2 = a * a + b * b
+            ratio = (1 + k[0] * r2 + k[1] * r2**2 + k[4] * r2**3) / (
+                1 + k[5] * r2 + k[6] * r2**2 + k[7] * r2**3
+            )
+            shown = (
+                a * ratio + 2 * k[2] * a * b + k[3] * (r2 + 2 * a * a),
+                b * ratio + k[2] * (r2 + 2 * b * b) + 2 * k[3] * a * b,
+            )
+            focal = 2000 / np.tan(np.radians(across / 2)), 1500 / np.tan(np.radians(down / 2))
+        middle = 4000 * lens.middle[0], 3000 * lens.middle[1]
+        assert (middle[0] + focal[0] * shown[0], middle[1] + focal[1] * shown[1]) == pytest.approx(
+            (u, v), abs=1e-6
+        )
+
+
+def test_a_lens_whose_model_folds_the_picture_shows_nothing_beyond_the_fold():
+    folding = Camera(90.0, 70.0, 1.0, 30.0, 4000, 3000, lens=Lens("brown", (-0.6,)))
+    assert np.isnan(rays_of(folding, np.array([1.0, 1.0]))).all()
+    aside = np.array([[1.0, -3.0, 0.0]])  # its model would bring it back into the picture
+    assert np.isnan(pixels_of(folding, np.zeros(3), np.array([0.0, 0, 0, 1]), aside)).all()
+
+
+def test_a_finding_in_the_corner_of_a_distorted_photo_lies_where_its_lens_saw_it(tmp_path):
+    camera = replace(CAMERA, lens=Lens("brown", (-0.2, 0.04, 5e-4, -5e-4), (0.505, 0.495)))
+    path = flown()
+    stored = open_catalog(tmp_path / "catalog")
+    stored.add_structures([CUBE])
+    stored.add_demonstrations([replace(path, camera=camera)])
+    assert stored.demonstration("past").camera.lens == flight_of(stored, "past").camera.lens == camera.lens
+    at = 20
+    corner = np.array([HIGH[0], path.positions[at, 1] + 4.7, 7.0])  # outside of what a pinhole would show
+    (pixel,) = pixels_of(camera, path.positions[at], path.quat_xyzw[at], corner[None])
+    assert (pixel > 0).all() and (pixel < [1600, 1190]).all()
+    plain = pixels_of(CAMERA, path.positions[at], path.quat_xyzw[at], corner[None])[0]
+    assert np.linalg.norm(plain - pixel) > 30
+    mark = Mark("it", flight="past", t_s=at * 0.5, pixels=(tuple(pixel.tolist()),))
+    made = add_marks(stored, [mark], "Ada")
+    row = stored.finding(made.ids[0])
+    assert [row["x_m"], row["y_m"], row["z_m"]] == pytest.approx(corner, abs=1e-4)
+    (look,) = looks_at_spot(stored, spot_of(row))  # the finest moment of a flight without photos
+    seen = look.row
+    assert seen["left_px"] <= seen["right_px"] and look.camera.lens == camera.lens
+    # A lens that folds the picture says so.
+    folding = replace(path, demonstration_id="fold", camera=replace(camera, lens=Lens("brown", (-1.5,))))
+    stored.add_demonstrations([replace(folding, sha256="cd" * 32)])
+    bad = add_marks(stored, [replace(mark, flight="fold", pixels=((3.0, 3.0),))], "Ada")
+    assert "shows nothing" in bad.refused[0] and not bad.new
 
 
 def test_the_middle_pixel_covers_what_rays_through_its_corners_meet():

@@ -20,7 +20,7 @@ from upplied.errors import RefusedError, UppliedError
 from upplied.findings.marks import Mark
 from upplied.findings.photos import flight_of, registered, with_size
 from upplied.findings.place import Errors, located
-from upplied.findings.rays import size_px
+from upplied.findings.rays import rays_of, size_px
 from upplied.records import Floats, Structure
 from upplied.scene import Scene, scene_of, surface_error_m
 from upplied.vectors import sphere
@@ -112,6 +112,12 @@ class Placing:
         if not len(corners) or (corners < 0).any() or (corners > limits).any():
             rule = f"0 to {limits[0]} and 0 to {limits[1]} px"
             raise RefusedError(mark.what, "lies outside of its photo", rule, "check the pixels and the photo")
+        if not np.isfinite(rays_of(camera, corners)).all():
+            rule, remedy = (
+                "within what the lens shows",
+                "check the distortion in the calibration of the camera",
+            )
+            raise RefusedError(mark.what, "lies where the model of its lens shows nothing", rule, remedy)
         structure = self._structure(flight.target_id)
         pose = flight.at(np.array([t_s]))
         stated = flight.pose_error_m if self.pose_m is None else self.pose_m

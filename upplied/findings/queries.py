@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from upplied.catalog import Catalog
+from upplied.catalog.schema.rows import camera_of
 from upplied.catalog.verbs.queries import When, moment
 from upplied.errors import CatalogError
 from upplied.findings.carried import Carrying, Counterparts
 from upplied.findings.looks import Spot, spot_of
 from upplied.findings.rays import focal_of
-from upplied.records import Camera
 
 
 def photographed(
@@ -146,10 +145,5 @@ def _seen(
 
 def _focals(catalog: Catalog) -> dict[str, float]:
     """Pixels per radian of the camera of each demonstration."""
-    rows = catalog.demonstrations(every=True)
-    names = [item.name for item in fields(Camera) if item.name in rows]
-    focals = {}
-    for row in rows[["demonstration_id", *names]].to_dict("records"):
-        values = {name: row[name] for name in names if row[name] == row[name] and row[name] is not None}
-        focals[str(row["demonstration_id"])] = focal_of(Camera(**values))[0]
-    return focals
+    rows = catalog.demonstrations(every=True).to_dict("records")
+    return {str(row["demonstration_id"]): focal_of(camera_of(row))[0] for row in rows}

@@ -109,8 +109,8 @@ class _Shape:
             else:
                 numeric = kind[0] != "string"
                 parts, width = 1, SIZEMAP[kind[0]] if numeric else 4
-                # A sequence of numbers or strings has no width that a column could have.
-                if prefix.count("[]") < 2 and (not many or (fixed and numeric)):
+                # A sequence of strings has no width that a column could have; within sequences, none has.
+                if prefix.count("[]") < 2 and (not many or (numeric and (fixed or "[]" not in prefix))):
                     self._paths.add(prefix + name)
             number += parts * (length if fixed and (inner == Nodetype.NAME or not numeric) else 1)
             size += 4 if node == Nodetype.SEQUENCE else length * width
