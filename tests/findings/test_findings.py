@@ -22,7 +22,7 @@ from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
 from upplied.findings.adding import add_marks, escaping, on_surface
-from upplied.findings.campaign import asked_findings, plan_campaign, plan_campaigns
+from upplied.findings.campaign import asked_findings, due_jobs, plan_campaign
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, looks_at_spot, looks_frame, spot_at, spot_of
 from upplied.findings.marks import Mark, box_corners, read_marks
@@ -531,6 +531,7 @@ def test_a_campaign_has_a_draft_for_each_structure_without_a_look(filled, monkey
     other.add_structures([CUBE, CUBOID])
     other.add_demonstrations([replace(flown(), demonstration_id="there", structure_id="cuboid-v1")])
     row = row_of(catalog, name)
+    other.add_findings([{key: row[key] for key in row if key not in ("by", "entry_id")}], "Ada")
     (one,) = plan_campaign(other, row, 8.0)
     plan = other.plan(one["words"].split(";")[0])
     assert (one["structure_id"], one["status"]) == ("cuboid-v1", "draft")
@@ -541,14 +542,18 @@ def test_a_campaign_has_a_draft_for_each_structure_without_a_look(filled, monkey
         place - plan.trajectory.positions[0]
     )
     assert plan_campaign(other, row, 0.1)[0]["status"] == "refused"
-    # The next night plans nothing again, and says what it cannot plan.
-    other.add_findings([{key: row[key] for key in row if key not in ("by", "entry_id")}], "Ada")
-    planned = len(other.transfers(every=True))
-    monkeypatch.setattr("upplied.findings.campaign.plan_reshoot", lambda *_: pytest.fail("planned again"))
-    (problem,) = plan_campaigns(other, [name, "none"], 8.0)
-    assert "campaign none" in problem and len(other.transfers(every=True)) == planned
+    # The next night plans nothing again, nor what was refused, and says what it cannot plan.
+    assert due_jobs(other, [name], 8.0) == ([], [])
+    assert due_jobs(other, [name], 0.1) == ([], [])
+    (job,), (problem,) = due_jobs(other, [name, "none"], 7.0)
+    assert "campaign none" in problem and job.target_id == "cuboid-v1"
+    monkeypatch.setattr("upplied.findings.campaign.transfer", lambda _, jobs, *__, **___: len(jobs) and 1 / 0)
     other.reject(one["words"].split(";")[0], "Ada", "the mark is gone")
     assert plan_campaign(other, row, 8.0)[0]["status"] == "rejected"
+    # What its mission depends on was changed: it is due again.
+    other.add_structures([replace(CUBOID, vertices=CUBOID.vertices * [1, 1, 1.01], sha256="ef" * 32)])
+    assert [each.target_id for each in due_jobs(other, [name], 8.0)[0]] == ["cuboid-v1"]
+    assert [each.target_id for each in due_jobs(other, [name], 0.1)[0]] == ["cuboid-v1"]
 
 
 def test_a_place_that_is_hidden_where_its_photo_was_taken_from_is_seen_from_aside(filled):

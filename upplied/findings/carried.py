@@ -139,15 +139,21 @@ class Carrying:
             places_there.append(carried_spots(places, self._carried(source_id, target_id, named), target))
         return places_there
 
-    def _carried(self, source_id: str, target_id: str, settings: Settings) -> Carried:
+    def pair_key(self, source_id: str, target_id: str, settings: Settings | None = None) -> list[Any]:
+        """What the correspondence of a pair depends on."""
+        settings = settings or self._settings(_PRESET, self.kinds[target_id], target_id)
         siblings = self._siblings(source_id, target_id, settings.correspondence.siblings)
         hashes = [self._sha256[source_id], self._sha256[target_id], [list(one) for one in siblings]]
+        return [*hashes, settings.sha256]
 
+    def _carried(self, source_id: str, target_id: str, settings: Settings) -> Carried:
         def carried() -> Carried:
             with one_thread():
                 return carried_samples(*self._pair(source_id, target_id, settings), settings)
 
-        return self.remembered("carried-samples", Carried, [*hashes, settings.sha256], carried)
+        return self.remembered(
+            "carried-samples", Carried, self.pair_key(source_id, target_id, settings), carried
+        )
 
     def _pair(self, source_id: str, target_id: str, settings: Settings) -> tuple[Pair, Structure, Structure]:
         source, target = self.catalog.structure(source_id), self.catalog.structure(target_id)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,7 @@ from upplied.scene import scene_of
 from upplied.supposed_scene import obstacle, scene_for
 
 _SHOWN = 1  # of SURFACE_STATES
+_FINDING = ("finding_id", "x_m", "y_m", "z_m", "normal_json", "outline_json", "camera_json", "place_error_m")
 _ALIKE_DEG = 5.0  # between looks at a place: one pose may then show several findings
 _AS_WANTED_DEG, _AS_NEAR = 1.0, 1.02  # off the reference view, that is not worth a word
 
@@ -57,27 +58,23 @@ class Base:
     camera: Camera
     settings: Settings
     pace: Trajectory  # flown or planned there before: no faster
-    about: dict[str, Any]  # of `Plan`, and
-    provenance: dict[str, Any]
+    about: dict[str, Any]  # of `Plan`
+    sha256: tuple[str, str, str]  # of the demonstration, the source and the target
+    of_plan: str  # the plan that this is of; empty: a demonstration
 
 
 @dataclass(frozen=True)
 class Reshot:
     """What came of planning a mission."""
 
-    transfer_id: str
+    plan: Plan
     shown: tuple[str, ...]  # findings
     refused: tuple[str, ...]  # in words
     words: tuple[str, ...]  # what a pilot should know
+    transfer_id: str = ""  # where it is stored
 
 
-def plan_reshoot(
-    catalog: Catalog,
-    rows: Sequence[dict[str, Any]],
-    structure_id: str,
-    mm_px: float,
-    carrying: Carrying | None = None,
-) -> Reshot:
+def plan_reshoot(catalog: Catalog, rows: Sequence[dict[str, Any]], structure_id: str, mm_px: float) -> Reshot:
     """Plan a mission that shows the places of findings on a structure, and keep it as a draft.
 
     Parameters
@@ -89,7 +86,6 @@ def plan_reshoot(
         That is flown to.
     mm_px : float
         The largest ground sample distance of each look, mm.
-    carrying : Carrying, optional
 
     Raises
     ------
@@ -100,7 +96,31 @@ def plan_reshoot(
         found = f"{len(rows)} findings at {mm_px:g} mm a pixel"
         raise RefusedError("a mission", f"was asked for {found}", "findings, and more than 0 mm a pixel")
     base = base_of(catalog, structure_id)
-    wanted, refused = wanted_looks(carrying or Carrying(catalog), rows, structure_id)
+    carrying = Carrying(catalog)
+    made = mission(carrying, rows, base, mm_px)
+    key = digest(["reshoot", *depends_on(carrying, rows, base, mm_px)])
+    hashes = zip(("demonstration_sha256", "source_sha256", "target_sha256"), base.sha256, strict=True)
+    provenance = {
+        **dict(hashes), **recorded(), "method_version": METHOD_VERSION, "settings": base.settings,
+        "purpose": f"reshoot {digest([list(made.shown), mm_px])[:20]}",
+    }  # fmt: skip
+    catalog.add_plans([(key, made.plan, provenance)])
+    return replace(made, transfer_id=id_of(key))
+
+
+def depends_on(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_px: float) -> list[Any]:
+    """All that a mission depends on; parameters as those of `mission`."""
+    target_id = base.target.structure_id
+    findings = [[row[name] if row[name] == row[name] else None for name in _FINDING] for row in rows]
+    sources = sorted({str(row["target_id"]) for row in rows} - {target_id})
+    pairs = [carrying.pair_key(source, target_id) for source in sources]
+    return [findings, pairs, mm_px, method(), base.settings.sha256, *base.sha256, base.of_plan]
+
+
+def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_px: float) -> Reshot:
+    """A mission that shows the places of findings on a structure; parameters as those of `plan_reshoot`."""
+    structure_id = base.target.structure_id
+    wanted, refused = wanted_looks(carrying, rows, structure_id)
     supposed = base.about["supposed"]
     route = base.settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
@@ -158,19 +178,7 @@ def plan_reshoot(
         surface=SurfaceStates(surface.points, state, surface.normals),
         flyable=True,
     )
-    named = [[one.finding_id, one.spot.place.round(4).tolist()] for one in kept]
-    key = digest(["reshoot", named, structure_id, mm_px, method(), base.target.sha256, base.settings.sha256])
-    provenance = {
-        **base.provenance, **recorded(), "target_sha256": base.target.sha256,
-        "method_version": METHOD_VERSION, "settings": base.settings, "purpose": purpose_of(ids, mm_px),
-    }  # fmt: skip
-    catalog.add_plans([(key, plan, provenance)])
-    return Reshot(id_of(key), tuple(ids), tuple(refused), words)
-
-
-def purpose_of(finding_ids: Sequence[str], mm_px: float) -> str:
-    """What a mission to findings (ids in order) is for, as `transfers` says it."""
-    return f"reshoot {digest([list(finding_ids), mm_px])[:20]}"
+    return Reshot(plan, tuple(ids), tuple(refused), words)
 
 
 def base_of(catalog: Catalog, structure_id: str) -> Base:
@@ -189,14 +197,13 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
         made, plan = recipe(catalog, name), catalog.plan(name)
         assert plan.trajectory is not None
         ends = {"source_id": plan.source_id, "supposed": plan.supposed, "registration": plan.registration}
-        demonstration, pace = made.demonstration, plan.trajectory
-        hashes = {key: made.row[key] for key in ("demonstration_sha256", "source_sha256")}
-        settings = made.settings
+        demonstration, pace, of_plan = made.demonstration, plan.trajectory, name
+        source_sha256, settings = str(made.row["source_sha256"]), made.settings
     elif len(flown):
         demonstration = catalog.demonstration(str(flown.iloc[-1]["demonstration_id"]))
         itself = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)
         ends = {"source_id": structure_id, "supposed": None, "registration": itself}
-        pace, hashes = demonstration.trajectory, {}
+        pace, of_plan, source_sha256 = demonstration.trajectory, "", target.sha256
         settings = SettingsOf(catalog, PlanRequest())("recommended", target.kind, structure_id)
     else:
         found, rule = "has neither plan nor demonstration", "one of them tells camera, vehicle and clearance"
@@ -204,7 +211,8 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
             f"structure {structure_id}", found, rule, f"plan for it: upplied transfer --to {structure_id}"
         )
     about = {"demonstration_id": demonstration.demonstration_id, "target_id": structure_id, **ends}
-    return Base(target, demonstration.camera, settings, pace, about, hashes)
+    hashes = demonstration.sha256, source_sha256, target.sha256
+    return Base(target, demonstration.camera, settings, pace, about, hashes, of_plan)
 
 
 def wanted_looks(
