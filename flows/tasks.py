@@ -22,7 +22,7 @@ from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.catalog.verbs import maintenance, verification
 from upplied.errors import CatalogError
-from upplied.findings import campaign
+from upplied.findings import campaign, queries
 from upplied.fleet import edits, flights, gaps
 from upplied.fleet import manifest as shards
 from upplied.fleet.flight_logs import add_flight_logs
@@ -165,7 +165,7 @@ def plan_on_pool(name: str, shard: str, given: dict[str, Any]) -> None:
 @materialize(SOMEWHERE, name="publish-reports", task_run_name="publish to {folder}", **STORED)
 def publish_reports(catalog: str, folder: str) -> list[str]:
     """Write the published tables, pages and pictures; what could not be drawn, in words."""
-    return list(fleet.publish(open_catalog(catalog), folder).problems)
+    return list(fleet.publish(open_catalog(catalog), folder, map_of=queries.kind_map).problems)
 
 
 @task(name="carry-edits", task_run_name="carry edits over", **STORED)

@@ -50,6 +50,7 @@ def report(
         Folder to write, by default `reports`; only changed files are written.
     """
     from upplied import fleet
+    from upplied.findings.queries import kind_map
     from upplied.outputs.publish import publish_file
 
     store = opened(catalog)
@@ -57,7 +58,8 @@ def report(
     if folder is not None or self_contained is None:
         with progress("publishing", min(pages, pairs_in(store))) as advance:
             place = folder or "reports"
-            published = fleet.publish(store, place, pages=pages, progress=lambda _: advance(), force=force)
+            options = {"pages": pages, "force": force, "map_of": kind_map}
+            published = fleet.publish(store, place, progress=lambda _: advance(), **options)
         say(str(published.index))
         problems = published.problems
     if self_contained is not None:

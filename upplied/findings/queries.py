@@ -124,6 +124,21 @@ def by_reference(
     return rows
 
 
+def kind_map(catalog: Catalog, kind: str) -> tuple[str, pd.DataFrame]:
+    """The structure of a kind that is the map for all, and the kind's findings `by_reference` there.
+
+    It is the first that a demonstration was flown round; where there is none, the one with most findings.
+    """
+    structures, own = catalog.structures(), catalog.findings(kind=kind)["target_id"]
+    known = set(structures["structure_id"][structures["kind"] == kind])
+    flown = sorted(known.intersection(catalog.demonstrations()["structure_id"]))
+    most = own[own.isin(known)].value_counts(sort=False).sort_index()
+    if not flown and most.empty:
+        raise CatalogError(f"kind {kind}", "has no structure with findings", "one at least")
+    reference = flown[0] if flown else str(most.idxmax())
+    return reference, by_reference(catalog, reference)
+
+
 def _seen(
     catalog: Catalog, flight: dict[Any, Any], place: Any, normal: Any, focal: dict[str, float]
 ) -> dict[str, Any] | None:
