@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from made_plans import plan_as_demonstrated
 from PIL import Image
 
@@ -21,25 +22,27 @@ from upplied.catalog.verbs.published import export_tables
 from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
-from upplied.findings.adding import add_marks, escaping, on_surface
+from upplied.findings.adding import Placing, add_marks, escaping, on_surface
 from upplied.findings.campaign import asked_findings, due_jobs, plan_campaign
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, looks_at_spot, looks_frame, spot_at, spot_of
 from upplied.findings.marks import Mark, box_corners, read_marks
 from upplied.findings.photos import flight_of, register_photos
 from upplied.findings.place import Errors, located
-from upplied.findings.queries import by_reference, photographed
+from upplied.findings.queries import by_reference, kind_map, photographed
 from upplied.findings.rays import footprint_m, frustum_of, pixels_of, rays_of
 from upplied.findings.reshoot import plan_reshoot
+from upplied.outputs.publish import publish_pages
 from upplied.outputs.reference_photos import reference_photos
 from upplied.outputs.structure_page import fleet_findings, structure_facts
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import look_at, matrices
-from upplied.records import Camera, Demonstration, Lens
+from upplied.records import Camera, Demonstration, Lens, Structure
 from upplied.samples.correspondence import true_counterparts
 from upplied.samples.fleet import member, random_member
 from upplied.scene import scene_of
 from upplied.vectors import points_on_triangles
+from upplied.web.live import LivePages
 
 CUBE, CUBOID = member("cube-v1").structure, member("cuboid-v1").structure
 LOW, HIGH = CUBE.vertices.min(axis=0), CUBE.vertices.max(axis=0)
@@ -314,13 +317,86 @@ def test_files_of_detections_say_the_same(tmp_path):
         ("a.json", "{"), ("b.json", "[1]"), ("c.json", '{"images": [], "annotations": []}'),
         ("d.csv", "a,b\n1,2\n"),
         ("e.csv", "photo,x_px,y_px\nP,nan,1\n"), ("f.geojson", '{"features": [{"geometry": {"type": "X", '
-         '"coordinates": []}}]}'), ("g.json", "[" * 50_000), ("h.csv", "photo,outline_px\nP,1 2 3\n"),
+         '"coordinates": []}}]}'), ("g.json", "[" * 50_000), ("i.csv", "photo\n" + "1" * 200_000),
+        ("j.json", '{"images": [{"id": 1, "file_name": "P", "width": 1e999}], "annotations": [{"image_id": '
+         '1, "bbox": [1, 1, 1, 1]}]}'), ("k.json", '{"images": [{"id": 1, "file_name": "P"}], "annotations": '
+         '[{"image_id": 1, "bbox": [1' + "0" * 400 + ", 1, 1, 1]}]}"),
+        ("h.csv", "photo,outline_px\nP,1 2 3\n"),
     ],
 )  # fmt: skip
 def test_a_file_that_is_none_is_told_with_the_rule(tmp_path, name, text):
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=rf"{name}: (cannot be read|holds 0 marks)"):
         read_marks(tmp_path / name)
+
+
+def test_a_detection_in_a_smaller_copy_of_a_photo_is_enlarged_and_one_of_another_shape_refused(
+    filled, tmp_path
+):
+    catalog = filled[0]
+    x, y = pixel_of(5.0, MARK)
+    image = {"id": 1, "file_name": "P1.png", "width": 800, "height": 595}
+    coco = {"images": [image], "annotations": [{"image_id": 1, "bbox": [x / 2 - 5, y / 2 - 5, 10, 10]}]}
+    (tmp_path / "half.json").write_text(json.dumps(coco))
+    row = Placing(catalog).row(read_marks(tmp_path / "half.json")[0])
+    assert [row["x_m"], row["y_m"], row["z_m"]] == pytest.approx(MARK, abs=1e-3)
+    pixel_mm = 8e3 / (800 / np.tan(np.radians(35.0)))
+    assert row["length_mm"] == pytest.approx(20 * 2**0.5 * pixel_mm, rel=0.02)
+    coco["images"][0] |= {"width": 800, "height": 800}
+    (tmp_path / "square.json").write_text(json.dumps(coco))
+    (reason,) = add_marks(catalog, read_marks(tmp_path / "square.json"), "Ada").refused
+    assert "is of a picture of 800 x 800 px, the photo has 1600 x 1190 px" in reason
+
+
+def test_a_photo_and_a_time_that_differ_are_refused_and_an_unregistered_photo_counts_by_its_time(catalog):
+    pixel = (pixel_of(5.0, MARK),)
+    wrong = Mark("it", "P1.png", pixel, flight="past", t_s=12.0)
+    (reason,) = add_marks(catalog, [wrong], "Ada").refused
+    assert "is of 12 s, its photo P1.png of 5 s" in reason
+    placing = Placing(catalog)
+    by_photo = placing.row(Mark("it", "P1.png", pixel, flight="past", t_s=5.2))
+    by_time = placing.row(Mark("it", "gone.png", pixel, flight="past", t_s=5.0))
+    assert by_photo["photo_s"] == by_time["photo_s"] == 5.0 and by_time["photo"] == ""
+    with pytest.raises(RefusedError, match="belongs to no known flight"):
+        placing.row(Mark("it", "gone.png", pixel))
+
+
+def test_what_lies_behind_a_mark_is_no_part_of_it():
+    """A plate of 1 m before a wall that is 20 m behind it: a box about the plate's edge ends there."""
+    plate, wall = trimesh.creation.box((0.1, 1.0, 1.0)), trimesh.creation.box((0.1, 60.0, 60.0))
+    wall.apply_translation((20.0, 0.0, 0.0))
+    mesh = trimesh.util.concatenate([plate, wall])
+    scene = scene_of(Structure("plate", "box", np.array(mesh.vertices), np.array(mesh.faces)))
+    position, quat = np.array([-8.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
+    edge = np.array([[-0.05, at, up] for at, up in ((0.6, 0.2), (0.1, 0.2), (0.1, -0.2), (0.6, -0.2))])
+    spot = located(
+        "it", scene, CAMERA, position, quat, pixels_of(CAMERA, position, quat, edge), Errors(pose_m=0.01)
+    )
+    assert (
+        spot.place[0] == pytest.approx(-0.05, abs=1e-4) and spot.length_m < 0.6 and spot.length_error_m < 0.1
+    )
+    with pytest.raises(RefusedError, match="or the part that its middle is on"):
+        wide = edge * [1, 1, 8]
+        located("it", scene, CAMERA, position, quat, pixels_of(CAMERA, position, quat, wide), Errors())
+
+
+def test_a_finding_on_a_mesh_that_was_replaced_states_how_far_off_it_is(filled, capsys):
+    catalog, _, name = filled
+    other = open_catalog(f"{catalog.location}-replaced")
+    other.add_structures([CUBE, CUBOID])
+    other.add_demonstrations([flown()])
+    row = row_of(catalog, name)
+    other.add_findings([{key: row[key] for key in row if key not in ("by", "entry_id")}], "Ada")
+    before = Carrying(other).to([spot_of(row)], "cuboid-v1")
+    assert not before.doubtful[0]
+    wider = CUBE.vertices * [1 + 0.6 / HIGH[0], 1, 1]  # the side with the mark is 0.6 m farther off
+    other.add_structures([replace(CUBE, vertices=wider, sha256="cd" * 32)])
+    after = Carrying(other).to([spot_of(row)], "cuboid-v1")
+    assert after.doubtful[0] and after.error_m[0] > before.error_m[0] + 0.5
+    there = photographed(other, row)
+    assert there["doubt"].str.startswith("doubtful").all() and (there["error_m"] > 0.55).all()
+    assert main(["findings", "looks", name, "--catalog", other.location]) == 0
+    assert "0.60 m off its surface" in capsys.readouterr().err
 
 
 def test_every_photo_that_shows_a_place_is_found_and_no_other(filled):
@@ -432,7 +508,8 @@ def test_questions_over_the_fleet(filled):
     assert by_reference(catalog, "cuboid-v1", class_name="rust").empty
     (shown,) = structure_facts(catalog, CUBE, [], [])["marks"]
     assert (shown["finding"], shown["class"], shown["photo"]) == (name, "crack", "P2.png")
-    assert fleet_findings(catalog) == [{"kind": CUBE.kind, "class": "crack", "open": 1}]
+    assert fleet_findings(catalog) == [{"kind": CUBE.kind, "class": "crack", "map": False, "open": 1}]
+    assert fleet_findings(catalog, [CUBE.kind])[0]["map"]
 
 
 def test_findings_of_several_structures_stand_in_their_order_on_one(catalog, tmp_path):
@@ -452,6 +529,25 @@ def test_findings_of_several_structures_stand_in_their_order_on_one(catalog, tmp
     assert placed[[1, 3]] == pytest.approx(np.array(places["cube-v1"])[::-1], abs=1e-6)
     truth = true_counterparts("cuboid-v1", "cube-v1", np.array(places["cuboid-v1"]))
     assert placed[[0, 2]] == pytest.approx(truth[::-1], abs=0.3)
+
+
+def test_the_findings_of_a_kind_have_a_page_that_the_fleet_leads_to(filled, tmp_path):
+    catalog, _, name = filled
+    reference, rows = kind_map(catalog, CUBE.kind)
+    assert reference == "cube-v1" and list(rows["finding_id"]) == [name]
+    with pytest.raises(CatalogError, match="has no structure with findings"):
+        kind_map(catalog, "ship")
+    published = publish_pages(catalog, tmp_path, pictures=0, map_of=kind_map)
+    assert {f"findings/{CUBE.kind}.html", "data/cube-v1.js"} <= set(
+        published.written
+    ) and not published.problems
+    page = (tmp_path / "findings" / f"{CUBE.kind}.html").read_text()
+    assert name in page and '"../assets/structure.js"' in page and '"../data/cube-v1.js"' in page
+    assert '"map":true' in (tmp_path / "index.html").read_text()
+    assert not publish_pages(catalog, tmp_path, pictures=0, map_of=kind_map).written
+    assert f"findings/{CUBE.kind}.html" in publish_pages(catalog, tmp_path, pictures=0).removed
+    live = LivePages(catalog)
+    assert name in live.page("findings", CUBE.kind) and '"map":true' in live.page("")
 
 
 def test_a_look_counts_on_the_side_that_it_saw_and_as_finely_as_asked(tmp_path):

@@ -48,7 +48,9 @@ CAMPAIGN = """
 from upplied.catalog import open_catalog
 from upplied.findings.adding import add_marks
 from upplied.findings.marks import Mark
+from upplied.flows.ingest_demonstrations import ingest_demonstrations
 from upplied.flows.transfer_fleet import transfer_fleet
+ingest_demonstrations(["flight.mcap"], return_state=True)
 cube = open_catalog("catalog").structure("cube-v1").vertices
 place = (float(cube[:, 0].max()), float(cube[:, 1].mean()), float(cube[:, 2].mean()))
 (name,) = add_marks(open_catalog("catalog"), [Mark("it", structure="cube-v1", place=place)], "Ada").ids

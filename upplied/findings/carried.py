@@ -13,7 +13,7 @@ from upplied.catalog import Catalog
 from upplied.config import Settings, digest
 from upplied.errors import RefusedError
 from upplied.findings.adding import on_surface
-from upplied.findings.looks import Spot, plane_axes
+from upplied.findings.looks import Spot, off_surface, plane_axes
 from upplied.findings.sampled import Carried, carried_samples, neighbours
 from upplied.fleet.decisions import PlanRequest, SettingsOf
 from upplied.fleet.siblings import SiblingsOf
@@ -92,17 +92,24 @@ class Carrying:
     def to(self, spots: Sequence[Spot], target_id: str) -> Counterparts:
         """Where spots of one structure are on another."""
         source_id, places = spots[0].structure_id, np.array([[*spot.place, *spot.normal] for spot in spots])
+        target, off = (
+            self.catalog.structure(target_id),
+            off_surface(self.catalog, spots, self._sha256[source_id]),
+        )
         if source_id == target_id:
-            return _themselves(places)
-        settings = self._settings(_PRESET, self.kinds[target_id], target_id)
-        carried = self._carried(source_id, target_id, settings)
-        return carried_spots(places, carried, self.catalog.structure(target_id))
+            there = _themselves(places)
+        else:
+            settings = self._settings(_PRESET, self.kinds[target_id], target_id)
+            there = carried_spots(places, self._carried(source_id, target_id, settings), target)
+        error = there.error_m + off
+        doubtful = there.doubtful | (error > _FARTHEST * target.diagonal_m)
+        return replace(there, error_m=error, doubtful=doubtful)
 
     def everywhere(self, spot: Spot, names: Sequence[str]) -> Counterparts:
         """Where a spot is on each of some structures, a row for each."""
         settings = {self._settings(_PRESET, self.kinds[name], name).sha256 for name in names}
         about = [spot.structure_id, list(names), self.named(spot.structure_id), sorted(settings)]
-        place = [*spot.place.round(6).tolist(), *spot.normal.round(6).tolist()]
+        place = [*spot.place.round(6).tolist(), *spot.normal.round(6).tolist(), spot.structure_sha256]
 
         def carried() -> Counterparts:
             return Counterparts.stacked([self.to([spot], name) for name in names])

@@ -46,6 +46,7 @@ class Spot(Record):
     place: Floats  # (3,) m
     normal: Floats  # (3,) unit, outward
     corners: Floats  # (K, 3) m, of what is to be in the picture
+    structure_sha256: str = ""  # as it was when the place was found; empty: as it is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,7 +79,18 @@ def spot_of(row: dict[str, Any]) -> Spot:
     error = row.get("place_error_m")
     radius = max(_LEAST_M, float(error) if error is not None and error == error else 0.0)
     corners = np.concatenate([outline_of(row), _around(place, normal, radius)])
-    return Spot(str(row["target_id"]), place, normal, corners)
+    return Spot(str(row["target_id"]), place, normal, corners, str(row.get("structure_sha256") or ""))
+
+
+def off_surface(catalog: Catalog, spots: Sequence[Spot], sha256: str) -> Floats:
+    """How far (N,), m, places are off a structure that has changed since; 0 where it has not."""
+    off = np.zeros(len(spots))
+    changed = np.array([spot.structure_sha256 not in ("", sha256) for spot in spots], bool)
+    if changed.any():
+        places = np.array([spot.place for spot in spots])[changed]
+        found = scene_of(catalog.structure(spots[0].structure_id)).closest(places)[0]
+        off[changed] = np.linalg.norm(found - places, axis=1)
+    return off
 
 
 def looks_at_spot(catalog: Catalog, spot: Spot, simulated: bool = False) -> list[Look]:
