@@ -57,9 +57,14 @@ def report(
     problems: tuple[str, ...] = ()
     if folder is not None or self_contained is None:
         with progress("publishing", min(pages, pairs_in(store))) as advance:
-            place = folder or "reports"
-            options = {"pages": pages, "force": force, "map_of": kind_map}
-            published = fleet.publish(store, place, progress=lambda _: advance(), **options)
+            published = fleet.publish(
+                store,
+                folder or "reports",
+                pages=pages,
+                progress=lambda _: advance(),
+                force=force,
+                map_of=kind_map,
+            )
         say(str(published.index))
         problems = published.problems
     if self_contained is not None:

@@ -137,7 +137,7 @@ def _look(flight: Flown, spot: Spot, t_s: float, photo: dict[Any, Any]) -> Look 
     distance = float(np.linalg.norm(ray))
     pixels = pixels_of(camera, position, quat, np.vstack([spot.place, spot.corners]))
     limits = np.array(size_px(camera), float)
-    inside = ((pixels >= 0) & (pixels <= limits)).all(axis=1)
+    inside = np.all((pixels >= 0) & (pixels <= limits), axis=1)
     if camera.lens is not None and not inside[0]:
         return None
     low, high = (np.clip(reach(pixels, axis=0), 0, limits) for reach in (np.nanmin, np.nanmax))

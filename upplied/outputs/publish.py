@@ -285,8 +285,10 @@ def _put_maps(
     place: _Folder, reader: Reader, code: str, map_of: MapOf | None, problems: dict[str, str]
 ) -> list[str]:
     """A page for each kind that has findings: the findings of all its structures on one; those kinds."""
-    mapped = []
-    for kind in sorted(set(reader.catalog.findings()["kind"])) if map_of is not None else ():
+    mapped: list[str] = []
+    if map_of is None:
+        return mapped
+    for kind in sorted(set(reader.catalog.findings()["kind"])):
         try:
             name, rows = map_of(reader.catalog, check_id(kind, "kind"))
             sha256 = reader.sha256("structures", name)

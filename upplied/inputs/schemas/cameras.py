@@ -89,17 +89,16 @@ def calibrated(table: Table) -> tuple[Camera, str, Zoom, str] | None:
         height_px=int(min(height, 1e6)),
     )
     shown = table.columns.get("d", table.columns.get("D"))
-    known = shown is not None and shown.dtype != object and shown.ndim == 2
-    values = np.median(shown[good], axis=0) if known else np.empty(0)
+    if shown is None or shown.dtype == object or shown.ndim != 2:
+        shown = np.empty((len(table), 0))
+    values = np.median(shown[good], axis=0)
     middle = np.median(matrix[good][:, [2, 5]], axis=0)
-    lens, note = lens_of(model, values, middle, (width, height))
+    lens, note = lens_of(model, values, middle, np.array([width, height]))
     zoom = Zoom(t_ns, table.log_ns[good], *fields.T)
     return replace(camera, lens=lens), str(names(table, frame)[good][0]), zoom, note
 
 
-def lens_of(
-    model: str, values: Floats, middle_px: Floats, size_px: Sequence[float]
-) -> tuple[Lens | None, str]:
+def lens_of(model: str, values: Floats, middle_px: Floats, size: Floats) -> tuple[Lens | None, str]:
     """The lens of a calibration, None of a pinhole, and a note on what of it cannot be used.
 
     Parameters
@@ -110,7 +109,8 @@ def lens_of(
         Coefficients, in the order of OpenCV.
     middle_px : array, shape (2,)
         Where the axis meets the picture; the picture's middle counts where that is in no picture.
-    size_px : width and height
+    size : array, shape (2,)
+        Width and height, px.
     """
     fisheye, note = any(model.startswith(name) for name in _FISHEYE), ""
     most = 4 if fisheye else 8
@@ -121,7 +121,6 @@ def lens_of(
             f"distortion of the camera is not used: {count} coefficients of the model {model[:40]!r}",
             0,
         )
-    size = np.array(size_px, float)
     if not ((middle_px > 0) & (middle_px < size)).all() or (abs(middle_px - size / 2) <= _CENTRED_PX).all():
         middle_px = size / 2
     if not (count or fisheye) and (middle_px == size / 2).all():

@@ -69,7 +69,9 @@ def reconstructed(
     known = np.array([size[:3] for size in sizes], float).reshape(-1, 3)
     if len(known) == len(centres) and np.isfinite(known).all():
         lenses = [lens for *_, lens in sizes if lens is not None]
-        tables.append(fill.cameras("/cameras", times, *known.T, lenses if len(lenses) == len(known) else ()))
+        width, height, focal = known.T
+        lenses = lenses if len(lenses) == len(known) else []
+        tables.append(fill.cameras("/cameras", times, width, height, focal, lenses))
         notes += [UNKNOWN_LENS] if len(lenses) < len(known) else []
     defaults: dict[str, Any] = {"body_frame": "camera"} | ({} if scaled else {"unit_m": math.nan})
     return Source(tables, notes=notes, defaults=defaults, stills=True)
