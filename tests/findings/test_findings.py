@@ -15,6 +15,7 @@ import trimesh
 from made_plans import plan_as_demonstrated
 from PIL import Image
 
+from upplied import fleet
 from upplied.catalog import open_catalog, verify
 from upplied.catalog.database import Catalog
 from upplied.catalog.verbs.looks import put_looks
@@ -23,7 +24,7 @@ from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
 from upplied.findings.adding import Placing, add_marks, escaping, on_surface
-from upplied.findings.campaign import asked_findings, due_jobs, plan_campaign
+from upplied.findings.campaign import asked_findings, due_jobs, plan_campaign, plan_job
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, looks_at_spot, looks_frame, spot_at, spot_of
 from upplied.findings.marks import Mark, box_corners, read_marks
@@ -458,6 +459,17 @@ def test_what_was_found_out_about_a_pair_serves_every_place(catalog, monkeypatch
     monkeypatch.setattr("upplied.findings.carried.study", lambda *_: pytest.fail("the pair is studied anew"))
     again = Carrying(catalog).to(spots, "cuboid-v1")
     assert again.place[0] == pytest.approx(first.place[0], abs=1e-9) and not again.doubtful.any()
+
+
+def test_who_plans_for_a_structure_carries_the_source_there_as_well(filled, monkeypatch):
+    catalog, _, name = filled
+    other = open_catalog(f"{catalog.location}-planned")
+    other.add_structures([CUBE, CUBOID])
+    other.add_demonstrations([flown()])
+    jobs = fleet.decide(other, fleet.PlanRequest(presets=("recommended",))).jobs
+    assert fleet.transfer(other, jobs, "night", plan=plan_job).ok == 1
+    monkeypatch.setattr(Carrying, "_pair", lambda *_: pytest.fail("the pair was studied again"))
+    assert np.isfinite(Carrying(other).to([spot_of(row_of(catalog, name))], "cuboid-v1").place).all()
 
 
 def test_a_place_that_could_as_well_be_elsewhere_is_doubtful(tmp_path):

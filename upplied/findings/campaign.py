@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,6 +20,8 @@ from upplied.findings.reshoot import base_of, depends_on, mission
 from upplied.fleet import new_run_id, planner, transfer
 from upplied.fleet.decisions import Job
 from upplied.records import Plan
+
+log = logging.getLogger(__name__)
 
 _PURPOSE = "campaign"  # how the purpose of its plans begins; its finding and mm/px follow
 
@@ -160,8 +163,20 @@ def campaign_jobs(
 
 def plan_job(job: Job) -> planner.Outcome:
     """Plan a job in a worker process: of a campaign its mission, any other as a transfer."""
-    ours = job.purpose.startswith(f"{_PURPOSE} ")
-    return planner.plan_job(job, _mission if ours else planner.transferred)
+    return planner.plan_job(job, _mission if job.purpose.startswith(f"{_PURPOSE} ") else _transferred)
+
+
+def _transferred(catalog: Catalog, job: Job) -> Plan:
+    """The plan of a transfer; its pair was studied for it, so questions about findings need not do so."""
+    plan = planner.transferred(catalog, job)
+    if (plan.status, job.settings.preset, job.purpose) == ("ok", "recommended", ""):
+        try:
+            Carrying(catalog).carried(job.source_id, job.target_id)
+        except MemoryError:
+            raise
+        except Exception as error:  # no plan fails for what is asked later, and then says why
+            log.warning("%s: findings cannot be carried: %s", job, error)
+    return plan
 
 
 def _mission(catalog: Catalog, job: Job) -> Plan:

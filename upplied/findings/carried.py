@@ -99,8 +99,7 @@ class Carrying:
         if source_id == target_id:
             there = _themselves(places)
         else:
-            settings = self._settings(_PRESET, self.kinds[target_id], target_id)
-            there = carried_spots(places, self._carried(source_id, target_id, settings), target)
+            there = carried_spots(places, self.carried(source_id, target_id), target)
         error = there.error_m + off
         doubtful = there.doubtful | (error > _FARTHEST * target.diagonal_m)
         return replace(there, error_m=error, doubtful=doubtful)
@@ -131,7 +130,7 @@ class Carrying:
         """Where a spot is on each part of a structure like its counterpart, and on that one first."""
         source_id, settings = spot.structure_id, self._settings(_PRESET, self.kinds[target_id], target_id)
         places, target = np.array([[*spot.place, *spot.normal]]), self.catalog.structure(target_id)
-        carried = self._carried(source_id, target_id, settings)
+        carried = self.carried(source_id, target_id)
         mine, places_there = int(carried.own_part[_nearest(carried, places)[0]]), [self.to([spot], target_id)]
         with one_thread():
             pair = self._pair(source_id, target_id, settings)[0]
@@ -143,7 +142,7 @@ class Carrying:
                 continue
             names = (*settings.correspondence.counterparts, (f"part_{mine}", f"part_{choice}"))
             named = replace(settings, correspondence=replace(settings.correspondence, counterparts=names))
-            places_there.append(carried_spots(places, self._carried(source_id, target_id, named), target))
+            places_there.append(carried_spots(places, self.carried(source_id, target_id, named), target))
         return places_there
 
     def pair_key(self, source_id: str, target_id: str, settings: Settings | None = None) -> list[Any]:
@@ -153,7 +152,10 @@ class Carrying:
         hashes = [self._sha256[source_id], self._sha256[target_id], [list(one) for one in siblings]]
         return [*hashes, settings.sha256]
 
-    def _carried(self, source_id: str, target_id: str, settings: Settings) -> Carried:
+    def carried(self, source_id: str, target_id: str, settings: Settings | None = None) -> Carried:
+        """The samples of a structure on another one, by other settings than theirs where these are given."""
+        settings = settings or self._settings(_PRESET, self.kinds[target_id], target_id)
+
         def carried() -> Carried:
             with one_thread():
                 return carried_samples(*self._pair(source_id, target_id, settings), settings)
