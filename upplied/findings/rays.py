@@ -112,8 +112,8 @@ def _distorted(lens: Lens, off: Floats) -> Floats:
     """Where a lens shows what a pinhole, or an even fisheye, would show at (..., 2), focal lengths."""
     square = (off**2).sum(axis=-1, keepdims=True)
     if lens.model == "fisheye":
-        return np.asarray(off * np.polyval([*_padded(lens, 4)[::-1], 1.0], square))
-    k1, k2, p1, p2, k3, *below = _padded(lens, 8)
+        return np.asarray(off * np.polyval([*lens.coefficients[::-1], 1.0], square))
+    k1, k2, p1, p2, k3, *below = (*lens.coefficients, *(0.0,) * 8)[:8]
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.polyval([k3, k2, k1, 1.0], square) / np.polyval([*below[::-1], 1.0], square)
     aside = 2 * off[..., :1] * off[..., 1:] * np.array([p1, p2])
@@ -140,15 +140,5 @@ def _undistorted(lens: Lens, shown: Floats) -> Floats:
 def _reach(lens: Lens) -> float:
     """How far from the axis a lens shows farther things farther off: beyond, its model folds the picture."""
     far = np.linspace(0, np.pi if lens.model == "fisheye" else 8.0, 4001)
-    turned = lens if lens.model == "fisheye" else replace(lens, coefficients=_radial(lens))
-    shown = _distorted(turned, np.column_stack([far, 0 * far]))[:, 0]
+    shown = _distorted(lens, np.column_stack([far, 0 * far]))[:, 0]
     return float(far[np.append(np.diff(shown) > 0, False).argmin()])
-
-
-def _radial(lens: Lens) -> tuple[float, ...]:
-    k1, k2, _, _, *more = _padded(lens, 8)
-    return (k1, k2, 0.0, 0.0, *more)
-
-
-def _padded(lens: Lens, count: int) -> tuple[float, ...]:
-    return (*lens.coefficients, *(0.0,) * count)[:count]

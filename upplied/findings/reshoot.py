@@ -128,36 +128,33 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
     airspace = Airspace(scene, clearance, base.target.surroundings, route.ground_clearance_m)
     surface = surface_samples(base.target, scene_of(base.target), CloudSettings())
     graph = roadmap(airspace, obstacle(surface, supposed))
-    looks: list[Trajectory] = []
-    kept: list[Wanted] = []
+    looks: dict[Wanted, Trajectory] = {}
     for one in wanted:
         look = best_look(one, base.camera, graph, base.settings.retime, mm_px)
-        if look is None:
-            near = f"no safe look at {mm_px:g} mm a pixel, {clearance:g} m away, sees the place"
-            refused.append(f"finding {one.finding_id}: {near}")
-        else:
-            looks.append(look)
-            kept.append(one)
-    if not kept:
+        if look is not None:
+            looks[one] = look
+            continue
+        near = f"no safe look at {mm_px:g} mm a pixel, {clearance:g} m away, sees the place"
+        refused.append(f"finding {one.finding_id}: {near}")
+    if not looks:
         raise RefusedError(
             f"a mission to {structure_id}", "; ".join(refused)[:2000], "one safe look at least"
         )
-    path, is_viewpoint, seen, bound = toured(looks, kept, base, graph, mm_px)
-    for one in [one for one, there in zip(kept, seen, strict=True) if not there]:
+    path, is_viewpoint, seen, bound = toured(list(looks.values()), list(looks), base, graph, mm_px)
+    for one in [one for one, there in zip(looks, seen, strict=True) if not there]:
         refused.append(f"finding {one.finding_id}: no safe way leads to where it is seen from")
-    kept = [each for each, there in zip(kept, seen, strict=True) if there]
-    looks = [each for each, there in zip(looks, seen, strict=True) if there]
+        del looks[one]
+    kept = list(looks)
     broken = place_breaches(path, base.target, supposed, clearance)
     if broken:
         raise RefusedError(
             f"a mission to {structure_id}", "; ".join(broken), "a safe flight", "ask for fewer"
         )
-    shown = [_words(one, look, base.camera) for one, look in zip(kept, looks, strict=True)]
     length = float(leg_lengths(path.positions).sum())
-    tour = (
-        f"shows {len(kept)} of {len(rows)} findings; by known safe legs {bound:.0f} m are needed at least, "
-    )
-    words = (f"{tour}it flies {length:.0f} m", *shown, *refused)
+    needed = f"by known safe legs {bound:.0f} m are needed at least, it flies {length:.0f} m"
+    words = [f"shows {len(kept)} of {len(rows)} findings; {needed}"]
+    words += [_words(one, look, base.camera) for one, look in looks.items()]
+    words += refused
     ids = sorted(one.finding_id for one in kept)
     state = np.zeros(len(surface), np.int64)
     state[_nearest(surface, kept)] = _SHOWN
@@ -174,11 +171,11 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
             duration_s=float(path.t_s[-1]),
             peak_speed_mps=float((leg_lengths(path.positions) / np.diff(path.t_s)).max()),
         ),
-        warnings=words,
+        warnings=tuple(words),
         surface=SurfaceStates(surface.points, state, surface.normals),
         flyable=True,
     )
-    return Reshot(plan, tuple(ids), tuple(refused), words)
+    return Reshot(plan, tuple(ids), tuple(refused), tuple(words))
 
 
 def base_of(catalog: Catalog, structure_id: str) -> Base:
