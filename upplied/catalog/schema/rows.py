@@ -169,8 +169,8 @@ def demonstration_of(row: Row, poses: pa.Table) -> Demonstration:
 def camera_of(row: Row) -> Camera:
     """The camera of a row of `demonstrations`, null or NaN where something is not known."""
     known = {item.name: row.get(item.name) for item in fields(Camera)}
-    if row["lens_json"]:
-        lens = json.loads(row["lens_json"])
+    if isinstance(text := row["lens_json"], str) and text:
+        lens = json.loads(text)
         known["lens"] = Lens(lens["model"], tuple(lens["coefficients"]), tuple(lens["middle"]))
     return Camera(**{name: value for name, value in known.items() if value is not None and value == value})
 
