@@ -277,7 +277,7 @@ def missions(seed: int) -> None:
             between = interpolate(plan.trajectory, np.arange(0, plan.trajectory.t_s[-1], 0.1)).positions
             kept.append(float(cKDTree(cloud).query(between)[0].min()))
             words = made.words[0].split()
-            need, flew = float(words[words.index("m") - 1]), float(words[-2])
+            flew, need = float(words[words.index("m") - 1]), float(words[-2])
             ratios.append(flew / need if need >= 5 else 1.0)
     said = (
         f"{asked} asked, {refused} refused with the reason, {100 * np.mean(fine):.1f} % of others as fine as"

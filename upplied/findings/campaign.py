@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 _PURPOSE = "campaign"  # how the purpose of its plans begins; its finding and mm/px follow
 
 
-def asked_findings(catalog: Catalog, asked: str, structure_id: str) -> list[dict[str, Any]]:
+def selected_findings(catalog: Catalog, selection: str, structure_id: str) -> list[dict[str, Any]]:
     """The findings of ids that are listed with commas, or those of a state on a structure.
 
     Raises
@@ -36,11 +36,11 @@ def asked_findings(catalog: Catalog, asked: str, structure_id: str) -> list[dict
     CatalogError
         If an id is not known.
     """
-    if asked.lower() not in STATES:
-        return [catalog.finding(name.strip()) for name in asked.split(",") if name.strip()]
-    rows = catalog.findings(structure=structure_id, state=asked.lower()).to_dict("records")
+    if selection.lower() not in STATES:
+        return [catalog.finding(name.strip()) for name in selection.split(",") if name.strip()]
+    rows = catalog.findings(structure=structure_id, state=selection.lower()).to_dict("records")
     if not rows:
-        raise RefusedError(f"structure {structure_id}", f"has no {asked.lower()} finding", "one at least")
+        raise RefusedError(f"structure {structure_id}", f"has no {selection.lower()} finding", "one at least")
     return [{str(key): value for key, value in row.items()} for row in rows]
 
 

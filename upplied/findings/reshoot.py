@@ -93,8 +93,8 @@ def plan_reshoot(catalog: Catalog, rows: Sequence[dict[str, Any]], structure_id:
         If no finding can be shown so by a safe flight; nothing is stored then.
     """
     if not (rows and 0 < mm_px < np.inf):
-        found = f"{len(rows)} findings at {mm_px:g} mm a pixel"
-        raise RefusedError("a mission", f"was asked for {found}", "findings, and more than 0 mm a pixel")
+        request = f"{len(rows)} findings at {mm_px:g} mm/px"
+        raise RefusedError("the mission", f"has {request}", "at least one finding, and more than 0 mm/px")
     base = base_of(catalog, structure_id)
     carrying = Carrying(catalog)
     made = mission(carrying, rows, base, mm_px)
@@ -134,7 +134,7 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
         if look is not None:
             looks[one] = look
             continue
-        near = f"no safe look at {mm_px:g} mm a pixel, {clearance:g} m away, sees the place"
+        near = f"no safe look at {mm_px:g} mm/px, {clearance:g} m away, sees the place"
         refused.append(f"finding {one.finding_id}: {near}")
     if not looks:
         raise RefusedError(
@@ -144,20 +144,20 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
     for one in [one for one, there in zip(looks, seen, strict=True) if not there]:
         refused.append(f"finding {one.finding_id}: no safe way leads to where it is seen from")
         del looks[one]
-    kept = list(looks)
+    reachable = list(looks)
     broken = place_breaches(path, base.target, supposed, clearance)
     if broken:
         raise RefusedError(
             f"a mission to {structure_id}", "; ".join(broken), "a safe flight", "ask for fewer"
         )
     length = float(leg_lengths(path.positions).sum())
-    needed = f"by known safe legs {bound:.0f} m are needed at least, it flies {length:.0f} m"
-    words = [f"shows {len(kept)} of {len(rows)} findings; {needed}"]
+    tour = f"shows {len(reachable)} of {len(rows)} findings on {length:.0f} m"
+    words = [f"{tour} (by known safe legs at least {bound:.0f} m)"]
     words += [_words(one, look, base.camera) for one, look in looks.items()]
     words += refused
-    ids = sorted(one.finding_id for one in kept)
+    ids = sorted(one.finding_id for one in reachable)
     state = np.zeros(len(surface), np.int64)
-    state[_nearest(surface, kept)] = _SHOWN
+    state[_nearest(surface, reachable)] = _SHOWN
     plan = Plan(
         **base.about,
         kind=base.target.kind,
@@ -191,11 +191,11 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
     flown = catalog.demonstrations(structure=structure_id)
     if len(plans):
         name = str(plans.iloc[-1]["transfer_id"])
-        made, plan = recipe(catalog, name), catalog.plan(name)
+        basis, plan = recipe(catalog, name), catalog.plan(name)
         assert plan.trajectory is not None
         ends = {"source_id": plan.source_id, "supposed": plan.supposed, "registration": plan.registration}
-        demonstration, pace, of_plan = made.demonstration, plan.trajectory, name
-        source_sha256, settings = str(made.row["source_sha256"]), made.settings
+        demonstration, pace, of_plan = basis.demonstration, plan.trajectory, name
+        source_sha256, settings = str(basis.row["source_sha256"]), basis.settings
     elif len(flown):
         demonstration = catalog.demonstration(str(flown.iloc[-1]["demonstration_id"]))
         itself = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)
@@ -203,9 +203,9 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
         pace, of_plan, source_sha256 = demonstration.trajectory, "", target.sha256
         settings = SettingsOf(catalog, PlanRequest())("recommended", target.kind, structure_id)
     else:
-        found, rule = "has neither plan nor demonstration", "one of them tells camera, vehicle and clearance"
+        fault, rule = "has neither plan nor demonstration", "one of them tells camera, vehicle and clearance"
         raise RefusedError(
-            f"structure {structure_id}", found, rule, f"plan for it: upplied transfer --to {structure_id}"
+            f"structure {structure_id}", fault, rule, f"plan for it: upplied transfer --to {structure_id}"
         )
     about = {"demonstration_id": demonstration.demonstration_id, "target_id": structure_id, **ends}
     hashes = demonstration.sha256, source_sha256, target.sha256
@@ -282,7 +282,7 @@ def _words(wanted: Wanted, look: Trajectory, camera: Camera) -> str:
             text += f", from {distance - wanted.distance_m:.1f} m farther"
         elif distance * _AS_NEAR < wanted.distance_m:
             text += f", from {wanted.distance_m - distance:.1f} m nearer"
-    return f"{text}; {wanted.said}" if wanted.said else text
+    return f"{text}; {wanted.note}" if wanted.note else text
 
 
 def _nearest(surface: Cloud, wanted: Sequence[Wanted]) -> Ints:
