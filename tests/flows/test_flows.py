@@ -48,7 +48,7 @@ CAMPAIGN = """
 from upplied.catalog import open_catalog
 from upplied.findings.adding import add_marks
 from upplied.findings.marks import Mark
-from upplied.flows.ingest_demonstrations import ingest_demonstrations
+from upplied.flows.ingest import ingest_demonstrations
 from upplied.flows.transfer_fleet import transfer_fleet
 ingest_demonstrations(["flight.mcap"], return_state=True)
 cube = open_catalog("catalog").structure("cube-v1").vertices
