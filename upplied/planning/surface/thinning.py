@@ -99,12 +99,15 @@ def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
         return np.arange(len(points))
     reach = np.sqrt(area / number)
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
-    start, second, distance = _neighbours(points, normals, pairs)
+    pairs = pairs[(normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(axis=1) > 0]
+    pairs = pairs[np.argsort(pairs[:, 0], kind="stable")]
+    start = np.searchsorted(pairs[:, 0], np.arange(len(points) + 1))
+    distance = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
     low, high = 0.0, reach
     chosen = np.ones(len(points), bool)
     for _ in range(12):
         middle = (low + high) / 2
-        chosen = _greedy(start, second, distance, middle)
+        chosen = _greedy(start, pairs[:, 1], distance, middle)
         if chosen.sum() > number:
             low = middle
         else:
@@ -124,30 +127,6 @@ def shares(points: Floats, normals: Floats, area: Floats, chosen: Ints) -> Float
     alike = distance <= (1 + _ALIKE) * distance.min(axis=1, keepdims=True)
     parts = alike * (area / alike.sum(axis=1))[:, None]
     return np.asarray(np.bincount(near.ravel(), parts.ravel(), minlength=len(chosen)), float)
-
-
-@njit(cache=True)
-def _neighbours(points: Floats, normals: Floats, pairs: Ints) -> tuple[Ints, Ints, Floats]:
-    """Of pairs (P, 2) on one side: where each point's begin (N + 1,), the others, and how far they are, m."""
-    start = np.zeros(len(points) + 2, np.int64)
-    far = np.full(len(pairs), -1.0)
-    for pair in range(len(pairs)):
-        one, other = pairs[pair]
-        facing, square = 0.0, 0.0
-        for axis in range(3):
-            facing += normals[one, axis] * normals[other, axis]
-            square += (points[one, axis] - points[other, axis]) ** 2
-        if facing > 0:
-            far[pair] = np.sqrt(square)
-            start[one + 2] += 1
-    start = np.cumsum(start)
-    second, distance = np.empty(start[-1], np.int64), np.empty(start[-1])
-    for pair in range(len(pairs)):
-        if far[pair] >= 0:
-            place = start[pairs[pair, 0] + 1]
-            second[place], distance[place] = pairs[pair, 1], far[pair]
-            start[pairs[pair, 0] + 1] += 1
-    return start[:-1], second, distance
 
 
 @njit(cache=True)
