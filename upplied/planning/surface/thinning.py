@@ -53,40 +53,15 @@ def _voxels(points: Floats, leaf_m: float) -> Ints:
 
 def _leaf_for(points: Floats, number: int) -> float:
     """The leaf that leaves about `number` points, found by bisection on its logarithm."""
-    offset = np.ascontiguousarray(points - points.min(axis=0))
     extent = float(np.ptp(points, axis=0).max())
     low, high = np.log(extent / 2000), np.log(extent)
     for _ in range(20):
         middle = (low + high) / 2
-        if _more_voxels(offset, float(np.exp(middle)), number):
+        if len(np.unique(_voxels(points, float(np.exp(middle))))) > number:
             low = middle
         else:
             high = middle
     return float(np.exp(high))
-
-
-@njit(cache=True)
-def _more_voxels(offset: Floats, leaf_m: float, number: int) -> bool:
-    """Whether points, from the corner of their box, lie in more than `number` voxels: stops when it knows."""
-    slots = 64
-    while slots < 4 * number:
-        slots *= 2
-    table = np.full(slots, -1, np.int64)  # open addressing: less than a quarter of it is ever filled
-    count = 0
-    for row in range(len(offset)):
-        x = np.int64(np.floor(offset[row, 0] / leaf_m))
-        y = np.int64(np.floor(offset[row, 1] / leaf_m))
-        z = np.int64(np.floor(offset[row, 2] / leaf_m))
-        key = (x << 42) | (y << 21) | z  # the smallest leaf makes 2000 voxels along the longest edge
-        slot = ((key * 0x9E3779B97F4A7C1) >> 20) & (slots - 1)
-        while table[slot] != -1 and table[slot] != key:
-            slot = (slot + 1) & (slots - 1)
-        if table[slot] == -1:
-            table[slot] = key
-            count += 1
-            if count > number:
-                return True
-    return False
 
 
 def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
