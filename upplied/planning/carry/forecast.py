@@ -15,14 +15,13 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import SAME_FACE
+from upplied.planning.constants import SAME_FACE, TOLERANCE
 from upplied.planning.correspondence.certainty import logistic
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.clouds import spacing, weighted_percentile
 from upplied.records import Cloud, Floats, Record, Registration
 from upplied.vectors import with_normals
 
-_ELSEWHERE = 0.1  # of the region's size: farther is elsewhere, and so much counts turning a normal
 _LEAST = 16  # patches: of fewer nothing is told
 _MOST = 1500  # patches that are asked
 
@@ -89,7 +88,7 @@ def _apart(source: Cloud, registered: Cloud, share: Floats, size: float) -> floa
     if not len(chosen):
         return 0.0
     chosen = chosen[:_MOST]
-    weight = _ELSEWHERE * size
+    weight = 2 * TOLERANCE * size  # what turning a normal counts: of each surface as much as may be off
     tree = cKDTree(with_normals(registered.points, registered.outward, weight))
     asked = with_normals(source.points[chosen], source.outward[chosen], weight)
     off = np.maximum(tree.query(asked)[0] - spacing(registered), 0) / size

@@ -11,6 +11,7 @@ from upplied.records import Cloud, Floats, Ints, Structure
 from upplied.vectors import points_on_triangles
 
 _ALIKE = 1e-6  # share by which distances may differ and be equal
+_MOST_VOXELS = 2**20  # of a box, that are counted one by one
 
 
 def voxel_cloud(structure: Structure, settings: CloudSettings) -> Cloud:
@@ -39,25 +40,37 @@ def voxel_filter(points: Floats, leaf_m: float) -> Floats:
     array([[0.1, 0. , 0. ],
            [5. , 0. , 0. ]])
     """
-    voxel = _voxels(points, leaf_m)
+    voxel, _ = _voxels(_columns(points), leaf_m)
     _, member, count = np.unique(voxel, return_inverse=True, return_counts=True)
     sums = np.column_stack([np.bincount(member, weights=points[:, axis]) for axis in range(3)])
     return sums / count[:, None]
 
 
-def _voxels(points: Floats, leaf_m: float) -> Ints:
-    cell = np.floor((points - points.min(axis=0)) / leaf_m).astype(np.int64)
-    size = cell.max(axis=0) + 1
-    return (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
+def _columns(points: Floats) -> Floats:
+    """Places (3, N) from the corner of their box."""
+    return np.ascontiguousarray((points - points.min(axis=0)).T)
+
+
+def _voxels(columns: Floats, leaf_m: float) -> tuple[Ints, int]:
+    """The voxel (N,) of each point, and how many voxels their box has."""
+    x, y, z = cell = (columns / leaf_m).astype(np.int64)
+    size = cell.max(axis=1) + 1
+    return (x * size[1] + y) * size[2] + z, int(size.prod())
+
+
+def _occupied(columns: Floats, leaf_m: float) -> int:
+    voxel, number = _voxels(columns, leaf_m)
+    return len(np.unique(voxel)) if number > _MOST_VOXELS else np.count_nonzero(np.bincount(voxel))
 
 
 def _leaf_for(points: Floats, number: int) -> float:
     """The leaf that leaves about `number` points, found by bisection on its logarithm."""
-    extent = float(np.ptp(points, axis=0).max())
+    columns = _columns(points)
+    extent = float(columns.max())
     low, high = np.log(extent / 2000), np.log(extent)
     for _ in range(20):
         middle = (low + high) / 2
-        if len(np.unique(_voxels(points, float(np.exp(middle))))) > number:
+        if _occupied(columns, float(np.exp(middle))) > number:
             low = middle
         else:
             high = middle
