@@ -66,11 +66,11 @@ def ingest_structures(
     prune: bool,
     allow: Sequence[str] = (),
     strict: bool = False,
-    said: Sequence[str] = (),
+    limits: Sequence[str] = (),
 ) -> list[dict[str, str]]:
     """Every structure of a manifest into the catalog; a bad file stops itself alone."""
-    asked = fleet.RuleOptions(tuple(allow), strict, structure_rules.changed(said))
-    ingested = fleet.ingest_structures(open_catalog(catalog), manifest, workers, prune=prune, rules=asked)
+    rules = fleet.RuleOptions(tuple(allow), strict, structure_rules.changed(limits))
+    ingested = fleet.ingest_structures(open_catalog(catalog), manifest, workers, prune=prune, rules=rules)
     return [_plain(item) for item in ingested]
 
 
@@ -81,10 +81,10 @@ def ingest_demonstrations(
     workers: int,
     allow: Sequence[str] = (),
     strict: bool = False,
-    said: Sequence[str] = (),
+    limits: Sequence[str] = (),
 ) -> list[dict[str, str]]:
     """Every log into the catalog; a bad log stops itself alone."""
-    options = LogOptions(allow=tuple(allow), strict=strict, passport=passport.changed(tuple(said)))
+    options = LogOptions(allow=tuple(allow), strict=strict, passport=passport.changed(tuple(limits)))
     ingested = fleet.ingest_demonstrations(open_catalog(catalog), logs, workers, options=options)
     return [_plain(item) for item in (*ingested, *passed_over(logs))]
 

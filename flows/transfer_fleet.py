@@ -14,8 +14,7 @@ from upplied.errors import CatalogError
 from . import tasks
 from .artifacts import transfer_artifacts
 from .engines import Planned, plan
-from .ingest_demonstrations import ingest_demonstrations
-from .ingest_structures import ingest_structures
+from .ingest import ingest_demonstrations, ingest_structures
 from .lineage import asset, making
 from .parameters import Changes, Id, Location, Millimetres, Presets, Resources, plan_request_of
 from .roots import check_roots

@@ -22,7 +22,7 @@ from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
 from upplied.findings.adding import add_marks, escaping, on_surface
-from upplied.findings.campaign import asked_findings, plan_campaign, plan_campaigns
+from upplied.findings.campaign import plan_campaign, plan_campaigns, selected_findings
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, looks_at_spot, looks_frame, spot_at, spot_of
 from upplied.findings.marks import Mark, box_corners, read_marks
@@ -401,7 +401,7 @@ def test_a_look_counts_on_the_side_that_it_saw_and_as_finely_as_asked(tmp_path):
 
 def test_a_mission_shows_a_place_as_its_photo_did_and_as_finely_as_asked(filled):
     catalog, _, name = filled
-    rows = asked_findings(catalog, "open", "cube-v1")
+    rows = selected_findings(catalog, "open", "cube-v1")
     made = plan_reshoot(catalog, rows, "cube-v1", 5.0)
     plan = catalog.plan(made.transfer_id)
     assert made.shown == (name,) and not made.refused
@@ -436,7 +436,7 @@ def test_a_mission_shows_a_place_as_its_photo_did_and_as_finely_as_asked(filled)
         assert picture == b"" and "is not the one that was registered" in caption
     finally:
         photo.write_bytes(kept)
-    with pytest.raises(RefusedError, match=r"no safe look at 0\.2 mm a pixel, 2 m away"):
+    with pytest.raises(RefusedError, match=r"no safe look at 0\.2 mm/px, 2 m away"):
         plan_reshoot(catalog, rows, "cube-v1", 0.2)
     with pytest.raises(RefusedError, match="has neither plan nor demonstration"):
         plan_reshoot(catalog, rows, "cuboid-v1", 5.0)

@@ -24,7 +24,7 @@ def test_the_whole_way_by_flows(server, place):
         server,
         place,
         """
-from upplied.flows.ingest_demonstrations import ingest_demonstrations
+from upplied.flows.ingest import ingest_demonstrations
 from upplied.flows.transfer_fleet import transfer_fleet
 print(ingest_demonstrations(["flight.mcap"], return_state=True).message)
 print(transfer_fleet(presets=["paper"], targets=["box-random-1"], return_state=True).message)
@@ -48,7 +48,7 @@ print(transfer_fleet(presets=["paper"], reports="", campaigns=["gone"], return_s
 @pytest.mark.ci
 def test_maintenance_checks_the_catalog_and_says_what_is_wrong_with_it(server, place):
     code = """
-from upplied.flows.maintain_catalog import maintain_catalog
+from upplied.flows.upkeep import maintain_catalog
 state = maintain_catalog(catalog="catalog", return_state=True)
 print(state.type.value, state.message)
 """
@@ -219,7 +219,7 @@ def test_failed_runs_say_so_and_name_what_failed(server, place):
         server,
         place,
         """
-from upplied.flows.ingest_demonstrations import ingest_demonstrations
+from upplied.flows.ingest import ingest_demonstrations
 from upplied.flows.transfer_fleet import transfer_fleet
 def say(state):
     print(state.type.value, state.name, "|", state.message)
@@ -256,8 +256,8 @@ say(transfer_fleet("not-yet", manifest="wrong.toml", return_state=True))
 @pytest.mark.ci
 def test_runs_keep_to_the_declared_roots(server, place, tmp_path):
     code = """
-from upplied.flows.maintain_catalog import maintain_catalog
-from upplied.flows.publish_reports import publish_reports
+from upplied.flows.upkeep import maintain_catalog
+from upplied.flows.upkeep import publish_reports
 for call in CALLS:
     state = eval(call)
     print(state.type.value, state.message)

@@ -71,7 +71,7 @@ def judged(plan: Trajectory, log: Trajectory, **more) -> AsFlown:
 
 
 def shares(said: AsFlown, truth_mm: Floats, planned_mm: Floats) -> tuple[float, float, Bools]:
-    """Of what the plan shows, %: inspected as asked, as it claims; truly; and what it claims wrongly (N,)."""
+    """Of the planned surface, %: inspected as planned by its claim; truly; and wrong claims (N,)."""
     asked = np.isfinite(planned_mm)
     claimed, true = said.looks.inspected[asked], (truth_mm <= 1.1 * planned_mm)[asked]
     wrong = claimed & ~(truth_mm <= 1.2 * planned_mm)[asked]  # looks lie half a beat apart

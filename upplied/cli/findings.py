@@ -127,7 +127,8 @@ def photos(
     from upplied.findings.photos import flight_of, register_photos
 
     store = opened(catalog)
-    new, refused = register_photos(store, flight_of(store, flight), folder, times, clock, by)
+    with errors.status("reading photos"):
+        new, refused = register_photos(store, flight_of(store, flight), folder, times, clock, by)
     for reason in refused:
         complain(f"refused: {reason}")
     say(f"{new} photos registered, {len(refused)} refused")
@@ -207,7 +208,7 @@ def looks(
     *,
     out: OutOption = None,
     photos: PhotosOption = None,
-    simulated: Annotated[bool, Parameter(negative="", help="Simulated flights as well.")] = False,
+    simulated: Annotated[bool, Parameter(help="Simulated flights as well.")] = False,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
@@ -225,9 +226,7 @@ def carry(
     /,
     *,
     to: ToOption = "kind",
-    every: Annotated[
-        bool, Parameter(negative="", help="Repeat on each similar part, such as each blade.")
-    ] = False,
+    every: Annotated[bool, Parameter(help="Repeat on each similar part, such as each blade.")] = False,
     mm_px: FinenessOption = float("inf"),
     since: SinceOption = None,
     catalog: CatalogOption = "catalog",
@@ -258,12 +257,12 @@ def reshoot(
     catalog: CatalogOption = "catalog",
 ) -> int:
     """Plan a mission that shows findings from where their photos did; the result is a draft."""
-    from upplied.findings.campaign import asked_findings
+    from upplied.findings.campaign import selected_findings
     from upplied.findings.reshoot import plan_reshoot
 
     store = opened(catalog)
     with errors.status("planning"):
-        plan = plan_reshoot(store, asked_findings(store, findings, on), on, mm_px)
+        plan = plan_reshoot(store, selected_findings(store, findings, on), on, mm_px)
     for words in plan.words:
         say(words)
     say(f"{plan.transfer_id}: a draft for {on}")

@@ -30,15 +30,11 @@ def report(
     ] = None,
     target: Annotated[str | None, Parameter(help="Only this structure in the single file.")] = None,
     pages: Annotated[
-        int,
-        Parameter(help="Maximum number of pages, those that need attention first; the tables hold all."),
+        int, Parameter(help="Maximum number of pages, those that need attention first; the tables hold all.")
     ] = 10_000,
     force: Annotated[
         bool,
-        Parameter(
-            negative="",
-            help="Replace a publication that is newer, from another catalog, or would become empty.",
-        ),
+        Parameter(help="Replace a publication that is newer, from another catalog, or would become empty."),
     ] = False,
     catalog: CatalogOption = "catalog",
 ) -> int:

@@ -67,9 +67,9 @@ class Placing:
         RefusedError
             If its photo is of no known flight, it misses the structure or looks at it too obliquely.
         """
-        said = {"class": mark.class_name, "severity": mark.severity, "note": mark.note, "state": "open"}
-        said |= {"file": mark.file, "file_sha256": mark.file_sha256}
-        return said | (self._stated(mark) if mark.place is not None else self._seen(mark))
+        columns = {"class": mark.class_name, "severity": mark.severity, "note": mark.note, "state": "open"}
+        columns |= {"file": mark.file, "file_sha256": mark.file_sha256}
+        return columns | (self._stated(mark) if mark.place is not None else self._seen(mark))
 
     def _stated(self, mark: Mark) -> dict[str, Any]:
         assert mark.place is not None
@@ -82,9 +82,9 @@ class Placing:
         (place,), (normal,) = on_surface(scene_of(structure), stated)
         off = float(np.linalg.norm(place - stated[0]))
         if off > _OFF_SURFACE * structure.diagonal_m:
-            found = f"is {off:.2f} m off the surface of {structure.structure_id}"
+            fault = f"is {off:.2f} m off the surface of {structure.structure_id}"
             rule = f"at most {_OFF_SURFACE * structure.diagonal_m:.2f} m"
-            raise RefusedError(mark.what, found, rule, "state the place in the frame of the structure")
+            raise RefusedError(mark.what, fault, rule, "state the place in the frame of the structure")
         return self._about(mark, structure, place, normal, "place")
 
     def _seen(self, mark: Mark) -> dict[str, Any]:
@@ -198,21 +198,21 @@ def on_surface(scene: Scene, places: Floats) -> tuple[Floats, Floats]:
 
     Outward is the side from which more rays escape, as samples have it; of a sheet the side of the place.
     """
-    found, _ = scene.closest(places)
-    rows, size = np.arange(len(found)), float(np.linalg.norm(np.subtract(*scene.box)))
+    points, _ = scene.closest(places)
+    rows, size = np.arange(len(points)), float(np.linalg.norm(np.subtract(*scene.box)))
     step = 1e-3 * size
     ways = sphere(26)
-    origins = (found[:, None] + step * ways).reshape(-1, 3)
-    reach, _, normals = scene.cast(origins, np.tile(-ways, (len(found), 1)))
-    reach, normals = reach.reshape(len(found), -1), normals.reshape(len(found), -1, 3)
+    origins = (points[:, None] + step * ways).reshape(-1, 3)
+    reach, _, normals = scene.cast(origins, np.tile(-ways, (len(points), 1)))
+    reach, normals = reach.reshape(len(points), -1), normals.reshape(len(points), -1, 3)
     # What is met where the place is, as frontally as can be.
     facing = np.abs(np.einsum("nwi,wi->nw", normals, ways))
     normal = normals[rows, np.where(np.abs(reach - step) < 0.2 * step, facing, -1.0).argmax(axis=1)]
-    free = np.stack([escaping(scene, found, side * normal, size) for side in (1, -1)])
-    beside = np.einsum("ni,ni->n", places - found, normal)
+    free = np.stack([escaping(scene, points, side * normal, size) for side in (1, -1)])
+    beside = np.einsum("ni,ni->n", places - points, normal)
     side = np.where(np.abs(beside) > 1e-6 * size, np.sign(beside), 1.0)
     side = np.where(np.abs(free[0] - free[1]) > _CLEARLY, np.sign(free[0] - free[1]), side)
-    return found, normal * side[:, None]
+    return points, normal * side[:, None]
 
 
 def escaping(scene: Scene, points: Floats, normals: Floats, size: float) -> Floats:

@@ -17,7 +17,7 @@ from upplied.findings.reshoot import plan_reshoot, purpose_of
 from upplied.planning.plan import METHOD_VERSION
 
 
-def asked_findings(catalog: Catalog, asked: str, structure_id: str) -> list[dict[str, Any]]:
+def selected_findings(catalog: Catalog, selection: str, structure_id: str) -> list[dict[str, Any]]:
     """The findings of ids that are listed with commas, or those of a state on a structure.
 
     Raises
@@ -27,11 +27,11 @@ def asked_findings(catalog: Catalog, asked: str, structure_id: str) -> list[dict
     CatalogError
         If an id is not known.
     """
-    if asked.lower() not in STATES:
-        return [catalog.finding(name.strip()) for name in asked.split(",") if name.strip()]
-    rows = catalog.findings(structure=structure_id, state=asked.lower()).to_dict("records")
+    if selection.lower() not in STATES:
+        return [catalog.finding(name.strip()) for name in selection.split(",") if name.strip()]
+    rows = catalog.findings(structure=structure_id, state=selection.lower()).to_dict("records")
     if not rows:
-        raise RefusedError(f"structure {structure_id}", f"has no {asked.lower()} finding", "one at least")
+        raise RefusedError(f"structure {structure_id}", f"has no {selection.lower()} finding", "one at least")
     return [{str(key): value for key, value in row.items()} for row in rows]
 
 
@@ -70,8 +70,8 @@ def plan_campaign(
             status, words = planned
         else:
             try:
-                made = plan_reshoot(catalog, [row], name, mm_px, carrying)
-                status, words = "draft", f"{made.transfer_id}; {made.words[1]}"
+                mission = plan_reshoot(catalog, [row], name, mm_px, carrying)
+                status, words = "draft", f"{mission.transfer_id}; {mission.words[1]}"
             except UppliedError as error:
                 status, words = "refused", str(error)
         results.append({"structure_id": name, "status": status, "words": words})

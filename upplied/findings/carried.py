@@ -82,12 +82,12 @@ class Carrying:
         kind = self.kinds.get(source_id, "")
         if to == "kind":
             return sorted(name for name, other in self.kinds.items() if other == kind and name != source_id)
-        asked = [name.strip() for name in to.split(",") if name.strip()]
-        for name in asked:
+        names = [name.strip() for name in to.split(",") if name.strip()]
+        for name in names:
             if self.kinds.get(name) != kind:
-                found = f"is of kind {self.kinds.get(name, '(unknown)')}, {source_id} is of kind {kind}"
-                raise RefusedError(f"structure {name}", found, "structures of one kind correspond")
-        return asked
+                fault = f"is of kind {self.kinds.get(name, '(unknown)')}, {source_id} is of kind {kind}"
+                raise RefusedError(f"structure {name}", fault, "structures of one kind correspond")
+        return names
 
     def to(self, spots: Sequence[Spot], target_id: str) -> Counterparts:
         """Where spots of one structure are on another."""

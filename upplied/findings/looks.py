@@ -94,7 +94,7 @@ def looks_at_spot(catalog: Catalog, spot: Spot, simulated: bool = False) -> list
     photos = catalog.flight_photos(structure=spot.structure_id)
     scene = scene_of(catalog.structure(spot.structure_id))
     cloud = Cloud(spot.place[None], spot.normal[None])
-    found: list[list[Look]] = []
+    groups: list[list[Look]] = []
     for flight in flights_round(catalog, spot.structure_id, simulated):
         own = photos[photos["flight_id"] == flight.flight_id]
         poses = flight.at(own["t_s"].to_numpy()) if len(own) else stations(flight.path)
@@ -103,9 +103,9 @@ def looks_at_spot(catalog: Catalog, spot: Spot, simulated: bool = False) -> list
         rows = own.to_dict("records")
         looks = [_look(flight, spot, float(poses.t_s[at]), rows[at] if rows else {}) for at in seen]
         looks.sort(key=lambda look: look.row["mm_px"])
-        found.append(looks if rows else looks[:1])
-    found.sort(key=lambda looks: str(looks[0].row["taken_at"]) if looks else "")
-    return [look for looks in found for look in looks]
+        groups.append(looks if rows else looks[:1])
+    groups.sort(key=lambda looks: str(looks[0].row["taken_at"]) if looks else "")
+    return [look for looks in groups for look in looks]
 
 
 def looks_frame(looks: Sequence[Look]) -> pd.DataFrame:

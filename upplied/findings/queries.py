@@ -64,7 +64,7 @@ def photographed(
     columns = ["target_id", "flight_id", "demonstration_id", "flown_at", "looks_sha256"]
     for each in flights[columns].to_dict("records"):
         own.setdefault(each["target_id"], []).append(each)
-    found = []
+    rows = []
     if every:
         places = [(name, there, 0) for name in names for there in carrying.instances(spot, name)]
     else:
@@ -80,8 +80,8 @@ def photographed(
         count = [look for look in looks if look is not None and look["mm_px"] <= mm_px]
         last: dict[str, Any] = max(count, key=lambda one: one["looked_at"], default={})
         none = {"looked_at": pd.NaT, "flight_id": "", "mm_px": np.nan, "incidence_deg": np.nan}
-        found.append(row | none | last | {"looks": len(count)})
-    frame = pd.DataFrame(found)
+        rows.append(row | none | last | {"looks": len(count)})
+    frame = pd.DataFrame(rows)
     frame["looked_at"] = pd.to_datetime(frame["looked_at"], utc=True)
     return frame
 

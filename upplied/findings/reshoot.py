@@ -97,8 +97,8 @@ def plan_reshoot(
         If no finding can be shown so by a safe flight; nothing is stored then.
     """
     if not (rows and 0 < mm_px < np.inf):
-        found = f"{len(rows)} findings at {mm_px:g} mm a pixel"
-        raise RefusedError("a mission", f"was asked for {found}", "findings, and more than 0 mm a pixel")
+        request = f"{len(rows)} findings at {mm_px:g} mm/px"
+        raise RefusedError("the mission", f"has {request}", "at least one finding, and more than 0 mm/px")
     base = base_of(catalog, structure_id)
     wanted, refused = wanted_looks(carrying or Carrying(catalog), rows, structure_id)
     supposed = base.about["supposed"]
@@ -109,38 +109,36 @@ def plan_reshoot(
     surface = surface_samples(base.target, scene_of(base.target), CloudSettings())
     graph = roadmap(airspace, obstacle(surface, supposed))
     looks: list[Trajectory] = []
-    kept: list[Wanted] = []
+    reachable: list[Wanted] = []
     for one in wanted:
         look = best_look(one, base.camera, graph, base.settings.retime, mm_px)
         if look is None:
-            near = f"no safe look at {mm_px:g} mm a pixel, {clearance:g} m away, sees the place"
+            near = f"no safe look at {mm_px:g} mm/px, {clearance:g} m away, sees the place"
             refused.append(f"finding {one.finding_id}: {near}")
         else:
             looks.append(look)
-            kept.append(one)
-    if not kept:
+            reachable.append(one)
+    if not reachable:
         raise RefusedError(
             f"a mission to {structure_id}", "; ".join(refused)[:2000], "one safe look at least"
         )
-    path, is_viewpoint, seen, bound = toured(looks, kept, base, graph, mm_px)
-    for one in [one for one, there in zip(kept, seen, strict=True) if not there]:
+    path, is_viewpoint, seen, bound = toured(looks, reachable, base, graph, mm_px)
+    for one in [one for one, there in zip(reachable, seen, strict=True) if not there]:
         refused.append(f"finding {one.finding_id}: no safe way leads to where it is seen from")
-    kept = [each for each, there in zip(kept, seen, strict=True) if there]
+    reachable = [each for each, there in zip(reachable, seen, strict=True) if there]
     looks = [each for each, there in zip(looks, seen, strict=True) if there]
     broken = place_breaches(path, base.target, supposed, clearance)
     if broken:
         raise RefusedError(
             f"a mission to {structure_id}", "; ".join(broken), "a safe flight", "ask for fewer"
         )
-    shown = [_words(one, look, base.camera) for one, look in zip(kept, looks, strict=True)]
+    shown = [_words(one, look, base.camera) for one, look in zip(reachable, looks, strict=True)]
     length = float(leg_lengths(path.positions).sum())
-    tour = (
-        f"shows {len(kept)} of {len(rows)} findings; by known safe legs {bound:.0f} m are needed at least, "
-    )
-    words = (f"{tour}it flies {length:.0f} m", *shown, *refused)
-    ids = sorted(one.finding_id for one in kept)
+    tour = f"shows {len(reachable)} of {len(rows)} findings on {length:.0f} m"
+    words = (f"{tour} (by known safe legs at least {bound:.0f} m)", *shown, *refused)
+    ids = sorted(one.finding_id for one in reachable)
     state = np.zeros(len(surface), np.int64)
-    state[_nearest(surface, kept)] = _SHOWN
+    state[_nearest(surface, reachable)] = _SHOWN
     plan = Plan(
         **base.about,
         kind=base.target.kind,
@@ -158,7 +156,7 @@ def plan_reshoot(
         surface=SurfaceStates(surface.points, state, surface.normals),
         flyable=True,
     )
-    named = [[one.finding_id, one.spot.place.round(4).tolist()] for one in kept]
+    named = [[one.finding_id, one.spot.place.round(4).tolist()] for one in reachable]
     key = digest(["reshoot", named, structure_id, mm_px, method(), base.target.sha256, base.settings.sha256])
     provenance = {
         **base.provenance, **recorded(), "target_sha256": base.target.sha256,
@@ -186,12 +184,12 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
     flown = catalog.demonstrations(structure=structure_id)
     if len(plans):
         name = str(plans.iloc[-1]["transfer_id"])
-        made, plan = recipe(catalog, name), catalog.plan(name)
+        basis, plan = recipe(catalog, name), catalog.plan(name)
         assert plan.trajectory is not None
         ends = {"source_id": plan.source_id, "supposed": plan.supposed, "registration": plan.registration}
-        demonstration, pace = made.demonstration, plan.trajectory
-        hashes = {key: made.row[key] for key in ("demonstration_sha256", "source_sha256")}
-        settings = made.settings
+        demonstration, pace = basis.demonstration, plan.trajectory
+        hashes = {key: basis.row[key] for key in ("demonstration_sha256", "source_sha256")}
+        settings = basis.settings
     elif len(flown):
         demonstration = catalog.demonstration(str(flown.iloc[-1]["demonstration_id"]))
         itself = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)
@@ -199,9 +197,9 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
         pace, hashes = demonstration.trajectory, {}
         settings = SettingsOf(catalog, PlanRequest())("recommended", target.kind, structure_id)
     else:
-        found, rule = "has neither plan nor demonstration", "one of them tells camera, vehicle and clearance"
+        fault, rule = "has neither plan nor demonstration", "one of them tells camera, vehicle and clearance"
         raise RefusedError(
-            f"structure {structure_id}", found, rule, f"plan for it: upplied transfer --to {structure_id}"
+            f"structure {structure_id}", fault, rule, f"plan for it: upplied transfer --to {structure_id}"
         )
     about = {"demonstration_id": demonstration.demonstration_id, "target_id": structure_id, **ends}
     return Base(target, demonstration.camera, settings, pace, about, hashes)
@@ -277,7 +275,7 @@ def _words(wanted: Wanted, look: Trajectory, camera: Camera) -> str:
             text += f", from {distance - wanted.distance_m:.1f} m farther"
         elif distance * _AS_NEAR < wanted.distance_m:
             text += f", from {wanted.distance_m - distance:.1f} m nearer"
-    return f"{text}; {wanted.said}" if wanted.said else text
+    return f"{text}; {wanted.note}" if wanted.note else text
 
 
 def _nearest(surface: Cloud, wanted: Sequence[Wanted]) -> Ints:

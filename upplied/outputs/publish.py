@@ -1,9 +1,10 @@
-"""The report folder: tables, pages and pictures, each replaced whole and only where something changed."""
+"""The report folder: tables, pages, pictures and missions, each replaced whole where something changed."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,8 +16,8 @@ from upplied.catalog.store.locking import locked
 from upplied.catalog.verbs.published import local_folder, publish_generation
 from upplied.checks import check_id
 from upplied.config import digest
-from upplied.errors import CatalogError, SettingsError, UppliedError
-from upplied.outputs import downloads, pages
+from upplied.errors import CatalogError, RefusedError, SettingsError, UppliedError
+from upplied.outputs import pages
 from upplied.outputs.files import replace_file
 from upplied.outputs.fleet_page import fleet_data
 from upplied.outputs.foremost import first_pairs
@@ -29,6 +30,7 @@ from upplied.outputs.page_html import (
     structure_html,
 )
 from upplied.outputs.pairs import Pair
+from upplied.outputs.render import export_transfer
 from upplied.outputs.reports import Reader
 from upplied.outputs.structure_page import marks, places
 
@@ -38,6 +40,9 @@ PAGES = 10_000  # likewise; a list that a browser still shows at once, and about
 _RECORD = ".published.json"
 _ROOMS = ["transfers", "pictures", "thumbnails", "data", "assets", "demonstrations", "structures", "missions"]
 _MAILED = 60  # pairs that one file may hold
+
+#: What lies beside a transfer's page, and how it is called there; other formats by `upplied export`.
+LABELS = {"qgc-plan": "QGroundControl", "kml": "KML", "mcap": "MCAP"}
 
 
 @dataclass(frozen=True)
@@ -214,16 +219,40 @@ def _script(reader: Reader, structure_id: str) -> str:
 
 def _put_missions(place: _Folder, reader: Reader, pair: Pair, key: str) -> dict[str, str]:
     """Missions of the released plan beside its page: what each is, and where it lies or why it does not."""
-    transfer_id = downloads.released(pair.plans)
+    transfer_id = released(pair.plans)
     put: dict[str, str] = {}
-    for kind, label in downloads.LABELS.items() if transfer_id else ():
+    for kind, label in LABELS.items() if transfer_id else ():
         name = f"missions/{pair.name}{FORMATS[kind]}"
         try:
-            place.put(name, key, partial(downloads.mission_file, reader.catalog, transfer_id, kind))
+            place.put(name, key, partial(mission_file, reader.catalog, transfer_id, kind))
             put[label] = f"../{name}"
         except UppliedError as error:
             put[label] = f"not available: {error}"
     return put
+
+
+def released(plans: Mapping[str, Mapping[str, Any]]) -> str:
+    """The plan of a pair that may be flown, by its id; empty where nobody released one."""
+    ids = [str(row["transfer_id"]) for row in plans.values() if row.get("state") == "released"]
+    return ids[0] if ids else ""
+
+
+def mission_file(catalog: Catalog, transfer_id: str, format: str) -> bytes:
+    """A mission with the usual options, as the bytes of its file.
+
+    Raises
+    ------
+    UppliedError
+        If it does not pass the gate, or takes several sorties.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        written = export_transfer(catalog, transfer_id, format, Path(folder, f"mission{FORMATS[format]}"))
+        if len(written.paths) > 1:  # one of several would look like all of it
+            raise RefusedError(
+                f"the mission of {transfer_id}", f"takes {len(written.paths)} sorties", "one file here",
+                f"upplied export {transfer_id} --to {format}",
+            )  # fmt: skip
+        return written.paths[0].read_bytes()
 
 
 def _put_passports(

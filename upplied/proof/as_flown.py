@@ -1,4 +1,4 @@
-"""What came of a flight: what it inspected as asked and saw (`looks`), and how far it kept to its plan."""
+"""What came of a flight: what it inspected as planned and saw (`looks`), and how far it kept to its plan."""
 
 from __future__ import annotations
 

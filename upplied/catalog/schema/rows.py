@@ -137,14 +137,10 @@ def _passport_columns(passport: Mapping[str, Any]) -> Row:
     }
 
 
-def pose_table(demonstration: Demonstration) -> pa.Table:
-    """The rows of `poses` of one demonstration, without their commit."""
-    columns = {
-        "demonstration_id": demonstration.demonstration_id,
-        "commit_id": "",
-        "t_ns": np.asarray(demonstration.t_ns, np.int64),
-    }
-    return step_table(TABLES["poses"], columns, demonstration)
+def pose_table(*flown: Demonstration) -> pa.Table:
+    """The rows of `poses` of demonstrations, without their commit."""
+    t_ns = [np.asarray(one.t_ns, np.int64) for one in flown]
+    return step_table(TABLES["poses"], [(one.demonstration_id, one) for one in flown], {"t_ns": t_ns})
 
 
 def demonstration_of(row: Row, poses: pa.Table) -> Demonstration:
@@ -173,7 +169,7 @@ def table_of(table: Table, rows: list[Row]) -> pa.Table:
         empty = "" if pa.types.is_string(column.type) else None
         values = [row.get(column.name, empty) for row in rows]
         if pa.types.is_floating(column.type):
-            values = [None if value is None or np.isnan(value) else float(value) for value in values]
+            values = [None if value is None or value != value else float(value) for value in values]
         columns.append(pa.array(values, column.type))
     return pa.table(columns, schema=table.schema)
 

@@ -8,7 +8,7 @@
     { key: "demonstration", label: "Demonstration", wide: "minmax(9.5rem,1.2fr)" },
     { key: "status", label: "Result", wide: "7.6rem" },
     { key: "state", label: "Decision", wide: "6.4rem", title: "Draft, reviewed, released, rejected or recalled" },
-    { key: "coverage", label: "Inspected", wide: "6.6rem", number: true, title: "Share of the inspected surface that the plan shows at least as well" },
+    { key: "coverage", label: "Inspected", wide: "6.6rem", number: true, title: "Share of the inspected surface that the plan shows at the demonstrated quality" },
     { key: "gsd", label: "mm/px", wide: "4.2rem", number: true, title: "Size of a pixel on the surface, median" },
     { key: "clearance", label: "Clearance", wide: "5.8rem", number: true, title: "Smallest distance of the path from the structure" },
     { key: "duration", label: "Time", wide: "4.2rem", number: true, title: "Flight time of the inspection, minutes and seconds" },
@@ -166,10 +166,10 @@
       if (wanted === drawn) return;
       drawn = wanted;
       body.replaceChildren(...rows.slice(first, last).map((row, at) => {
-        const made = element("div", { class: "row " + row.status, role: "row", "aria-rowindex": first + at + 2 }, cells(row, columns));
-        made.style.top = (first + at) * height + "px";
-        made.style.height = height + "px";
-        return made;
+        const line = element("div", { class: "row " + row.status, role: "row", "aria-rowindex": first + at + 2 }, cells(row, columns));
+        line.style.top = (first + at) * height + "px";
+        line.style.height = height + "px";
+        return line;
       }));
     }
 
