@@ -35,7 +35,7 @@ def outward_normals(points: Floats, given: Floats | None = None, seed: int = 0) 
         inwards = bool(clear.any()) and float((vote[clear] < 0).mean()) > 0.6
         return (-normals, "all normals turned outwards") if inwards else (normals, "")
     if not clear.any():
-        return normals, "normals estimated; which side is out could not be told"
+        return normals, "normals estimated; which side faces out is not known"
     sign = np.sign(vote[clear])
     return _follow(points, normals, judged[clear], sign), "normals estimated and turned outwards"
 

@@ -72,14 +72,15 @@ class Decoder:
         for row, payload in enumerate(payloads):
             try:
                 message = self._decode(payload)
-                found = [get(message)]
+                row_values = [get(message)]
                 if many:
-                    found = [found[0] + get_inner(element) for element in get_elements(message)[0] or ()]
+                    inner_values = (get_inner(element) for element in get_elements(message)[0] or ())
+                    row_values = [row_values[0] + each for each in inner_values]
             except Exception:  # whatever the bytes of one message do to a library
                 unreadable += 1
                 continue
-            rows += [row] * len(found)
-            values += found
+            rows += [row] * len(row_values)
+            values += row_values
             if len(values) > most:
                 break
         paths = plain + inner

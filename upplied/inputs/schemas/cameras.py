@@ -12,17 +12,12 @@ import numpy as np
 from upplied.cameras import completed, known_camera, unverified
 from upplied.errors import InputError
 from upplied.inputs.flight.tracks import Track, names, source_times, stamps
+from upplied.inputs.schemas.fields import fields_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Camera, Floats, Ints
 
-_CALIBRATION = ("width", "height", "k", "K", "distortion_model")
-FIELDS = {
-    "sensor_msgs/CameraInfo": (
-        "header.stamp.sec", "header.stamp.nanosec", "header.frame_id", *_CALIBRATION
-    ),
-    "foxglove.CameraCalibration": ("timestamp.sec", "timestamp.nanosec", "frame_id", *_CALIBRATION),
-}  # fmt: skip
+_SCHEMAS = fields_of("cameras")
 _KNOWN = 0.5  # of the poses that come after the first calibration: fewer, and the clocks are two
 ZOOM_UNHEARD = "against a calibration in the log that changes"
 NO_CALIBRATION = "no camera calibration in the log"
@@ -99,27 +94,26 @@ def camera_of(
 
     Raises InputError if the log holds several cameras and nothing says which.
     """
-    calibrations = [table for table in tables if table.schema in FIELDS]
-    found = {t.channel.topic: cam for t in calibrations if (cam := calibrated(t)) is not None}
+    calibrations = [table for table in tables if table.schema in _SCHEMAS]
+    by_topic = {t.channel.topic: cam for t in calibrations if (cam := calibrated(t)) is not None}
     if facts.camera_frame_id:
-        found = {topic: cam for topic, cam in found.items() if cam[1] == facts.camera_frame_id.lstrip("/")}
-    if len({(cam.hfov_deg, cam.vfov_deg, frame) for cam, frame, _ in found.values()}) > 1:
-        listed = ", ".join(
-            f"{topic} (frame {frame}, {cam.hfov_deg:.0f} deg)" for topic, (cam, frame, _) in found.items()
-        )
-        raise InputError(
-            what, f"holds several cameras: {listed}", "one camera", "name one by camera_frame_id"
-        )
-    camera, frame, zoom = next(iter(found.values()), (Camera(), "", None))
-    notes = [] if found else [NO_CALIBRATION]
+        frame = facts.camera_frame_id.lstrip("/")
+        by_topic = {topic: each for topic, each in by_topic.items() if each[1] == frame}
+    if len({(cam.hfov_deg, cam.vfov_deg, frame) for cam, frame, _ in by_topic.values()}) > 1:
+        named = (f"{topic} (frame {of[1]}, {of[0].hfov_deg:.0f} deg)" for topic, of in by_topic.items())
+        listed = ", ".join(named)
+        raise InputError(what, f"holds several cameras: {listed}", "one camera", "give camera_frame_id")
+    camera, frame, zoom = next(iter(by_topic.values()), (Camera(), "", None))
+    notes = [] if by_topic else [NO_CALIBRATION]
     names = ("hfov_deg", "vfov_deg", "min_range_m", "max_range_m", *_OPTICS)
     declared: dict[str, Any] = {name: getattr(facts, f"camera_{name}") for name in names}
     declared = {name: value for name, value in declared.items() if value is not None}
     declared |= {name: int(declared[name]) for name in ("width_px", "height_px") if name in declared}
     if facts.camera_model:
         model = known_camera(facts.camera_model, facts.camera_file_format or "jpeg")
-        camera = completed(camera, model) if found else model
-        notes += filter(None, [unverified(facts.camera_model, [*declared, *(["hfov_deg"] if found else [])])])
+        camera = completed(camera, model) if by_topic else model
+        stated = [*declared, *["hfov_deg"] * bool(by_topic)]
+        notes += filter(None, [unverified(facts.camera_model, stated)])
     camera = replace(camera, **declared)
     if camera.focus_m > camera.min_range_m and facts.camera_min_range_m is None:
         camera = replace(camera, min_range_m=camera.focus_m)
@@ -136,9 +130,8 @@ def lens_ratio(zoom: Zoom | None, facts: LogOptions) -> float:
     """The declared field of view over that of the log's calibration; NaN where one of them is missing."""
     if zoom is None or facts.camera_hfov_deg is None or not len(zoom.hfov_deg):
         return float("nan")
-    return facts.camera_hfov_deg / float(
-        np.clip(facts.camera_hfov_deg, zoom.hfov_deg.min(), zoom.hfov_deg.max())
-    )
+    nearest = np.clip(facts.camera_hfov_deg, zoom.hfov_deg.min(), zoom.hfov_deg.max())
+    return facts.camera_hfov_deg / float(nearest)
 
 
 def through(
@@ -158,12 +151,10 @@ def through(
     if fov_deg is None:
         if zoom.spread_pct > facts.passport.zoom_pct and "zoom-untimed" not in facts.allow:
             change = f"from {zoom.hfov_deg.max():.1f} to {zoom.hfov_deg.min():.1f} deg"
-            found = (
-                f"zoom-untimed: the field of view changes {change}, by another clock than that of the poses"
-            )
+            finding = f"zoom-untimed: the field of view changes {change}, by another clock than the poses"
             rule = f"one field of view, within {facts.passport.zoom_pct:g} %, or one clock"
             remedy = "record with one clock, or --allow zoom-untimed: the narrowest then counts"
-            raise InputError(what, found, rule, remedy)
+            raise InputError(what, finding, rule, remedy)
         fov_deg = np.column_stack([zoom.hfov_deg, zoom.vfov_deg])
     if facts.camera_vfov_deg is not None:
         fov_deg = np.column_stack([fov_deg[:, 0], np.full(len(fov_deg), camera.vfov_deg)])

@@ -25,11 +25,11 @@ def read(path: Path, fields: Fields) -> Source:
     """The images of a model; `path` is its file of images, that of its cameras lies beside it."""
     data, beside = read_regular(path, MAX_BYTES), path.with_name(f"cameras{path.suffix}")
     lenses = _lenses(read_regular(beside, MAX_BYTES), path.suffix) if beside.is_file() else {}
-    found = sorted(_binary(data) if path.suffix == ".bin" else _text(data.decode("utf-8")))
-    values = np.array([pose for _, pose, _ in found]).reshape(-1, 7)
-    turns = Rotation.from_quat(values[:, [1, 2, 3, 0]]).inv() if len(found) else Rotation.identity(0)
-    centres = -turns.apply(values[:, 4:]) if len(found) else np.empty((0, 3))
-    sizes = [lenses.get(camera, NO_SIZE) for _, _, camera in found]
+    images = sorted(_binary(data) if path.suffix == ".bin" else _text(data.decode("utf-8")))
+    values = np.array([pose for _, pose, _ in images]).reshape(-1, 7)
+    turns = Rotation.from_quat(values[:, [1, 2, 3, 0]]).inv() if len(images) else Rotation.identity(0)
+    centres = -turns.apply(values[:, 4:]) if len(images) else np.empty((0, 3))
+    sizes = [lenses.get(camera, NO_SIZE) for _, _, camera in images]
     return reconstructed(turns.as_matrix(), centres, sizes=sizes)
 
 
@@ -44,8 +44,8 @@ def _text(text: str) -> Iterator[Image]:
 def _binary(data: bytes) -> Iterator[Image]:
     (count,) = struct.unpack_from("<Q", data)
     if count > len(data) // _IMAGE.size:
-        found = f"declares {count} images in {len(data)} bytes"
-        raise refusal(found, "a complete file", "export it again")
+        finding = f"declares {count} images in {len(data)} bytes"
+        raise refusal(finding, "a complete file", "export it again")
     at = 8
     for _ in range(count):
         _, *pose, camera = _IMAGE.unpack_from(data, at)
@@ -60,11 +60,11 @@ def _lenses(data: bytes, suffix: str) -> dict[int, Size]:
         rows = [line.split() for line in data.decode("utf-8").split("\n") if line.strip() and line[0] != "#"]
         return {int(row[0]): (float(row[2]), float(row[3]), float(row[4])) for row in rows}
     (count,) = struct.unpack_from("<Q", data)
-    found, at = {}, 8
+    lenses, at = {}, 8
     for _ in range(min(count, len(data) // _CAMERA.size)):
         number, model, width, height = _CAMERA.unpack_from(data, at)
         if not 0 <= model < len(_PARAMETERS):
             raise refusal(f"has a camera of the unknown model {model}", "a model of COLMAP", "export as text")
-        found[number] = float(width), float(height), struct.unpack_from("<d", data, at + _CAMERA.size)[0]
+        lenses[number] = float(width), float(height), struct.unpack_from("<d", data, at + _CAMERA.size)[0]
         at += _CAMERA.size + 8 * _PARAMETERS[model]
-    return found
+    return lenses

@@ -47,14 +47,13 @@ class Source:
     @property
     def topics(self) -> str:
         """Topics and schemas in words."""
-        return self.listed or ", ".join(
-            f"{table.channel.topic} ({table.schema})" for table in self.tables[:12]
-        )
+        shown = (f"{table.channel.topic} ({table.schema})" for table in self.tables[:12])
+        return self.listed or ", ".join(shown)
 
 
-def refusal(found: str, rule: str = "", remedy: str = "") -> InputError:
+def refusal(finding: str, rule: str = "", remedy: str = "") -> InputError:
     """An error about the file that is read; `upplied.inputs.sources.door` adds its name."""
-    return InputError("", found, rule, remedy)
+    return InputError("", finding, rule, remedy)
 
 
 def text_of(path: Path) -> str:
