@@ -60,7 +60,7 @@ def _voxels(columns: Floats, leaf_m: float) -> tuple[Ints, int]:
 
 def _occupied(columns: Floats, leaf_m: float) -> int:
     voxel, number = _voxels(columns, leaf_m)
-    return len(np.unique(voxel)) if number > _MOST_VOXELS else np.count_nonzero(np.bincount(voxel))
+    return len(np.unique(voxel)) if number > _MOST_VOXELS else int(np.count_nonzero(np.bincount(voxel)))
 
 
 def _leaf_for(points: Floats, number: int) -> float:
