@@ -16,6 +16,7 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 from upplied import fleet
 from upplied.catalog import Catalog, open_catalog
 from upplied.extras import extra
+from upplied.findings import campaign
 from upplied.fleet import manifest
 
 from . import pool, tasks
@@ -79,7 +80,9 @@ def here(
     catalog: str, jobs: Sequence[fleet.Job], resources: Resources, run_id: str, engine: str = "local"
 ) -> fleet.Result:
     """Tasks in threads feed the worker processes of this machine."""
-    run = fleet.Run(open_catalog(catalog), jobs, run_id, resources.of_fleet(), engine=engine)
+    run = fleet.Run(
+        open_catalog(catalog), jobs, run_id, resources.of_fleet(), engine=engine, plan=campaign.plan_job
+    )
     tasks.RUNS[run_id] = run
     try:
         with ThreadPoolTaskRunner(max_workers=run.threads) as runner, run:

@@ -10,6 +10,7 @@ from prefect.states import State
 from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.errors import CatalogError
+from upplied.findings import campaign
 
 from . import tasks
 from .artifacts import transfer_artifacts
@@ -100,7 +101,9 @@ def transfer_fleet(
         if fly:
             problems += tasks.fly_drafts(catalog, [job.key for job in night.jobs])
         if campaigns:
-            problems += tasks.plan_campaigns(catalog, campaigns, campaign_mm_px)
+            jobs, unplanned = campaign.due_jobs(store, campaigns, campaign_mm_px, retry_failed)
+            night.planned.include(plan(catalog, jobs, resources))
+            problems += [text for text in unplanned if text not in problems]
         if reports:
             problems += publish(catalog, reports)
     summary = transfer_artifacts(store, night.decision, night.planned.result, reports)

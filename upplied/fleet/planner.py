@@ -69,23 +69,31 @@ def _required(target_id: str, sha256: str, name: str) -> tuple[RequiredSurface |
     return required_surface(_catalog, _memo, _structure(target_id), name)
 
 
-def plan_job(job: Job) -> Outcome:
+def transferred(catalog: Catalog, job: Job) -> Plan:
+    """The plan of a job that carries a demonstration to a target."""
+    demonstration = _demonstration(job.demonstration_id)
+    source, target = _structure(job.source_id), _structure(job.target_id)
+    siblings = [_structure(name) for name, _ in job.siblings]
+    now = (demonstration.sha256, source.sha256, target.sha256), tuple(one.sha256 for one in siblings)
+    if now != (job.sha256, tuple(sha256 for _, sha256 in job.siblings)):
+        return superseded(job)
+    zones, untold = _required(job.target_id, job.sha256[2], job.settings.required.zones)
+    plan = plan_transfer(demonstration, source, target, job.settings, _memo, zones, siblings)
+    return replace(plan, warnings=(*plan.warnings, *untold))
+
+
+def superseded(job: Job) -> Plan:
+    """What comes of a job whose inputs are others by now."""
+    return without_path(job, "superseded", "its inputs changed after the run began; the next run plans it")
+
+
+def plan_job(job: Job, plan_of: Callable[[Catalog, Job], Plan] = transferred) -> Outcome:
     """Plan one job in this process, which was prepared; errors become plans with a reason."""
     assert _catalog is not None
     began = time.monotonic()
     detail = ""
     try:
-        demonstration = _demonstration(job.demonstration_id)
-        source, target = _structure(job.source_id), _structure(job.target_id)
-        siblings = [_structure(name) for name, _ in job.siblings]
-        now = (demonstration.sha256, source.sha256, target.sha256), tuple(one.sha256 for one in siblings)
-        if now != (job.sha256, tuple(sha256 for _, sha256 in job.siblings)):
-            reason = "its inputs changed after the run began; the next run plans it"
-            plan = without_path(job, "superseded", reason)
-        else:
-            zones, untold = _required(job.target_id, job.sha256[2], job.settings.required.zones)
-            plan = plan_transfer(demonstration, source, target, job.settings, _memo, zones, siblings)
-            plan = _catalog.keep_surface(replace(plan, warnings=(*plan.warnings, *untold)))
+        plan = _catalog.keep_surface(plan_of(_catalog, job))
     except MemoryError:
         raise  # the worker says so, and is replaced
     except RefusedError as refusal:

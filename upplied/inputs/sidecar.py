@@ -93,6 +93,11 @@ class LogOptions:
     camera_focus_m: Annotated[float | None, number(0, 1000)] = None  # nearest distance that is in focus
     camera_focal_mm: Annotated[float | None, number(0.1, 10_000)] = None
     camera_f_number: Annotated[float | None, number(0.5, 100)] = None
+    camera_distortion: Annotated[Vector | None, array((0,), "numbers k1 k2 p1 p2 k3 k4 k5 k6")] = None
+    camera_distortion_model: Annotated[str, choice(("brown", "fisheye"))] = ""
+    camera_middle_px: Annotated[Vector | None, array((2,), "x and y, px")] = (
+        None  # where the axis meets the picture
+    )
     # Limits of the reader; options only.
     gap_s: Annotated[float, number(1e-3, 3600)] = 0.5  # a longer silence breaks the flight
     max_dropped: Annotated[float, number(0, 1)] = 0.05  # share of the samples

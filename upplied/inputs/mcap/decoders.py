@@ -135,7 +135,8 @@ def _column(values: Sequence[Any]) -> Any:
         column = np.array(values) if whole else None
         fits = column is not None and column.dtype.kind in "iu"
         return column if fits else np.array([_float(value) for value in values])
-    if all(isinstance(value, np.ndarray) for value in values):
+    shapes = {value.shape if isinstance(value, np.ndarray) else None for value in values}
+    if len(shapes) == 1 and None not in shapes:
         return np.stack(values)
     rows = [_row(value) for value in values]
     if any(row is None for row in rows):

@@ -15,7 +15,7 @@ from upplied.inputs.flight.tracks import Track, names, source_times, stamps
 from upplied.inputs.schemas.fields import fields_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
-from upplied.records import Camera, Floats, Ints
+from upplied.records import Camera, Floats, Ints, Lens
 
 _SCHEMAS = fields_of("cameras")
 _KNOWN = 0.5  # of the poses that come after the first calibration: fewer, and the clocks are two
@@ -24,6 +24,8 @@ NO_CALIBRATION = "no camera calibration in the log"
 UNVERIFIED = " not verified"  # how a note of figures of the list of cameras ends
 _OPTICS = ("width_px", "height_px", "exposure_s", "trigger_s", "focus_m", "focal_mm", "f_number")
 _FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "fisheye62")
+_BROWN = ("", "plumb_bob", "rational_polynomial", "pinhole", "brown")
+_CENTRED_PX = 1.0  # from the middle of the picture, as where conventions of pixels differ by
 
 
 @dataclass(frozen=True)
@@ -57,8 +59,8 @@ class Zoom:
         return float(100 * (self.hfov_deg.max() / self.hfov_deg.min() - 1)) if len(self.t_ns) else 0.0
 
 
-def calibrated(table: Table) -> tuple[Camera, str, Zoom] | None:
-    """Camera, name of its optical frame, and its field of view in time; None where it is not calibrated.
+def calibrated(table: Table) -> tuple[Camera, str, Zoom, str] | None:
+    """Camera, name of its optical frame, its field of view in time, and a note; None: it is not calibrated.
 
     The pinhole model gives ``fov = 2 atan(w / 2 f)``, the fisheye models ``w / f``.
     """
@@ -81,8 +83,45 @@ def calibrated(table: Table) -> tuple[Camera, str, Zoom] | None:
         width_px=int(min(width, 1e6)),
         height_px=int(min(height, 1e6)),
     )
+    shown = table.columns.get("d", table.columns.get("D"))
+    if shown is None or shown.dtype == object or shown.ndim != 2:
+        shown = np.empty((len(table), 0))
+    values = np.median(shown[good], axis=0)
+    middle = np.median(matrix[good][:, [2, 5]], axis=0)
+    lens, note = lens_of(model, values, middle, np.array([width, height]))
     zoom = Zoom(t_ns, table.log_ns[good], *fields.T)
-    return camera, str(names(table, frame)[good][0]), zoom
+    return replace(camera, lens=lens), str(names(table, frame)[good][0]), zoom, note
+
+
+def lens_of(model: str, values: Floats, middle_px: Floats, size: Floats) -> tuple[Lens | None, str]:
+    """The lens of a calibration, None of a pinhole, and a note on what of it cannot be used.
+
+    Parameters
+    ----------
+    model : str
+        As ROS, Foxglove and OpenCV name it.
+    values : array, shape (K,)
+        Coefficients, in the order of OpenCV.
+    middle_px : array, shape (2,)
+        Where the axis meets the picture; the picture's middle counts where that is in no picture.
+    size : array, shape (2,)
+        Width and height, px.
+    """
+    fisheye, note = any(model.startswith(name) for name in _FISHEYE), ""
+    most = 4 if fisheye else 8
+    count = int(np.flatnonzero(values)[-1]) + 1 if values.any() else 0
+    known = model in (_FISHEYE[:3] if fisheye else _BROWN)
+    if count > most or (count and not (known and np.isfinite(values).all())):
+        note, count = (
+            f"distortion of the camera is not used: {count} coefficients of the model {model[:40]!r}",
+            0,
+        )
+    if not ((middle_px > 0) & (middle_px < size)).all() or (abs(middle_px - size / 2) <= _CENTRED_PX).all():
+        middle_px = size / 2
+    if not (count or fisheye) and (middle_px == size / 2).all():
+        return None, note
+    middle = tuple((middle_px / size).tolist())
+    return Lens("fisheye" if fisheye else "brown", tuple(map(float, values[:count])), middle), note
 
 
 def camera_of(
@@ -99,12 +138,12 @@ def camera_of(
     if facts.camera_frame_id:
         frame = facts.camera_frame_id.lstrip("/")
         by_topic = {topic: each for topic, each in by_topic.items() if each[1] == frame}
-    if len({(cam.hfov_deg, cam.vfov_deg, frame) for cam, frame, _ in by_topic.values()}) > 1:
+    if len({(cam.hfov_deg, cam.vfov_deg, frame) for cam, frame, *_ in by_topic.values()}) > 1:
         named = (f"{topic} (frame {of[1]}, {of[0].hfov_deg:.0f} deg)" for topic, of in by_topic.items())
         listed = ", ".join(named)
         raise InputError(what, f"holds several cameras: {listed}", "one camera", "give camera_frame_id")
-    camera, frame, zoom = next(iter(by_topic.values()), (Camera(), "", None))
-    notes = [] if by_topic else [NO_CALIBRATION]
+    camera, frame, zoom, note = next(iter(by_topic.values()), (Camera(), "", None, NO_CALIBRATION))
+    notes = [note] if note else []
     names = ("hfov_deg", "vfov_deg", "min_range_m", "max_range_m", *_OPTICS)
     declared: dict[str, Any] = {name: getattr(facts, f"camera_{name}") for name in names}
     declared = {name: value for name, value in declared.items() if value is not None}
@@ -115,6 +154,8 @@ def camera_of(
         stated = [*declared, *["hfov_deg"] * bool(by_topic)]
         notes += filter(None, [unverified(facts.camera_model, stated)])
     camera = replace(camera, **declared)
+    if facts.camera_distortion is not None:
+        camera = replace(camera, lens=_declared_lens(camera, facts, what))
     if camera.focus_m > camera.min_range_m and facts.camera_min_range_m is None:
         camera = replace(camera, min_range_m=camera.focus_m)
     if camera.min_range_m >= camera.max_range_m:
@@ -162,6 +203,20 @@ def through(
     camera = replace(camera, hfov_deg=float(narrow[0]), vfov_deg=float(narrow[1]))
     widest = narrow[0] * (1 + facts.passport.zoom_pct / 100)
     return camera, fov_deg if len(fov_deg) == len(track) and fov_deg[:, 0].max() > widest else None
+
+
+def _declared_lens(camera: Camera, facts: LogOptions, what: str) -> Lens | None:
+    values, model = np.array(facts.camera_distortion, float), facts.camera_distortion_model
+    size = np.array([camera.width_px, camera.height_px], float)
+    middle = size / 2 if facts.camera_middle_px is None else np.array(facts.camera_middle_px)
+    if facts.camera_middle_px is not None and not size.all():
+        raise InputError(
+            f"{what}, camera_middle_px", "has no size of the picture", "camera_width_px, camera_height_px"
+        )
+    lens, note = lens_of(model, values, middle, np.where(size > 0, size, 1.0))
+    if note:
+        raise InputError(f"{what}, camera_distortion", note, "at most 8 numbers, of a fisheye 4")
+    return lens
 
 
 def _fov_deg(pixels: float, focal_px: float, model: str) -> float:

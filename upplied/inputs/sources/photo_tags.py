@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ _HEAD = 1 << 18  # bytes in which the XMP begins and ends
 _NAMES: dict[str, list[str]] = table("kinds.toml")["photo"]
 _LENS = {"exposure_s": "ExposureTime", "f_number": "FNumber", "focal_mm": "FocalLength"}
 _NED = re.compile(r"(Camera)OrientationNED", re.IGNORECASE)  # Skydio: yaw, pitch and roll within
+
+logging.getLogger("exifread").setLevel(logging.CRITICAL)  # damaged tags are no news
 
 
 def head_of(path: Path) -> dict[str, Any]:

@@ -7,7 +7,6 @@ of the others is unknown, but for those of satellites that were fixed to the cen
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -26,8 +25,6 @@ ENDINGS = (".jpg", ".jpeg", ".dng", ".tif", ".tiff")
 MAX_PHOTOS = 100_000
 _RTK_FIXED = 50
 _NADIR_DEG, _TURN_DEG, _STILL_DEG = 85.0, 60.0, 15.0
-
-logging.getLogger("exifread").setLevel(logging.CRITICAL)  # damaged tags are no news
 
 
 def members(folder: Path) -> list[Path]:
