@@ -23,8 +23,8 @@ from upplied.poses import interpolate
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 from upplied.scene import Scene
 
-#: Inside the rim of a picture and the largest incidence, from which on a look is sure: noise of 2 cm turns one from
-#: 8 m by as much. A path that was corrected is off by more.
+#: Inside the rim of a picture and the largest incidence, a look is sure: noise of 2 cm turns one from 8 m by
+#: as much. A path that was corrected is off by more.
 RIM_DEG, CORRECTED_RIM_DEG = 0.15, 0.3
 _HALF_S, _INNER = 0.5, 5  # over which poses are averaged on both sides of a photo, and how many of them
 
