@@ -344,7 +344,7 @@ def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, mad
     assert not catalog.looks_at("cube-v1", surface.points[unseen])["seen"].any()
     publish_pages(catalog, tmp_path / "reports", pictures=0)
     (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
-    said = f"{row['assumed_pct']:.1f} % more if the correction of the log is right"
+    said = f"{row['assumed_pct']:.1f} % more in view if the correction of the log is right"
     assert said in page.read_text() and "was certainly in view" in page.read_text()
     said = f"inspected as planned, {stored:.1f} % if the correction of the log is right"
     assert said in page.read_text()

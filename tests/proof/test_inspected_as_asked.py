@@ -15,7 +15,8 @@ from upplied.planning.visibility.observations import Views
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.proof.align import align
 from upplied.proof.as_flown import AsFlown, as_flown
-from upplied.proof.inspected import PlannedLooks, looks_at
+from upplied.proof.inspected import CORRECTED_RIM_DEG, PlannedLooks, looks_at, planned_looks
+from upplied.proof.looks import looks_of
 from upplied.records import Bools, Camera, Cloud, Floats, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -145,15 +146,12 @@ def test_of_a_corrected_log_only_what_both_paths_match_is_certain(plan, flown):
     found = align(plan, beside)
     assert found.corrected
     said = as_flown(plan, plan.t_s[::4], found, beside, SURFACE, CAMERA, SCENE)
-    as_logged = replace(
-        found, shift_m=np.zeros(3), heading_deg=0.0, camera_yaw_deg=0.0, camera_pitch_deg=0.0, jumps=()
-    )
+    usual = planned_looks(plan, SURFACE, CAMERA, SCENE, InspectionSettings())
+    wanted = replace(usual, rim_deg=CORRECTED_RIM_DEG)  # which no log that is right must keep
     alone = [
-        as_flown(
-            plan, plan.t_s[::4], replace(as_logged, flown=path), path, SURFACE, CAMERA, SCENE
-        ).looks.inspected
-        for path in (found.flown, beside)
+        looks_of(path, SURFACE, CAMERA, SCENE, wanted=wanted).inspected for path in (found.flown, beside)
     ]
+    assert usual.rim_deg < CORRECTED_RIM_DEG
     assert np.array_equal(said.looks.inspected, alone[0] & alone[1]) and (alone[0] != alone[1]).any()
 
 

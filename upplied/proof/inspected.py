@@ -23,7 +23,9 @@ from upplied.poses import interpolate
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 from upplied.scene import Scene
 
-_SURE_DEG = 0.15  # from the edge of a picture and the largest incidence: what noise of 2 cm does from 8 m
+#: Inside the rim of a picture and the largest incidence, a look is sure: noise of 2 cm turns one from 8 m by
+#: as much. A path that was corrected is off by more.
+RIM_DEG, CORRECTED_RIM_DEG = 0.15, 0.3
 _HALF_S, _INNER = 0.5, 5  # over which poses are averaged on both sides of a photo, and how many of them
 
 
@@ -35,6 +37,7 @@ class PlannedLooks(Record):
     by_rule: Bools  # (N,) that look is sharp and frontal by the rule; where it is not, none needs to be
     camera: Camera
     rule: InspectionSettings
+    rim_deg: float = RIM_DEG
 
     def matched(self, shown: Views, steps: Moments, surface: Cloud, camera: Camera) -> Bools:
         """Which samples (N,) a flight looks at as finely, and where the rule holds as sharply and frontally.
@@ -56,8 +59,8 @@ class PlannedLooks(Record):
             for one, other in ((camera, self.camera), (self.camera, camera))
         )
         coarsest_m = AS_FINE * self.sampled_m * mine / planned
-        sure = replace(self.rule, max_incidence_deg=self.rule.max_incidence_deg - _SURE_DEG)
-        inner = _well_inside(shown, surface, camera)
+        sure = replace(self.rule, max_incidence_deg=self.rule.max_incidence_deg - self.rim_deg)
+        inner = _well_inside(shown, surface, camera, self.rim_deg)
         strict, any_look = (_finest(steps, inner, surface, camera, rule) for rule in (sure, None))
         finest_m = np.where(self.by_rule, strict.sampled_m, any_look.sampled_m)
         return np.asarray(np.isfinite(finest_m) & (finest_m <= coarsest_m), bool)
@@ -129,11 +132,11 @@ def views_from(poses: Trajectory, surface: Cloud, camera: Camera, scene: Scene) 
     return Views(poses, seen, coarseness(camera, poses.fov_deg))
 
 
-def _well_inside(shown: Views, surface: Cloud, camera: Camera) -> Views:
+def _well_inside(shown: Views, surface: Cloud, camera: Camera, rim_deg: float) -> Views:
     """The views without what lies so near the rim of a picture that it may lie outside."""
     poses, fov_deg = shown.stations, shown.stations.fov_deg
-    frustum = Cloud(surface.points), narrowed(camera, _SURE_DEG), VisibilitySettings(occlusion=False)
-    zoomed = None if fov_deg is None else _narrower(fov_deg, _SURE_DEG)
+    frustum = Cloud(surface.points), narrowed(camera, rim_deg), VisibilitySettings(occlusion=False)
+    zoomed = None if fov_deg is None else _narrower(fov_deg, rim_deg)
     inside = visible(poses.positions, poses.quat_xyzw, *frustum, fov_deg=zoomed).seen
     return replace(shown, seen=shown.seen & inside)
 
