@@ -23,7 +23,7 @@ Shard = TypeVar("Shard")
 def advancing(shards: Sequence[Shard]) -> Iterator[Shard]:
     """Shards that are being planned, one after the other; the bar moves as each has been waited for."""
     done = 0
-    with progress("shards", len(shards)) as advance, _told(lambda: done, len(shards)):
+    with progress("shards", len(shards)) as advance, _logged(lambda: done, len(shards)):
         for shard in shards:
             yield shard
             done += 1
@@ -31,7 +31,7 @@ def advancing(shards: Sequence[Shard]) -> Iterator[Shard]:
 
 
 @contextmanager
-def _told(done: Callable[[], int], of: int) -> Iterator[None]:
+def _logged(done: Callable[[], int], of: int) -> Iterator[None]:
     """Tell Prefect every few seconds, from a thread of its own: planning never waits for the server."""
     ended = threading.Event()
     tell = partial(copy_context().run, _tell, lambda: 100.0 * done() / of if of else 100.0, ended)

@@ -54,23 +54,24 @@ def write_samples() -> None:
 
 def run_flows() -> int:
     """The four flows, one after the other, and what came of them."""
-    from .ingest_demonstrations import ingest_demonstrations
-    from .ingest_structures import ingest_structures
+    from .ingest import ingest_demonstrations, ingest_structures
     from .transfer_fleet import transfer_fleet
 
     console = Console(highlight=False)
     console.print("[bold]2/4[/] Structures and demonstrations into the catalog")
-    say(console, "structures", ingest_structures(f"{SAMPLES}/structures.toml", CATALOG, return_state=True))
-    say(console, "demonstrations", ingest_demonstrations([SAMPLES], CATALOG, return_state=True))
+    structures = ingest_structures(f"{SAMPLES}/structures.toml", CATALOG, return_state=True)
+    good = say(console, "structures", structures)
+    good &= say(console, "demonstrations", ingest_demonstrations([SAMPLES], CATALOG, return_state=True))
     console.print("[bold]3/4[/] Every demonstration to every structure of its kind")
-    say(console, "plans", transfer_fleet(CATALOG, REPORTS, presets=list(PRESETS), return_state=True))
+    good &= say(console, "plans", transfer_fleet(CATALOG, REPORTS, presets=list(PRESETS), return_state=True))
     console.print("[bold]4/4[/] Results")
-    return show_results(home() / CATALOG, REPORTS)
+    return show_results(home() / CATALOG, REPORTS) or int(not good)
 
 
-def say(console: Console, what: str, state: State) -> None:
-    """What came of a flow, in a line."""
+def say(console: Console, what: str, state: State) -> bool:
+    """Print the result of a flow in a line; whether it completed."""
     console.print(f"    {what}: {state.message}", markup=False)
+    return state.is_completed()
 
 
 if __name__ == "__main__":

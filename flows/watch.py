@@ -41,7 +41,7 @@ class Landing:
     def __init__(self, folder: Path, clock: Callable[[], float] = time.monotonic) -> None:
         self.folder, self._clock = folder, clock
         self._seen: dict[Path, tuple[tuple[int, int], float]] = {}  # size and change, and since when
-        self._told: dict[Path, tuple[int, int]] = {}
+        self._reported: dict[Path, tuple[int, int]] = {}
 
     def landed(self) -> Iterator[Path]:
         """Logs that have come whole since the last look, or have been changed and are whole again."""
@@ -52,11 +52,11 @@ class Landing:
                 facts = sum(stat.st_size for stat in stats), max(stat.st_mtime_ns for stat in stats)
                 before, since = self._seen.get(path, (None, now))
                 self._seen[path] = facts, since if facts == before else now
-                if self._told.get(path) == facts:
+                if self._reported.get(path) == facts:
                     continue
                 quiet = now - self._seen[path][1]
                 if quiet >= _wait_s(path):
-                    self._told[path] = facts
+                    self._reported[path] = facts
                     if looks_like_flight(path):
                         yield path
 

@@ -11,12 +11,14 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from catalog_records import copied, demonstration, key_of, plan, structure
 
 from upplied.catalog import Catalog, compact, export_dataset, import_dataset, open_catalog, verify
+from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.chain import breaks
 from upplied.catalog.verbs.custody import chain_heads
@@ -90,6 +92,24 @@ def test_each_field_of_a_row_is_part_of_its_hash(filled, name):
         values[-1] = bench.another(values[-1], field.type, rng)
         other = rows.set_column(at, field, pa.array(values, field.type))
         assert list(breaks(table, [other])), field.name
+
+
+def test_plans_with_added_passes_stand_beside_plans_that_store_no_origin(catalog):
+    path = plan("target").trajectory
+    added = np.arange(len(path)) > len(path) // 2
+    passes = replace(plan("target"), added=added, preset="recommended")
+    catalog.add_plans([(key_of("passes"), passes, {}), (key_of("other"), replace(passes, added=None), {})])
+    assert verify(catalog) == []
+    steps = catalog.tables["waypoints"].whole()
+    steps = steps.sort_by([(name, "ascending") for name in ("transfer_id", "commit_id", "seq")])
+    rows = catalog.transfers(every=True)
+    names = zip(rows["transfer_id"], rows["commit_id"], strict=True)
+    hashes = dict(zip(names, rows["waypoints_sha256"], strict=True))
+    assert list(unlike("waypoints", steps, hashes)) == []
+    at, column = steps.schema.get_field_index("origin"), steps["origin"].to_pylist()
+    column[column.index("added")] = "demonstrated"
+    (fault,) = unlike("waypoints", steps.set_column(at, "origin", pa.array(column)), hashes)
+    assert fault == (key_of("passes")[:20], "the steps do not match the hash in their row")
 
 
 def test_rows_of_a_chain_that_are_taken_away_or_put_in_are_told(catalog):

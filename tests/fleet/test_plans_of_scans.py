@@ -246,4 +246,4 @@ def test_what_a_new_file_lacks_is_found_when_a_plan_is_judged_again(catalog, pla
 def test_a_plan_that_comes_too_near_to_what_a_new_file_lacks_is_recalled(catalog) -> None:
     for_the_whole(catalog, 4.2)  # 0.6 m above the structure, 2.8 m from what was scanned
     (found,) = recheck(catalog)
-    assert found.recalled and "from what was never scanned" in found.note
+    assert found.recalled and "from unscanned surface" in found.note

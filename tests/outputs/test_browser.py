@@ -198,7 +198,7 @@ def test_the_map_shows_structure_path_and_views_and_the_heights_a_line(visit, re
     heights = colours(page, "#heights").reshape(-1, 3).astype(int)
     assert (np.abs(heights - MAP_COLOURS["path"]).sum(axis=1) < 40).sum() > 50
     assert page.evaluate("typeof Plotly") == "undefined", "the first tab needs no drawing library"
-    assert "no place on the Earth" in page.locator("#no-mission").inner_text()
+    assert "place on the Earth is unknown" in page.locator("#no-mission").inner_text()
 
 
 def test_the_camera_preview_has_the_frame_of_the_picture_and_no_frusta(visit, reports):

@@ -70,7 +70,7 @@ def test_no_two_photos_of_any_format_are_nearer_in_time_than_the_camera_takes(
         assert np.abs(reading.photo_m - mission.local[mission.photo]).max() < 0.06  # the same places
         assert not breaches(reading, placed_box(), Limits(trigger_s=trigger_s), None)
         found = breaches(reading, placed_box(), Limits(trigger_s=2.5 * trigger_s + 100), None)
-        assert [one.rule for one in found] == ["photos"] and "after the one before" in found[0].found
+        assert [one.rule for one in found] == ["photos"] and "after the previous one" in found[0].fault
 
 
 def test_turns_on_the_spot_give_the_camera_its_time_too(tmp_path):
@@ -92,11 +92,11 @@ def test_a_camera_that_takes_longer_gets_fewer_photos_and_the_flight_waits_only_
     )
     assert slow.photo.sum() < quick.photo.sum()
     for mission in (quick, slow):
-        assert any("% of what the plan shows" in note for note in mission.notes)
+        assert any("% of the planned surface" in note for note in mission.notes)
     asked = MissionOptions(trigger_s=6.0, home_m=HOME, overlap="85/0")
     waiting = missions_of(plan, placed_box(), asked)[0]
     assert waiting.duration_s > slow.duration_s + 10
-    assert any("longer than planned, so that the camera is ready" in note for note in waiting.notes)
+    assert any("longer than planned, because the camera needs the time" in note for note in waiting.notes)
 
 
 def seen_of_box(poses, camera, points, normals):
@@ -136,7 +136,7 @@ def test_thinned_photos_show_all_that_the_plan_shows_and_say_so(trigger_s):
     by_distance = replace(options, photos="distance", photo_distance_m=40.0, least_seen_pct=0.0)
     (few,) = missions_of(plan, placed_box(), by_distance, camera=camera)
     assert few.shown_pct < 80 and any(
-        f"which show {few.shown_pct / 0.9:.1f} % of what the plan shows" in note for note in few.notes
+        f"which show {few.shown_pct / 0.9:.1f} % of the planned surface" in note for note in few.notes
     )
     with pytest.raises(RefusedError, match="coverage"):
         missions_of(plan, placed_box(), replace(by_distance, least_seen_pct=95.0), camera=camera)
@@ -191,7 +191,7 @@ def test_photos_by_distance_slow_the_legs_or_are_refused_with_the_figure(tmp_pat
         for reading, _ in read(tmp_path, name, options, made_plan(rounds(speed=4.0))):
             assert 2.0 <= reading.every_s < 2.2, name
     with pytest.raises(
-        RefusedError, match=r"a photo every 3 m needs 0\.15 m/s or less: the camera takes 20 s for a photo"
+        RefusedError, match=r"a photo every 3 m needs 0\.15 m/s or less: the camera needs 20 s for a photo"
     ):
         missions_of(made_plan(), placed_box(), replace(options, trigger_s=20.0))
     mission = missions_of(made_plan(), placed_box(), replace(options, trigger_s=10.0))[0]
@@ -212,7 +212,7 @@ def test_the_interval_is_that_of_who_flies():
     known = known_camera("dji-phantom-4-rtk")
     (mission,) = missions_of(made_plan(), placed_box(), MissionOptions(home_m=HOME), camera=known)
     assert any(
-        "the camera takes 2.5 s for a photo, of the camera dji-phantom-4-rtk" in note
+        "the camera needs 2.5 s for a photo, of the camera dji-phantom-4-rtk" in note
         for note in mission.notes
     )
 
@@ -222,7 +222,7 @@ def test_a_film_begins_with_the_inspection_and_ends_with_it(tmp_path):
     for name in ("qgc-plan", "dji-wpml", "litchi"):
         done = export(made_plan(), placed_box(), name, tmp_path / f"f{FORMATS[name]}", options)
         (mission,), path = done.missions, done.paths[0]
-        assert not mission.photo.any() and any("films" in note for note in mission.notes)
+        assert not mission.photo.any() and any("records a video" in note for note in mission.notes)
         if name == "qgc-plan":
             commands = [item["command"] for item in json.loads(path.read_text())["mission"]["items"]]
             first, last = commands.index(2500), commands.index(2501)

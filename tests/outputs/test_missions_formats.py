@@ -76,7 +76,7 @@ def test_the_autopilot_gets_the_fence_of_the_manifest(tmp_path, mavsdk_importer,
     local = from_geodetic(np.column_stack([places, altitude]), structure.placement)[:, :2]
     assert np.allclose(local[:4], FENCE, atol=0.02)
     assert np.allclose([local[4:].min(axis=0), local[4:].max(axis=0)], BOX[:, :2], atol=0.02)
-    assert any("1 are passed over" in note for note in done.notes)
+    assert any("1 keep-out boxes are not in the fence" in note for note in done.notes)
     done = export(made_plan(), structure, "mavlink", tmp_path / "a.waypoints")
     rows = [line.split("\t") for line in done.paths[1].read_text().splitlines()[1:]]
     assert done.paths[1].name == "a.fence.waypoints"

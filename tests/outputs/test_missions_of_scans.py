@@ -81,10 +81,10 @@ def test_a_plan_too_near_is_refused_and_what_was_never_scanned_is_named(tmp_path
     limits = Limits()
     assert breaches(planned(path.positions, path.t_s), scan, limits, None) == []
     (found,) = breaches(planned(path.positions, path.t_s), scan, limits, supposed)
-    assert found.rule == "clearance" and "m from what was never scanned at [" in str(found)
+    assert found.rule == "clearance" and "m from unscanned surface at [" in str(found)
     assert broken_by(plan_for(path, supposed), scan, 2.0) == [found]
     for format in ("mcap", "csv"):
-        with pytest.raises(RefusedError, match="from what was never scanned"):
+        with pytest.raises(RefusedError, match="from unscanned surface"):
             export(plan_for(path, supposed), scan, format, tmp_path / "plan")
         assert not list(tmp_path.iterdir())
     near = path.positions[[0]] * [1, 0, 1] + [0, 3.0, 0]  # beside what was scanned

@@ -21,7 +21,7 @@ from PIL import Image
 from upplied.catalog import Catalog, open_catalog
 from upplied.checks import pair_name
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
-from upplied.outputs import downloads, files, render
+from upplied.outputs import files, render
 from upplied.outputs import publish as publishing
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS, MissionOptions
@@ -129,7 +129,7 @@ def test_a_flight_in_simulation_stands_beside_its_plan_until_another_takes_its_p
     )
     drawn = np.frombuffer(base64.b64decode(told["path"]["xyz"]["data"]), "<f4").reshape(-1, 3) + origin
     assert np.allclose(drawn, catalog.path.positions, atol=1e-4)
-    assert told["measures"]["min_clearance_m"] == 3.25 and "3.25 m (planned 4.00 m)" in told["said"]
+    assert told["measures"]["min_clearance_m"] == 3.25 and "3.25 m (planned 4.00 m)" in told["summary"]
     assert not publish_pages(catalog, tmp_path, pictures=0).written
 
 
@@ -301,7 +301,7 @@ def test_pictures_and_missions_by_id(kept, tmp_path):
     draft = MissionOptions(draft=True)
     done = render.export_transfer(kept, row["transfer_id"], "mcap", tmp_path / "p.mcap", draft)
     assert b"DRAFT, NOT RELEASED" in done.paths[0].read_bytes()
-    with pytest.raises(RefusedError, match="no place on the Earth"):
+    with pytest.raises(RefusedError, match="place on the Earth is unknown"):
         render.export_transfer(kept, row["transfer_id"], "kml", tmp_path / "p.kml", draft)
     with pytest.raises(CatalogError, match="not in the catalog"):
         render.render_transfer(kept, "0" * 20)
@@ -373,7 +373,7 @@ def test_a_released_plan_has_its_missions_beside_its_page_or_the_reason(tmp_path
     catalog.rows[0]["state"] = "released"
     publish_pages(catalog, tmp_path, pictures=0)
     told = Page((tmp_path / "transfers" / f"{name}.html").read_text()).data["transfer"]["missions"]
-    assert told == {label: f"../missions/{name}{FORMATS[kind]}" for kind, label in downloads.LABELS.items()}
+    assert told == {label: f"../missions/{name}{FORMATS[kind]}" for kind, label in publishing.LABELS.items()}
     plan = json.loads((tmp_path / "missions" / f"{name}.plan").read_text())
     assert plan["fileType"] == "Plan" and "draft" not in json.dumps(plan).lower()
     catalog.rows[0]["state"] = "recalled"
@@ -390,9 +390,9 @@ def test_a_released_plan_has_its_missions_beside_its_page_or_the_reason(tmp_path
 
 def test_a_mission_of_several_sorties_is_not_given_out_as_its_first(monkeypatch, tmp_path):
     written = type("Exported", (), {"paths": (tmp_path / "1.plan", tmp_path / "2.plan")})
-    monkeypatch.setattr(downloads, "export_transfer", lambda *_: written)
+    monkeypatch.setattr(publishing, "export_transfer", lambda *_: written)
     with pytest.raises(RefusedError, match="2 sorties"):
-        downloads.mission_file(FakeCatalog(targets=1), "t0000", "qgc-plan")
+        publishing.mission_file(FakeCatalog(targets=1), "t0000", "qgc-plan")
 
 
 @pytest.mark.parametrize("before", [0, 1, 3])

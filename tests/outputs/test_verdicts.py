@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from upplied.outputs.verdicts import fineness, verdict
+from upplied.outputs.pairs import warnings_of
+from upplied.outputs.verdicts import resolution, verdict
 
 ROW = {
     "status": "ok",
@@ -17,20 +18,29 @@ ROW = {
     "gsd_demonstrated_mm_p95": 9.1,
     "gsd_within_pct": 3.2,
 }
-SENTENCE = (
-    "Resolution 14.8 mm/px (95 %: 16.5), demonstrated 7.9 mm/px (95 %: 9.1); 3.2 % of the surface as fine."
-)
+RESOLUTION = "14.8 mm/px (demonstrated 7.9 mm/px; 3.2 % of the surface as fine)"
 
 
 @pytest.mark.parametrize(("mode", "for_its_size"), [("scaled", True), ("kept", False), ("gsd 8 mm", False)])
-def test_what_is_relative_to_size_says_so_beside_the_millimetres(mode: str, for_its_size: bool) -> None:
+def test_the_verdict_is_one_sentence_and_says_what_is_relative_to_size(mode: str, for_its_size: bool) -> None:
     headline = verdict(ROW | {"standoff_mode": mode}, 2.0)["headline"]
-    assert headline.endswith(SENTENCE)
-    assert "as well as the demonstration" in headline
-    assert ("as well as the demonstration, relative to the structure's size" in headline) == for_its_size
+    size = ", relative to the structure's size" if for_its_size else ""
+    shown = f"shows 99.6 % of the inspected surface at the demonstrated quality{size}, at {RESOLUTION}"
+    assert headline == f"The plan {shown} and keeps 3.0 m clearance (limit 2 m)."
 
 
-@pytest.mark.parametrize("missing", ["gsd_mm_p50", "gsd_mm_p95", "gsd_demonstrated_mm_p50"])
-def test_figures_that_are_not_known_are_not_said(missing: str) -> None:
-    assert fineness(ROW | {missing: None}) == fineness(ROW | {missing: float("nan")}) == ""
-    assert fineness(ROW | {"gsd_within_pct": None}) == SENTENCE.replace("; 3.2 % of the surface as fine", "")
+def test_figures_that_are_not_known_are_not_said() -> None:
+    for unknown in (None, float("nan")):
+        assert resolution(ROW | {"gsd_mm_p50": unknown}) == ""
+        assert resolution(ROW | {"gsd_demonstrated_mm_p50": unknown}) == "14.8 mm/px"
+        within = resolution(ROW | {"gsd_within_pct": unknown})
+        assert within == RESOLUTION.replace("; 3.2 % of the surface as fine", "")
+
+
+def test_warnings_are_sentences_and_names_stay_as_they_are() -> None:
+    texts = '["the scan is open", "part_0: not scanned.", "b747-v1 is large"]'
+    assert warnings_of({"warnings": texts}) == [
+        "The scan is open.",
+        "part_0: not scanned.",
+        "b747-v1 is large.",
+    ]

@@ -11,7 +11,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from cyclopts import App, CycloptsError, Group
+from cyclopts import App, CycloptsError, Group, Parameter
 from rich.markup import escape
 
 import upplied
@@ -19,10 +19,8 @@ from upplied.cli import (
     declared,
     demonstrations,
     doctor,
-    edit,
     export,
     findings,
-    fleet,
     flights,
     fly,
     keeping,
@@ -41,6 +39,14 @@ from upplied.cli import (
 from upplied.cli.terminal import console, errors
 from upplied.errors import RefusedError, UppliedError
 
+
+def _default(value: object) -> str | None:
+    """A default as help shows it; nothing where the option is simply not given."""
+    if value in (None, "", ()) or value is False:
+        return None
+    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
 app = App(
     name="upplied",
     help="Plan the inspection of every structure of a kind from one expert's flight.",
@@ -48,6 +54,7 @@ app = App(
     console=console,
     error_console=errors,
     result_action="return_value",
+    default_parameter=Parameter(negative="", show_default=_default),
     suppress_keyboard_interrupt=False,  # it is told below
     help_epilogue="--quiet (any command): print only errors and requested JSON.",
 )
@@ -61,11 +68,11 @@ _GROUPS = {  # of the help, in the order in which a newcomer needs them
     ),
     "Review": (
         *(studio.app, report.app, render.app),
-        *(review.reviewing, review.releasing, review.rejecting, edit.app),
+        *(review.reviewing, review.releasing, review.rejecting, review.editing),
     ),
     "Fly": (fly.app, export.app, export.briefing, flights.app),
     "Findings": (findings.app, looks.looking, findings.reshooting),
-    "Fleet": (review.in_force, fleet.app, keys.app),
+    "Fleet": (review.in_force, serve.fleet, keys.app),
     "Service": (quickstart.app, serve.serving, serve.deploying, serve.watching, doctor.app),
 }
 for _at, (_title, _commands) in enumerate(_GROUPS.items()):

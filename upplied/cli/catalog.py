@@ -156,9 +156,7 @@ def as_of(moment: str, /, *, catalog: CatalogOption = "catalog", json: JsonOptio
 @app.command
 def verify(
     *,
-    head: Annotated[
-        tuple[str, ...], Parameter(negative="", help="Head hash noted earlier; its row must exist.")
-    ] = (),
+    head: Annotated[tuple[str, ...], Parameter(help="Head hash noted earlier; its row must exist.")] = (),
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:

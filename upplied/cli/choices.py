@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-Pairs = Annotated[tuple[str, ...], Parameter(name="--counterpart", negative="", show_default=False)]
+Pairs = Annotated[tuple[str, ...], Parameter(name="--counterpart")]
 
 
 @Parameter(name="*")
@@ -42,14 +42,14 @@ class Choices:
 
     standoff: Literal["scaled", "kept"] | None = None
     gsd_mm: float | None = None
-    plane: Annotated[bool, Parameter(negative="", show_default=False)] = False
+    plane: bool = False
     counterpart: Pairs = ()
     repeat: Literal["each", "mirror"] | None = None
     expect: int | None = None
     fidelity: Literal["strict", "balanced", "coverage"] | None = None
     clearance: float | None = None
     search: Literal["none", "heading", "orientation"] | None = None
-    about: Annotated[str, Parameter(show_default=False)] = ""
+    about: str = ""
 
     def onto(self, stages: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
         """The changes `stages` (stage -> setting -> value) with those of the options over them."""

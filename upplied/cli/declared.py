@@ -76,9 +76,7 @@ def settings(
     structure: StructureArgument,
     /,
     *,
-    every: Annotated[
-        bool, Parameter(name="--all", negative="", help="Include the parameters of the preset.")
-    ] = False,
+    every: Annotated[bool, Parameter(name="--all", help="Include the parameters of the preset.")] = False,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:

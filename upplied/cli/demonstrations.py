@@ -31,16 +31,9 @@ LISTED = {
     "overruled": "overruled",
     "findings": "findings",
 }
-StructureOption = Annotated[
-    str, Parameter(help="Structure that was flown, if no side-car file names it.", show_default=False)
-]
-RegisterOption = Annotated[
-    tuple[str, ...],
-    Parameter(negative="", help="A landmark in the log's frame, as NAME=X,Y,Z.", show_default=False),
-]
-PublisherOption = Annotated[
-    str, Parameter(help="Body to read: the name of its frame, or #7 for channel 7.", show_default=False)
-]
+StructureOption = Annotated[str, Parameter(help="Structure that was flown, if no side-car file names it.")]
+RegisterOption = Annotated[tuple[str, ...], Parameter(help="A landmark in the log's frame, as NAME=X,Y,Z.")]
+PublisherOption = Annotated[str, Parameter(help="Body to read: the name of its frame, or #7 for channel 7.")]
 
 
 @app.command
@@ -53,23 +46,16 @@ def add(
     structure: StructureOption = "",
     register: RegisterOption = (),
     start: Annotated[
-        float | None,
-        Parameter(help="Start or end of the inspection, in seconds from the first pose.", show_default=False),
+        float | None, Parameter(help="Start or end of the inspection, in seconds from the first pose.")
     ] = None,
     stop: Annotated[
-        float | None,
-        Parameter(help="Start or end of the inspection, in seconds from the first pose.", show_default=False),
+        float | None, Parameter(help="Start or end of the inspection, in seconds from the first pose.")
     ] = None,
     kind: Annotated[
-        str,
-        Parameter(help="Kind of a project's structure, for instance building or tower.", show_default=False),
+        str, Parameter(help="Kind of a project's structure, for instance building or tower.")
     ] = "",
-    unit_m: Annotated[
-        float | None, Parameter(help="Metres per unit of a model without scale.", show_default=False)
-    ] = None,
-    dry_run: Annotated[
-        bool, Parameter(negative="", help="Check only, store nothing.", show_default=False)
-    ] = False,
+    unit_m: Annotated[float | None, Parameter(help="Metres per unit of a model without scale.")] = None,
+    dry_run: Annotated[bool, Parameter(help="Check only, store nothing.")] = False,
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
 ) -> int:
@@ -133,7 +119,7 @@ def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> in
 @app.command(name="show")
 def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
     """Show the import checks of a demonstration: measurements, and the rules it breaks."""
-    from upplied.inputs.passport.passport import findings_of
+    from upplied.inputs.passport.rules import findings_of
     from upplied.outputs.passport_page import rows_of
 
     passport: Any = opened(catalog).demonstration(demonstration).passport

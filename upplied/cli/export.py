@@ -29,7 +29,7 @@ OPENED_IN = {
 
 
 OutputOption = Annotated[Path, Parameter(name=("--output", "-o"))]
-MissionFlags = Annotated[MissionOptions | None, Parameter(name="*", negative="")]
+MissionFlags = Annotated[MissionOptions | None, Parameter(name="*")]
 
 
 @app.default

@@ -127,7 +127,8 @@ def photos(
     from upplied.findings.photos import flight_of, register_photos
 
     store = opened(catalog)
-    new, refused = register_photos(store, flight_of(store, flight), folder, times, clock, by)
+    with errors.status("reading photos"):
+        new, refused = register_photos(store, flight_of(store, flight), folder, times, clock, by)
     for reason in refused:
         complain(f"refused: {reason}")
     say(f"{new} photos registered, {len(refused)} refused")
@@ -207,16 +208,23 @@ def looks(
     *,
     out: OutOption = None,
     photos: PhotosOption = None,
-    simulated: Annotated[bool, Parameter(negative="", help="Simulated flights as well.")] = False,
+    simulated: Annotated[bool, Parameter(help="Simulated flights as well.")] = False,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
     """List every photo of every flight that shows a finding."""
-    from upplied.findings.looks import spot_of
+    from upplied.findings.looks import off_surface, spot_of
 
     store = opened(catalog)
     row = store.finding(finding)
-    return show_looks(store, f"finding {row['finding_id']}", spot_of(row), out, photos, simulated, json)
+    spot = spot_of(row)
+    sha256 = str(store.newest("structures", spot.structure_id)["sha256"])
+    if spot.structure_sha256 != sha256:
+        off = float(off_surface(store, [spot], sha256)[0])
+        complain(
+            f"{spot.structure_id} has changed since it was found; the place is {off:.2f} m off its surface"
+        )
+    return show_looks(store, f"finding {row['finding_id']}", spot, out, photos, simulated, json)
 
 
 @app.command
@@ -225,9 +233,7 @@ def carry(
     /,
     *,
     to: ToOption = "kind",
-    every: Annotated[
-        bool, Parameter(negative="", help="Repeat on each similar part, such as each blade.")
-    ] = False,
+    every: Annotated[bool, Parameter(help="Repeat on each similar part, such as each blade.")] = False,
     mm_px: FinenessOption = float("inf"),
     since: SinceOption = None,
     catalog: CatalogOption = "catalog",
@@ -258,12 +264,12 @@ def reshoot(
     catalog: CatalogOption = "catalog",
 ) -> int:
     """Plan a mission that shows findings from where their photos did; the result is a draft."""
-    from upplied.findings.campaign import asked_findings
+    from upplied.findings.campaign import selected_findings
     from upplied.findings.reshoot import plan_reshoot
 
     store = opened(catalog)
     with errors.status("planning"):
-        plan = plan_reshoot(store, asked_findings(store, findings, on), on, mm_px)
+        plan = plan_reshoot(store, selected_findings(store, findings, on), on, mm_px)
     for words in plan.words:
         say(words)
     say(f"{plan.transfer_id}: a draft for {on}")

@@ -118,9 +118,7 @@ def show_one(
     flight: FlightArgument, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False
 ) -> int:
     """Show all details of one flight."""
-    from upplied.fleet.gaps import flight_row
-
-    _tell(flight_row(opened(catalog), flight), json)
+    _tell(opened(catalog).flight(flight), json)
     return 0
 
 
@@ -178,8 +176,7 @@ def promote(
     by: ByOption,
     name: Annotated[str, Parameter(help="Name of the demonstration; by default one is generated.")] = "",
     force: Annotated[
-        tuple[str, ...],
-        Parameter(negative="", help="Rule to overrule: flown, whole, recorded or clearance."),
+        tuple[str, ...], Parameter(help="Rule to overrule: flown, whole, recorded or clearance.")
     ] = (),
     catalog: CatalogOption = "catalog",
 ) -> int:

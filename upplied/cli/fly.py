@@ -30,23 +30,15 @@ def fly(
     towards: Annotated[
         float, Parameter(help="Direction of the wind, in degrees counter-clockwise from +X.")
     ] = 60.0,
-    gusts: bool = True,
+    gusts: Annotated[bool, Parameter(negative="--no-gusts", help="Add gusts.")] = True,
     seed: Annotated[int, Parameter(help="Random seed of gusts and errors.")] = 0,
-    force: Annotated[
-        tuple[str, ...],
-        Parameter(negative="", help="Safety rule to overrule, by name.", show_default=False),
-    ] = (),
+    force: Annotated[tuple[str, ...], Parameter(help="Safety rule to overrule, by name.")] = (),
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:
     """Simulate a plan and compare; the next report includes the result.
 
     Exit code 1 if the flight comes nearer to the structure than the clearance limit.
-
-    Parameters
-    ----------
-    gusts : bool
-        Add gusts.
     """
     from upplied.catalog.verbs.recipes import settings_of
     from upplied.fleet.flights import fly_plan

@@ -63,8 +63,7 @@ def export(
     kind: Annotated[str | None, Parameter(help="Only structures of this kind.")] = None,
     demonstration: Annotated[str | None, Parameter(help="Only this demonstration.")] = None,
     preset: Annotated[
-        str,
-        Parameter(help="Preset, or all; by default the first in use of recommended, paper, baseline."),
+        str, Parameter(help="Preset, or all; by default the first in use of recommended, paper, baseline.")
     ] = "",
     catalog: CatalogOption = "catalog",
 ) -> int:
@@ -84,18 +83,18 @@ def export(
     if not preset:
         used = [name for name in ("recommended", "paper", "baseline") if name in set(chosen["preset"])]
         chosen = chosen[chosen["preset"].isin(used[:1])]
-    if format == "tum":
-        _counted(str(folder), export_tum(store, folder, chosen))
-        return 0
-    if format == "lerobot":
-        flown = store.demonstrations()
-        flown = flown[flown["structure_id"].isin(store.structures(kind=kind)["structure_id"])]
-        names = [name for name in flown["demonstration_id"] if demonstration in (None, name)]
-        _counted(str(folder), export_lerobot(store, folder, chosen, 10, names, licence, attribution))
-        return 0
-    name = name or versioned(folder.resolve().name)
     with errors.status("exporting"):
-        _counted(str(folder), export_dataset(store, folder, name, chosen, licence, attribution))
+        if format == "tum":
+            counts = export_tum(store, folder, chosen)
+        elif format == "lerobot":
+            flown = store.demonstrations()
+            flown = flown[flown["structure_id"].isin(store.structures(kind=kind)["structure_id"])]
+            names = [each for each in flown["demonstration_id"] if demonstration in (None, each)]
+            counts = export_lerobot(store, folder, chosen, 10, names, licence, attribution)
+        else:
+            name = name or versioned(folder.resolve().name)
+            counts = export_dataset(store, folder, name, chosen, licence, attribution)
+    _counted(str(folder), counts)
     return 0
 
 
@@ -109,12 +108,8 @@ def import_(
     folder: Path,
     /,
     *,
-    replace: Annotated[
-        bool, Parameter(negative="", help="Store entries of the same name as newer versions.")
-    ] = False,
-    verify: Annotated[
-        bool, Parameter(negative="", help="Compute the measures of every plan again and compare.")
-    ] = False,
+    replace: Annotated[bool, Parameter(help="Store entries of the same name as newer versions.")] = False,
+    verify: Annotated[bool, Parameter(help="Compute the measures of every plan again and compare.")] = False,
     catalog: CatalogOption = "catalog",
 ) -> int:
     """Import an exported folder after checking it.

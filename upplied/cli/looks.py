@@ -34,7 +34,7 @@ def looks_at(
     size: Annotated[float, Parameter(help="Width of the area to show, m.")] = 0.5,
     out: OutOption = None,
     photos: PhotosOption = None,
-    simulated: Annotated[bool, Parameter(negative="", help="Simulated flights as well.")] = False,
+    simulated: Annotated[bool, Parameter(help="Simulated flights as well.")] = False,
     catalog: CatalogOption = "catalog",
     json: JsonOption = False,
 ) -> int:

@@ -1,13 +1,26 @@
-"""`upplied review`, `release`, `reject` and `in-force`: what people decide about plans."""
+"""`upplied review`, `release`, `reject`, `edit` and `in-force`: what people change and decide."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
 from upplied.cli.options import ByOption, CatalogOption, JsonOption, NoteOption, PlanArgument
-from upplied.cli.terminal import complain, next_step, number, opened, opened_at, say, show, show_frame
+from upplied.cli.terminal import (
+    beside,
+    complain,
+    console,
+    errors,
+    next_step,
+    number,
+    opened,
+    opened_at,
+    say,
+    show,
+    show_frame,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -15,6 +28,7 @@ if TYPE_CHECKING:
 reviewing = App(name="review", help="Compare a plan with the one in force, and record a review.")
 releasing = App(name="release", help="Release a plan: it is in force until another is released.")
 rejecting = App(name="reject", help="Reject a plan: it must not be flown.")
+editing = App(name="edit", help="Edit a plan as a file: move, turn or remove viewpoints, add keep-out boxes.")
 in_force = App(name="in-force", help="List the released plans and the drafts that wait.")
 
 COMPARED = {
@@ -87,8 +101,7 @@ def release(
     by: ByOption,
     note: NoteOption = "",
     force: Annotated[
-        tuple[str, ...],
-        Parameter(negative="", help="Rule to overrule: preset, verdict, rejected, recalled or changed."),
+        tuple[str, ...], Parameter(help="Rule to overrule: preset, verdict, rejected, recalled or changed.")
     ] = (),
     catalog: CatalogOption = "catalog",
 ) -> int:
@@ -134,3 +147,35 @@ def list_in_force(
     for row in altered.to_dict("records"):
         complain(f"differs from the release: {row['transfer_id']} on {row['target_id']}: {row['altered']}")
     return int(bool(len(recalled) or len(altered)))
+
+
+@editing.default
+def edit(
+    transfer: PlanArgument,
+    /,
+    *,
+    out: Annotated[Path | None, Parameter(help="Write the viewpoints to this file for editing.")] = None,
+    read: Annotated[Path | None, Parameter(name="--from", help="Import the edited file.")] = None,
+    by: ByOption = "",
+    catalog: CatalogOption = "catalog",
+) -> int:
+    """Write a plan's viewpoints as JSON, or import the edited file as a new draft."""
+    from upplied.errors import SettingsError
+    from upplied.fleet.edits import edit_plan, write_edit
+
+    if (out is None) == (read is None):
+        raise SettingsError("upplied edit", "both or neither of --out and --from", "exactly one of them")
+    store, plan = opened_at(catalog, transfer)
+    if out is not None:
+        say(write_edit(store, plan, beside(out)))
+        next_step(f"edit {plan} --from {out} --by NAME", "import the edited file", catalog)
+        return 0
+    assert read is not None
+    with errors.status("checking the edited plan"):
+        outcome = edit_plan(store, plan, read, by)
+    row = store.transfer(outcome)
+    say(f"{outcome}: {store.plan(outcome).warnings[0]}")
+    shown, clearance = row["coverage_inspected_pct"], row["min_clearance_m"]
+    console.print(f"inspected {'?' if shown is None else f'{shown:.1f}'} %, clearance {clearance:.2f} m")
+    next_step(f"review {outcome}", "compare it with the one in force", catalog)
+    return int(not row["flyable"])

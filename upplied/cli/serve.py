@@ -1,4 +1,4 @@
-"""`upplied serve`, `deploy` and `watch`: a fleet by Prefect, from any folder."""
+"""`upplied serve`, `deploy`, `watch` and `fleet`: a fleet by Prefect, from any folder."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from typing import Annotated, Literal
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from upplied.cli.terminal import complain
+from upplied.cli.terminal import complain, say
 from upplied.extras import extra
 
 serving = App(name="serve", help="Run the fleet service: Prefect, a worker and the pages, until Ctrl-C.")
 deploying = App(name="deploy", help="Apply the deployments to the Prefect server.")
+fleet = App(name="fleet", help="The fleet's deployments in Prefect.")
 watching = App(name="watch", help="Report each new log in a folder to Prefect.")
 
 PortOption = Annotated[
@@ -27,8 +28,7 @@ PortOption = Annotated[
     ),
 ]
 RootOption = Annotated[
-    tuple[str, ...],
-    Parameter(name="--root", negative="", help="Additional folder or URI that runs may use; repeatable."),
+    tuple[str, ...], Parameter(name="--root", help="Additional folder or URI that runs may use; repeatable.")
 ]
 PartOption = Annotated[
     Literal["server", "worker", "reports"] | None,
@@ -39,7 +39,7 @@ PartOption = Annotated[
 @serving.default
 def serve(*, port: PortOption = 4200, root: RootOption = (), only: PartOption = None) -> int:
     """Serve the fleet of this folder on this machine."""
-    flows_wanted()
+    require_flows()
     from upplied.flows import serve as service
     from upplied.flows.server import ServerError
 
@@ -70,9 +70,7 @@ def deploy(*, port: PortOption = 4200) -> int:
 def watch(
     folder: Path,
     *,
-    flights: Annotated[
-        bool, Parameter(negative="", help="The logs are flights of plans: start ingest-flights.")
-    ] = False,
+    flights: Annotated[bool, Parameter(help="The logs are flights of plans: start ingest-flights.")] = False,
     port: PortOption = 4200,
 ) -> int:
     """Emit the event that starts ingest-demonstrations for each complete log.
@@ -94,7 +92,55 @@ def watch(
     return 0
 
 
-def flows_wanted() -> None:
+@fleet.command
+def run(
+    *parameters: Annotated[str, Parameter(allow_leading_hyphen=False)],
+    watch: Annotated[bool, Parameter(negative="--no-watch", help="Follow the run until it ends.")] = True,
+    port: PortOption = 4200,
+) -> int:
+    """Run transfer-fleet now, on the server at PREFECT_API_URL, else the one of `upplied serve`.
+
+    Parameters
+    ----------
+    parameters : str
+        Parameters of the flow, as NAME=VALUE with the value in JSON.
+    """
+    if not (variables := connected(port)):
+        return 1
+    from upplied.flows.client import NotAccepted, run_now
+
+    try:
+        ended = run_now(parameters, watch, say)
+    except NotAccepted as error:
+        complain(f"error: {variables['PREFECT_API_URL']}: {error}")
+        return 1
+    return int(not ended)
+
+
+@fleet.command
+def notify(
+    url: str,
+    *,
+    every_run: Annotated[bool, Parameter(help="Report successful runs as well.")] = False,
+    port: PortOption = 4200,
+) -> int:
+    """Send a message whenever a run fails, is lost or leaves failures; a new address replaces the old one.
+
+    Parameters
+    ----------
+    url : str
+        Address: a webhook (http://...), Slack (https://hooks.slack.com/...), or any Apprise address,
+        as mailto://user:password@smtp.example.org?to=ops@example.org. Empty: no more messages.
+    """
+    if not connected(port):
+        return 1
+    from upplied.flows.notices import tell
+
+    say(tell(url, every_run))
+    return 0
+
+
+def require_flows() -> None:
     """Say what to install where the flows are not there."""
     with extra("fleet"):
         if find_spec("prefect") is None:
@@ -103,7 +149,7 @@ def flows_wanted() -> None:
 
 def connected(port: int) -> dict[str, str]:
     """The variables of the server, known to Prefect from here on; none, and told, where none answers."""
-    flows_wanted()
+    require_flows()
     from upplied.flows import environment
     from upplied.flows.server import answers
 

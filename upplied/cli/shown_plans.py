@@ -32,14 +32,14 @@ _SPARE = ("paper %", "Frechet", "time s", "flown mm", "as fine %", "stand-off", 
 
 
 def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]:
-    """The newest plans of what was asked for: with these very settings, whatever was planned since."""
+    """The newest plans of a request: with exactly these settings, whatever was planned since."""
     from upplied.fleet.decisions import SettingsOf
 
     table = catalog.transfers(every=True)
-    wanted = table["demonstration_id"].isin(plan_request.demonstrations)
-    wanted &= table["purpose"] == plan_request.purpose
-    wanted &= table["target_id"].isin(plan_request.targets or catalog.structures()["structure_id"])
-    table = table[wanted & table["preset"].isin(plan_request.presets)]
+    selected = table["demonstration_id"].isin(plan_request.demonstrations)
+    selected &= table["purpose"] == plan_request.purpose
+    selected &= table["target_id"].isin(plan_request.targets or catalog.structures()["structure_id"])
+    table = table[selected & table["preset"].isin(plan_request.presets)]
     settings_of = SettingsOf(catalog, plan_request)
     hashes = [settings_of(*row).sha256 for row in table[["preset", "kind", "target_id"]].to_numpy().tolist()]
     table = table[table["settings_sha256"] == hashes]
@@ -54,7 +54,7 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
     from json import loads
 
     from upplied.outputs.pairs import shown_status
-    from upplied.outputs.verdicts import fineness
+    from upplied.outputs.verdicts import resolution
 
     if as_json:
         show("", [{**row, "warnings": loads(row["warnings"] or "[]")} for row in rows], as_json)
@@ -68,7 +68,7 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) ->
             why = row["reason"] or row["not_flyable"]
             say(f"{status}: {row['target_id']} ({row['preset']}): {why}")
             continue
-        if fine := fineness(row):
+        if fine := resolution(row):
             say(f"{row['target_id']} ({row['preset']}): {fine}")
         if warnings := loads(row["warnings"] or "[]"):
             say(f"check: {row['target_id']} ({row['preset']}): {'; '.join(warnings)}")

@@ -16,11 +16,24 @@ from upplied.cli.options import (
     StructureArgument,
     WorkersOption,
 )
-from upplied.cli.terminal import ingested_report, next_step, opened, progress, say, show
+from upplied.cli.terminal import (
+    complain,
+    console,
+    errors,
+    ingested_report,
+    next_step,
+    opened,
+    progress,
+    say,
+    show,
+)
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
     from upplied.fleet import RuleOptions
+    from upplied.inputs.manifests import StructureEntry
+    from upplied.inputs.rules import Verdict
+    from upplied.records import Structure
 
 _SIZES = {"size_x_m": "length m", "size_y_m": "width m", "size_z_m": "height m"}
 
@@ -32,9 +45,7 @@ def add(
     manifest: Path,
     /,
     *,
-    prune: Annotated[
-        bool, Parameter(negative="", help="Retire structures that the manifest no longer names.")
-    ] = False,
+    prune: Annotated[bool, Parameter(help="Retire structures that the manifest no longer names.")] = False,
     allow: AllowOption = (),
     strict: StrictOption = False,
     set_: RuleOption = (),
@@ -51,7 +62,7 @@ def add(
     from upplied import fleet
     from upplied.inputs.manifests import read_manifest
 
-    store, rules = opened(catalog), _asked(allow, strict, set_)
+    store, rules = opened(catalog), _rule_options(allow, strict, set_)
     with progress("reading structures", len(read_manifest(manifest))) as advance:
         ingested = fleet.ingest_structures(store, manifest, workers, lambda _: advance(), prune, rules)
     code = ingested_report(ingested)
@@ -109,8 +120,7 @@ def check(
     id: Annotated[str | None, Parameter(help="Structure of a manifest to report in full.")] = None,
     png: Annotated[Path | None, Parameter(help="Picture to write; by default NAME-check.png here.")] = None,
     clean: Annotated[
-        bool,
-        Parameter(negative="", help="Also write NAME-clean.ply without ground, clutter and neighbours."),
+        bool, Parameter(help="Also write NAME-clean.ply without ground, clutter and neighbours.")
     ] = False,
     allow: AllowOption = (),
     strict: StrictOption = False,
@@ -127,19 +137,18 @@ def check(
         A manifest (`structures.toml` or a CSV), or a mesh or point cloud.
     """
     from upplied import fleet
-    from upplied.cli.health import check_one
     from upplied.errors import InputError
     from upplied.inputs.manifests import read_manifest
 
-    rules = _asked(allow, strict, set_)
+    rules = _rule_options(allow, strict, set_)
     if file.suffix.lower() not in (".toml", ".csv"):
-        return check_one(file, png, clean=clean)
+        return _checked(file, png, clean=clean)
     others = _compared(catalog)
     if id is not None:
         entries = {entry.structure_id: entry for entry in rules.of(read_manifest(file))}
         if id not in entries:
             raise InputError(f"{file}: {id}", "is not in the manifest", f"one of {', '.join(entries)}")
-        return check_one(entries[id], png, others, clean)
+        return _checked(entries[id], png, others, clean)
     with progress("checking structures", len(read_manifest(file))) as advance:
         checked = fleet.check_structures(file, workers, lambda _: advance(), others, rules)
     rows = [vars(item) for item in checked]
@@ -149,7 +158,7 @@ def check(
     return int(any(item.status == "failed" for item in checked))
 
 
-def _asked(allow: tuple[str, ...], strict: bool, limits: tuple[str, ...]) -> RuleOptions:
+def _rule_options(allow: tuple[str, ...], strict: bool, limits: tuple[str, ...]) -> RuleOptions:
     from upplied.fleet import RuleOptions
     from upplied.inputs.structure_rules import changed
 
@@ -168,3 +177,80 @@ def _compared(location: str) -> Catalog | None:
         if location != "catalog":
             raise
         return None
+
+
+def _checked(
+    what: StructureEntry | Path, png: Path | None, catalog: Catalog | None = None, clean: bool = False
+) -> int:
+    """Say how a structure is, and draw it; 1 when it would be refused.
+
+    Of a manifest, as it is declared there and among those of a catalog; else a mesh or cloud file alone.
+    """
+    from upplied.errors import InputError
+    from upplied.fleet.workers import JobKilled, Workers
+    from upplied.inputs.health import health_report
+    from upplied.inputs.rules import refusals
+    from upplied.outputs.figures import structure_png
+    from upplied.outputs.files import replace_file
+
+    file, name = (what, what.stem) if isinstance(what, Path) else (what.path, what.structure_id)
+    png = png or Path(f"{name}-check.png")
+    if not file.is_file():
+        raise InputError(str(file), "is not a file", remedy="check the path")
+    try:
+        with (
+            errors.status("checking"),
+            Workers(1) as pool,
+        ):  # whatever a file does to a reader, within its time and memory
+            report = pool.run(health_report, what)
+    except (InputError, JobKilled) as error:
+        complain(f"refused: {error}")
+        return 1
+    say(report.text)
+    replace_file(png, structure_png(report.structure, title=png.stem.removesuffix("-check")))
+    say(f"  picture     {png}")
+    others = () if isinstance(what, Path) else _among_others(what, report.structure, catalog)
+    for verdict in others:
+        say(f"  {verdict.severity:<11} {verdict}. {verdict.remedy}")
+    if clean:
+        _cleaned(report.structure, png)
+    return int(bool(report.problems or refusals(others)))
+
+
+def _cleaned(structure: Structure, png: Path) -> None:
+    """Write the structure without ground, clutter and neighbours, and a picture before and after."""
+    from dataclasses import replace
+
+    from upplied.inputs.separation import CLASSES, separated, structure_alone
+    from upplied.outputs.figures import separation_png
+    from upplied.outputs.files import replace_file
+    from upplied.outputs.ply import ply_bytes
+
+    separation = separated(structure)
+    if not separation.texts:
+        console.print("  clean       nothing to separate: the whole mesh is the structure", soft_wrap=True)
+        return
+    stem = png.stem.removesuffix("-check") + "-clean"
+    mesh, picture = png.with_name(f"{stem}.ply"), png.with_name(f"{stem}.png")
+    vertices, triangles, normals = structure_alone(structure, separation)
+    left = replace(structure, vertices=vertices, triangles=triangles, normals=normals)
+    replace_file(mesh, ply_bytes(vertices, triangles, normals))
+    replace_file(picture, separation_png(structure, separation.label, CLASSES, left))
+    console.print(
+        f"  separated   {'; '.join(separation.texts)}; {separation.area_m2[0]:.1f} m² are left",
+        soft_wrap=True,
+    )
+    ground = "" if separation.ground_z_m is None else f", ground_z = {separation.ground_z_m:.2f}"
+    declare = f"units = 'm', up = 'z', forward = 'x'{ground}"
+    say(f"  cleaned     {mesh}: declare {declare}")
+    say(f"  picture     {picture} (before and after)")
+
+
+def _among_others(
+    entry: StructureEntry, structure: Structure, catalog: Catalog | None
+) -> tuple[Verdict, ...]:
+    from upplied.fleet.admission import Admission, shape_of
+    from upplied.fleet.members import Member
+
+    member = Member(entry.structure_id, entry.kind, shape_of(structure))
+    return Admission(catalog).verdicts(member, entry)

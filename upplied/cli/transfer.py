@@ -10,7 +10,7 @@ from upplied.cli.choices import Choices
 from upplied.cli.options import CatalogOption, JsonOption, WorkersOption
 from upplied.cli.recommend import best as best_for
 from upplied.cli.shown_plans import current, show_decision, show_plans
-from upplied.cli.terminal import complain, console, next_step, opened, progress, say
+from upplied.cli.terminal import complain, console, errors, next_step, opened, progress, say
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
@@ -21,34 +21,18 @@ plan = App(name="plan", help="Plan every pair whose inputs changed, or show whic
 
 PresetOption = Annotated[
     tuple[str, ...],
-    Parameter(
-        name="--preset",
-        negative="",
-        consume_multiple=True,
-        help="paper, recommended or baseline; repeatable.",
-    ),
+    Parameter(name="--preset", consume_multiple=True, help="paper, recommended or baseline; repeatable."),
 ]
 SetOption = Annotated[
-    tuple[str, ...],
-    Parameter(
-        name="--set",
-        negative="",
-        show_default=False,
-        help="A planning parameter, as STAGE.NAME=VALUE; repeatable.",
-    ),
+    tuple[str, ...], Parameter(name="--set", help="A planning parameter, as STAGE.NAME=VALUE; repeatable.")
 ]
 BestOption = Annotated[
-    str,
-    Parameter(
-        name="--best", show_default=False, help="Structure that receives the demonstration that fits best."
-    ),
+    str, Parameter(name="--best", help="Structure that receives the demonstration that fits best.")
 ]
 ExperimentOption = Annotated[
     str,
     Parameter(
-        name="--experiment",
-        show_default=False,
-        help="Name of an experiment; its plans are never current and never released.",
+        name="--experiment", help="Name of an experiment; its plans are never current and never released."
     ),
 ]
 TimeoutOption = Annotated[float, Parameter(name="--timeout", help="Time limit of one structure, in seconds.")]
@@ -60,7 +44,7 @@ def transfer(
     demonstration: str = "",
     /,
     *,
-    to: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="", show_default=False)] = (),
+    to: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
     preset: PresetOption = DEFAULT_PRESETS,
     set_: SetOption = (),
     choices: Choices | None = None,
@@ -82,11 +66,10 @@ def transfer(
         IDs of the targets; by default every other structure of the kind.
     """
     from upplied import fleet
-    from upplied.cli.reproduce import reproduce as made_again
     from upplied.errors import SettingsError
 
     if reproduce is not None:
-        return made_again(catalog, reproduce)
+        return _reproduced(catalog, reproduce)
     if best and (demonstration or to):
         raise SettingsError(
             "transfer",
@@ -98,16 +81,16 @@ def transfer(
     if not demonstration:
         raise SettingsError("transfer", "no demonstration is named", "", "see: upplied demonstrations list")
     opened_catalog = opened(catalog)
-    wanted = fitting(opened_catalog, demonstration, to)
+    targets = fitting(opened_catalog, demonstration, to)
     plan_request = fleet.PlanRequest(
-        preset, (choices or Choices()).onto(changes(set_)), (demonstration,), wanted, False, experiment
+        preset, (choices or Choices()).onto(changes(set_)), (demonstration,), targets, False, experiment
     )
     run(opened_catalog, fleet.decide(opened_catalog, plan_request), workers, timeout)
     rows = current(opened_catalog, plan_request)
     show_plans(demonstration, rows, json)
     if not json and any(row["status"] == "ok" for row in rows):
         next_step("report", "publish the plans as pages", catalog)
-    return int(len(wanted) < len(to) or any(row["status"] != "ok" for row in rows))
+    return int(len(targets) < len(to) or any(row["status"] != "ok" for row in rows))
 
 
 def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> tuple[str, ...]:
@@ -147,10 +130,10 @@ def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> t
 @plan.default
 def plan_fleet(
     *,
-    dry_run: Annotated[bool, Parameter(negative="", help="Show what would be planned, and stop.")] = False,
+    dry_run: Annotated[bool, Parameter(help="Show what would be planned, and stop.")] = False,
     preset: PresetOption = DEFAULT_PRESETS,
     set_: SetOption = (),
-    retry_failed: Annotated[bool, Parameter(negative="", help="Include pairs that failed before.")] = False,
+    retry_failed: Annotated[bool, Parameter(help="Include pairs that failed before.")] = False,
     experiment: ExperimentOption = "",
     catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
@@ -162,7 +145,8 @@ def plan_fleet(
 
     opened_catalog = opened(catalog)
     plan_request = fleet.PlanRequest(preset, changes(set_), retry_failed=retry_failed, experiment=experiment)
-    decision = fleet.decide(opened_catalog, plan_request)
+    with errors.status("comparing inputs"):
+        decision = fleet.decide(opened_catalog, plan_request)
     if dry_run:
         show_decision(decision, json)
         if decision.jobs and not json:
@@ -207,3 +191,49 @@ def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> R
     for message in carry_edits(catalog):
         complain(message)
     return result
+
+
+def _reproduced(catalog: str, transfer_id: str) -> int:
+    """Plan again what a transfer was planned from; 0 when the same bytes come of it, else 1."""
+    from dataclasses import replace
+
+    from upplied.catalog import recipe
+    from upplied.errors import RefusedError
+    from upplied.fleet.planner import required_surface
+    from upplied.planning.correspondence.memo import no_memo
+    from upplied.planning.plan import METHOD_VERSION, plan_transfer
+    from upplied.provenance import causes
+
+    store = opened(catalog)
+    basis = recipe(store, store.find_transfer(transfer_id))
+    purpose = basis.row["purpose"] or ""
+    if purpose.startswith("gap "):
+        remedy = f"plan it again: upplied flights gap {purpose.removeprefix('gap ')}"
+        raise RefusedError(f"plan {transfer_id}", "was made from a flight", "", remedy)
+    if purpose.startswith(("reshoot ", "campaign ")):
+        remedy = f"plan it again: upplied reshoot --on {basis.row['target_id']}"
+        raise RefusedError(f"plan {transfer_id}", "was made from findings", "", remedy)
+    with errors.status("planning again"):
+        settings = basis.settings
+        zones, untold = required_surface(store, store.cache, basis.target, settings.required.zones)
+        inputs = (basis.demonstration, basis.source, basis.target)
+        plan = plan_transfer(*inputs, settings, no_memo, zones, basis.siblings)
+        plan = replace(plan, warnings=(*plan.warnings, *untold))
+    different = basis.differences(plan)
+    row = basis.row
+    for doubt in basis.doubts:
+        say(f"note: {doubt}")
+    if not different:
+        what = f"{row['n_waypoints']} waypoints" if row["status"] == "ok" else row["status"]
+        say(f"{transfer_id}: the same again ({what})")
+        return 0
+    say(f"{transfer_id}: differs in {', '.join(different)}")
+    why = causes(row, METHOD_VERSION)
+    origin = f"It was planned by method {row['method_version']}, code {row['code_version']}."
+    origin += (
+        f" Cause: {'; '.join(why)}."
+        if why
+        else (" Method, sources, libraries and machine are unchanged: please report this as a fault.")
+    )
+    say(origin)
+    return 1

@@ -39,7 +39,8 @@ class RegistrationSettings:
     # are accepted, 96.5 and 0.3 % with the samples (bench/acceptance.py, which also calibrates on halves).
     acceptance: float | None = None
     # Least probability that most of what was inspected can be shown (`planning.carry.forecast`), which then
-    # decides in place of the gates above; None: they do. Calibrated by bench/forecast.py.
+    # decides in place of the gates above; None: they do. Calibrated by bench/forecast.py. Of 58 real pairs of
+    # like kind one lies between 0.5 and 0.6, which shows 92 %, and of 69 of other kinds none.
     least_probability: float | None = None
 
 

@@ -8,7 +8,7 @@ import hashlib
 import io
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,10 @@ import numpy as np
 import pandas as pd
 
 from upplied.catalog import Catalog
+from upplied.catalog.schema.rows import camera_of
 from upplied.config import digest
 from upplied.errors import CatalogError, InputError, RefusedError, UppliedError
+from upplied.findings.rays import focal_of
 from upplied.inputs.files import read_regular
 from upplied.poses import interpolate
 from upplied.records import Camera, Floats, Record, Trajectory
@@ -78,12 +80,12 @@ def flight_of(catalog: Catalog, start: str) -> Flown:
     if start in set(catalog.demonstrations()["demonstration_id"]):
         return _demonstrated(catalog, start)
     rows = catalog.flights()
-    found = rows[rows["flight_id"].str.startswith(start)].drop_duplicates("flight_id", keep="last")
-    if len(found) != 1 or not start:
-        what = "is not in the catalog" if found.empty else f"may be {len(found)}"
+    matches = rows[rows["flight_id"].str.startswith(start)].drop_duplicates("flight_id", keep="last")
+    if len(matches) != 1 or not start:
+        what = "is not in the catalog" if matches.empty else f"may be {len(matches)}"
         rule = "a flight or a demonstration of the catalog"
         raise CatalogError(f"flight {start or '(none)'}", what, rule, "see: upplied flights list")
-    return _of_row(catalog, found.iloc[0].to_dict(), {})
+    return _of_row(catalog, matches.iloc[0].to_dict(), {})
 
 
 def _demonstrated(catalog: Catalog, name: str) -> Flown:
@@ -96,9 +98,7 @@ def _demonstrated(catalog: Catalog, name: str) -> Flown:
 def _of_row(catalog: Catalog, row: dict[Any, Any], cameras: dict[str, Camera]) -> Flown:
     name = str(row["demonstration_id"] or catalog.transfer(str(row["transfer_id"]))["demonstration_id"])
     if name not in cameras:
-        known = catalog.newest("demonstrations", name)
-        values = {item.name: known[item.name] for item in fields(Camera) if known[item.name] is not None}
-        cameras[name] = Camera(**values)
+        cameras[name] = camera_of(catalog.newest("demonstrations", name))
     began = None if pd.isna(row["flown_at"]) else row["flown_at"]
     # A log beside its plan may be off by that much, whether its frame or the vehicle was (`proof.align`).
     error = [row[name] for name in ("place_error_m", "residual_p95_m") if not pd.isna(row[name])]
@@ -179,9 +179,9 @@ def _photo_row(
         )
     end = float(flight.path.t_s[-1])
     if not -_OUTSIDE_S <= t_s <= end + _OUTSIDE_S:
-        found = f"was taken {t_s:.1f} s after the first pose, the flight took {end:.1f} s"
+        fault = f"was taken {t_s:.1f} s after the first pose, the flight took {end:.1f} s"
         raise InputError(
-            str(path), found, "within the flight", "state what its clock was behind: --clock SECONDS"
+            str(path), fault, "within the flight", "state what its clock was behind: --clock SECONDS"
         )
     sha256, t_s = hashlib.sha256(data).hexdigest(), min(max(t_s, 0.0), end)
     size = tuple(int(head[name]) if math.isfinite(head[name]) else 0 for name in ("width", "height"))
@@ -211,15 +211,15 @@ def _stated(path: Path, flight: Flown) -> dict[str, float]:
         text = read_regular(path, 64 << 20).decode("utf-8-sig")
         lines = list(csv.DictReader(io.StringIO(text)))[: _MOST_PHOTOS + 1]
         began = 0 if flight.began is None else flight.began.value
-        found = {
+        times_s = {
             line["name"]: (int(line["t_ns"]) - began) * 1e-9 if line.get("t_ns") else float(line["t_s"])
             for line in lines
         }
     except (UnicodeDecodeError, csv.Error, KeyError, TypeError, ValueError) as error:
         raise InputError(str(path), f"cannot be read: {error}", rule) from None
-    if not found:
+    if not times_s:
         raise InputError(str(path), "lists no photo", rule)
-    return found
+    return times_s
 
 
 def registered(catalog: Catalog, photo: str, flight_id: str = "") -> dict[str, Any]:
@@ -263,10 +263,10 @@ def with_size(camera: Camera, width_px: int, height_px: int, what: str) -> Camer
     if not (width and height):
         remedy = "state the camera in the side-car of the log"
         raise RefusedError(what, "the pixels of its camera are not known", "width and height, px", remedy)
-    if camera.hfov_deg <= 120:
-        across, down = (math.tan(math.radians(angle) / 2) for angle in (camera.hfov_deg, camera.vfov_deg))
-        if abs(across / down / (width / height) - 1) > _SAME_SHAPE:
-            fov = f"the camera of the flight sees {camera.hfov_deg:.1f} x {camera.vfov_deg:.1f} deg"
-            found, rule = f"has {width} x {height} px, {fov}", "the same proportions"
-            raise RefusedError(what, found, rule, "state the camera in the side-car of the log")
-    return replace(camera, width_px=width, height_px=height)
+    sized = replace(camera, width_px=width, height_px=height)
+    across, down = focal_of(sized)
+    if abs(down / across - 1) > _SAME_SHAPE and (camera.hfov_deg <= 120 or camera.lens is not None):
+        fov = f"the camera of the flight sees {camera.hfov_deg:.1f} x {camera.vfov_deg:.1f} deg"
+        fault, rule = f"has {width} x {height} px, {fov}", "the same proportions"
+        raise RefusedError(what, fault, rule, "state the camera in the side-car of the log")
+    return sized

@@ -32,7 +32,7 @@ class Wanted(Record):
     direction: Floats  # (3,) unit, from the place to the camera
     distance_m: float  # of the reference photo; NaN where there is none
     reference: str  # the photo, in words
-    said: str = ""  # of the counterpart, in words
+    note: str = ""  # of the counterpart, in words
 
 
 def best_look(

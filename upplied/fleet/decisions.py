@@ -52,21 +52,21 @@ class SettingsOf:
     """The settings that a run plans each structure with: the preset's, its kind's, its own, the run's."""
 
     def __init__(self, catalog: Catalog, plan_request: PlanRequest) -> None:
-        self._said = belonging.declared(catalog)
+        self._declared = belonging.declared(catalog)
         self._zones = required.Zones(catalog)
         self._changes = plan_request.changes
-        self._made: dict[tuple[str, str, str], Settings] = {}
+        self._known_settings: dict[tuple[str, str, str], Settings] = {}
 
     def __call__(self, preset: str, kind: str, structure_id: str) -> Settings:
         """For one structure; many share one record, since its hash is asked for again and again."""
-        alone = ("structure", structure_id) in self._said or self._zones.owned(structure_id)
+        alone = ("structure", structure_id) in self._declared or self._zones.owned(structure_id)
         own = structure_id if alone else ""
-        if (preset, kind, own) not in self._made:
-            changes = belonging.changes_for(self._said, preset, kind, structure_id, self._changes)
+        if (preset, kind, own) not in self._known_settings:
+            changes = belonging.changes_for(self._declared, preset, kind, structure_id, self._changes)
             if preset == belonging.FLOWN and (zones := self._zones.named(kind, structure_id)):
                 changes["required"] = {"zones": zones}
-            self._made[preset, kind, own] = settings_for(preset, **changes)
-        return self._made[preset, kind, own]
+            self._known_settings[preset, kind, own] = settings_for(preset, **changes)
+        return self._known_settings[preset, kind, own]
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,7 @@ def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decisio
     _check_kinds(plan_request, demonstrations, structures)
     settings_of = SettingsOf(catalog, plan_request)
 
-    def wanted() -> Iterator[tuple[Settings, Demonstration, Structure, Structure, Siblings]]:
+    def candidates() -> Iterator[tuple[Settings, Demonstration, Structure, Structure, Siblings]]:
         for preset in plan_request.presets:
             for pair in _pairs(demonstrations, structures, plan_request):
                 source_id, target_id = (each.structure_id for each in pair[1:])
@@ -136,14 +136,14 @@ def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decisio
     keys = pa.array(
         (
             _key(transfer_key(demonstration, source, target, settings, siblings), plan_request.purpose)
-            for settings, demonstration, source, target, siblings in wanted()
+            for settings, demonstration, source, target, siblings in candidates()
         ),
         pa.string(),
     )
     missing = catalog.unsettled(keys, retry_failed=plan_request.retry_failed)
     past, jobs = Past(catalog), []
     for (settings, demonstration, source, target, siblings), place in compress(
-        zip(wanted(), count()), missing
+        zip(candidates(), count()), missing
     ):
         key = keys[place].as_py()
         why = past.why(demonstration, source, target, settings, siblings, key)
@@ -181,8 +181,8 @@ def _pairs(
                 yield demonstration, source, target
 
 
-def _check_known(what: str, wanted: tuple[str, ...], known: Mapping[str, object]) -> None:
-    for name in wanted:
+def _check_known(what: str, names: tuple[str, ...], known: Mapping[str, object]) -> None:
+    for name in names:
         if name not in known:
             raise InputError(f"{what} {name!r}", "is not in the catalog", suggested(name, known))
 

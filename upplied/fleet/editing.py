@@ -12,9 +12,8 @@ from scipy.spatial import cKDTree
 from upplied.catalog import Catalog, recipe
 from upplied.config import digest
 from upplied.errors import RefusedError
-from upplied.fleet.recent import Recent
+from upplied.fleet.planner import Recent, required_surface
 from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
-from upplied.fleet.required import required_surface
 from upplied.outputs.reports import plan_of
 from upplied.planning.airspace.roadmap import Roadmap, roadmap
 from upplied.planning.airspace.rules import Airspace
@@ -185,12 +184,12 @@ class Editing:
         name = self.target.sha256 and digest([self.target.sha256, boxes.tolist()])
         return replace(self.target, surroundings=replace(around, keep_out_m=boxes), sha256=name)
 
-    def _roadmap(self, wanted: Asked, path: Trajectory) -> Roadmap:
-        name = digest([wanted.boxes, self.clearance_m(wanted), path.positions.tobytes().hex()])
+    def _roadmap(self, request: Asked, path: Trajectory) -> Roadmap:
+        name = digest([request.boxes, self.clearance_m(request), path.positions.tobytes().hex()])
         if name not in self._roadmaps:
-            around = self._forbidding(wanted).surroundings
+            around = self._forbidding(request).surroundings
             ground = self.recipe.settings.route.ground_clearance_m
-            airspace = Airspace(self.scene, self.clearance_m(wanted), around, ground)
+            airspace = Airspace(self.scene, self.clearance_m(request), around, ground)
             every = max(1, len(path) // _PLACES)
             in_the_way = obstacle(self.surface, self.stored.plan.supposed)
             self._roadmaps[name] = roadmap(airspace, in_the_way, path.positions[::every])

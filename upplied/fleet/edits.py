@@ -40,10 +40,10 @@ def write_edit(catalog: Catalog, transfer_id: str, path: str | Path) -> Path:
     return replace_file(Path(path), text + "\n")
 
 
-def viewpoint_row(number: int, wanted: Viewpoint) -> dict[str, float]:
+def viewpoint_row(number: int, viewpoint: Viewpoint) -> dict[str, float]:
     """A viewpoint as a file, or a page, has it."""
-    x, y, z = wanted.position
-    row = {"x_m": x, "y_m": y, "z_m": z, "yaw_deg": wanted.yaw_deg, "pitch_deg": wanted.pitch_deg}
+    x, y, z = viewpoint.position
+    row = {"x_m": x, "y_m": y, "z_m": z, "yaw_deg": viewpoint.yaw_deg, "pitch_deg": viewpoint.pitch_deg}
     return {"viewpoint": number, **{key: round(value, 4) for key, value in row.items()}}
 
 

@@ -124,11 +124,11 @@ def _flown(
     catalog: Catalog, row: Row, wind: Wind, vehicle: Vehicle, seed: int
 ) -> tuple[Trajectory, dict[str, Any]]:
     """The path of a plan in wind, and its measures by name."""
-    made_from, plan = recipe(catalog, row["transfer_id"]), plan_of(catalog, row)
+    basis, plan = recipe(catalog, row["transfer_id"]), plan_of(catalog, row)
     assert plan.trajectory is not None
-    path = fly_trajectory(plan.trajectory, vehicle, wind, ground_z_m(made_from.target), seed)
-    inputs = (made_from.demonstration, made_from.source, made_from.target, made_from.settings)
-    judged = measure_flown(path, plan, *inputs, catalog.cache, made_from.siblings)
+    path = fly_trajectory(plan.trajectory, vehicle, wind, ground_z_m(basis.target), seed)
+    inputs = (basis.demonstration, basis.source, basis.target, basis.settings)
+    judged = measure_flown(path, plan, *inputs, catalog.cache, basis.siblings)
     return path, asdict(judged.measures)
 
 
@@ -145,9 +145,9 @@ def _through_gate(catalog: Catalog, row: Row, force: tuple[str, ...]) -> None:
     keep_overruled(catalog, row, "fly", "", overruled)
 
 
-def measured(made_from: Recipe, plan: Plan) -> Measures:
+def measured(basis: Recipe, plan: Plan) -> Measures:
     """The measures of a plan, computed from its trajectory and its inputs."""
     assert plan.trajectory is not None
-    inputs = (made_from.demonstration, made_from.source, made_from.target)
-    settings, siblings = made_from.settings, made_from.siblings
+    inputs = (basis.demonstration, basis.source, basis.target)
+    settings, siblings = basis.settings, basis.siblings
     return measure_flown(plan.trajectory, plan, *inputs, settings, siblings=siblings).measures

@@ -9,9 +9,8 @@ import numpy as np
 
 from upplied.catalog import Catalog, recipe
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
-from upplied.catalog.schema.rows import Row
 from upplied.config import digest
-from upplied.errors import CatalogError, RefusedError, UppliedError
+from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.flight_logs import required_of
 from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
 from upplied.fleet.zone_gaps import Zone, key_of, missed_zones, nearest
@@ -30,23 +29,6 @@ _WITHIN_M = 0.02  # of the plan's clearance, which its own poses keep to the mil
 _PLACES = 300  # of the plan, that the ways may lead by
 
 
-def flight_row(catalog: Catalog, start: str) -> Row:
-    """The row of the one flight whose id begins so.
-
-    Raises
-    ------
-    CatalogError
-        If there is none, or more than one.
-    """
-    every = catalog.flights()
-    rows = every[every["flight_id"].str.startswith(start)].drop_duplicates("flight_id", keep="last")
-    if len(rows) != 1:
-        known = ", ".join(sorted(every["flight_id"].str[:12].unique())[-5:]) or "none"
-        what = "is not in the catalog" if rows.empty else f"may be {len(rows)}"
-        raise CatalogError(f"flight {start}", what, f"the last ones: {known}", "see: upplied flights list")
-    return {str(name): value for name, value in rows.iloc[0].items()}
-
-
 def plan_gap(catalog: Catalog, start: str) -> str:
     """Plan the flight that shows what a flight left out of what its plan shows and zones ask for; its id.
 
@@ -55,27 +37,27 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     RefusedError
         If the flight left nothing out, or no safe flight shows it.
     """
-    row = flight_row(catalog, start)
+    row = catalog.flight(start)
     flight_id = str(row["flight_id"])
     if not row["looks_sha256"]:
         raise RefusedError(
             f"flight {start}", "was stored by a version without looks", "", "fly it or add it again"
         )
-    made_from = recipe(catalog, str(row["transfer_id"]))
+    basis = recipe(catalog, str(row["transfer_id"]))
     target = catalog.structure(str(row["target_id"]))
     flown = catalog.plan(str(row["transfer_id"]))
-    camera = made_from.demonstration.camera
-    surface, required = required_of(catalog, made_from.row, flown, target, camera)
+    camera = basis.demonstration.camera
+    surface, required = required_of(catalog, basis.row, flown, target, camera)
     inspected = np.zeros(len(surface), bool)
     inspected[catalog.looks.get(str(row["looks_sha256"])).as_asked] = True
-    settings = made_from.settings
+    settings = basis.settings
     route = settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
     airspace = Airspace(
         scene_for(target, flown.supposed), clearance, target.surroundings, route.ground_clearance_m
     )
     zones, untold = missed_zones(catalog, row, target, camera)
-    key = digest(["gap", flight_id, method(), target.sha256, made_from.settings.sha256, *key_of(zones)])
+    key = digest(["gap", flight_id, method(), target.sha256, basis.settings.sha256, *key_of(zones)])
     if len(catalog.transfers(every=True, ids=[id_of(key)], columns=["transfer_id"])):
         return id_of(key)
     missing = np.asarray(required & ~inspected, bool)
@@ -97,13 +79,13 @@ def plan_gap(catalog: Catalog, start: str) -> str:
         raise RefusedError(f"gap of flight {start}", "; ".join(broken), "a safe flight", "plan it again")
     nearest_m = path_clearance(airspace.scene, flight.trajectory.positions).distance_m
     plan = _plan(flown, flight, surface, missing, nearest_m, zones, (clearance_words, *untold))
-    hashes = {name: made_from.row[name] for name in ("demonstration_sha256", "source_sha256")}
+    hashes = {name: basis.row[name] for name in ("demonstration_sha256", "source_sha256")}
     provenance = {
         **hashes,
         **recorded(),
         "target_sha256": target.sha256,
         "method_version": METHOD_VERSION,
-        "settings": made_from.settings,
+        "settings": basis.settings,
         "purpose": f"gap {flight_id[:20]}",
     }
     catalog.add_plans([(key, plan, provenance)])

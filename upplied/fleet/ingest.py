@@ -30,7 +30,7 @@ from upplied.inputs.manifests import StructureEntry, read_manifest
 from upplied.inputs.passport.rules import RULES
 from upplied.inputs.rules import check_allowed
 from upplied.inputs.sidecar import LogOptions
-from upplied.inputs.sources.door import Found, survey
+from upplied.inputs.sources.door import FileKind, survey
 from upplied.records import Placement, Structure
 
 
@@ -127,8 +127,8 @@ def ingest_demonstrations(
     """
     options = options or LogOptions()
     check_allowed(options.allow, RULES)
-    logs_found = _surveyed([Path(log) for log in logs])
-    if not dry_run and any(map(is_project, logs_found)):  # which may be the first to bring a structure
+    entries = _surveyed([Path(log) for log in logs])
+    if not dry_run and any(map(is_project, entries)):  # which may be the first to bring a structure
         catalog.create()
     table = catalog.demonstrations()
     if options.strict:  # flights with warnings are judged again
@@ -139,8 +139,8 @@ def ingest_demonstrations(
         if dry_run:  # structures of projects go into a catalog that is thrown away
             home = open_catalog(stack.enter_context(TemporaryDirectory(prefix="upplied-")))
         add_structures = lambda entries: _added(home, entries, workers, _silent)[0]  # noqa: E731
-        logs_found, structures, facts = facts_of(logs_found, options, add_structures)
-        flights = {str(one.path): one for one in logs_found if one.is_flight}
+        entries, structures, facts = facts_of(entries, options, add_structures)
+        flights = {str(one.path): one for one in entries if one.is_flight}
         places = {name: _place(home) for name in facts}
         placements = placements_of(catalog.structures())
         if facts:
@@ -156,7 +156,7 @@ def ingest_demonstrations(
     named = [replace(one, status=status.get(one.status, one.status)) for one in (*structures, *ingested)]
     by_file = dict(zip(flights, named[len(structures) :], strict=True))
     listed = [
-        _listed(one, by_file.get(str(one.path))) for one in logs_found if one.status in ("flight", "refused")
+        _listed(one, by_file.get(str(one.path))) for one in entries if one.status in ("flight", "refused")
     ]
     return [*named[: len(structures)], *listed]
 
@@ -166,7 +166,7 @@ def passed_over(logs: Iterable[str | Path]) -> list[Ingested]:
     return [_listed(one, None) for one in _surveyed([Path(log) for log in logs]) if one.status == "other"]
 
 
-def _listed(file: Found, ingested: Ingested | None) -> Ingested:
+def _listed(file: FileKind, ingested: Ingested | None) -> Ingested:
     """What became of a file, with what it is."""
     if ingested is not None:
         words = f"{file.words}: {ingested.words}" if ingested.words else file.words
@@ -198,17 +198,17 @@ def find_logs(logs: Iterable[str | Path]) -> list[Path]:
     return [one.path for one in _surveyed([Path(log) for log in logs]) if one.status in ("flight", "refused")]
 
 
-def _surveyed(names: list[Path]) -> list[Found]:
+def _surveyed(names: list[Path]) -> list[FileKind]:
     """What the files are; one that is named and is no flight is refused, not passed over."""
-    logs_found = [
+    entries = [
         replace(one, status="refused", words="is no flight that can be read")
         if one.status == "other" and one.path in names
         else one
         for one in survey(names)
     ]
-    if not any(one.status in ("flight", "refused") for one in logs_found):
+    if not any(one.status in ("flight", "refused") for one in entries):
         raise InputError(", ".join(map(str, names)) or "logs", "no flight was found", "at least one log")
-    return logs_found
+    return entries
 
 
 _SIZES = ["size_x_m", "size_y_m", "size_z_m"]

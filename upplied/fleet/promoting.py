@@ -12,7 +12,6 @@ from upplied.catalog.verbs.recipes import settings_of
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import RefusedError, SettingsError
-from upplied.fleet.gaps import flight_row
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.proof.align import silence_s
 from upplied.proof.findings import LOOKED, SILENT, STOOD
@@ -24,7 +23,7 @@ _INSPECTED_PCT = 95.0  # as asked, of what the plan shows: flights of the sample
 #: What a flight must keep to be shown to the database as an example, and why.
 RULES = {
     "flown": "a vehicle flew it: a simulated flight shows nothing that its plan does not",
-    "whole": f"{_WHOLE_PCT:g} % of the plan was flown and in view, {_INSPECTED_PCT:g} % inspected as asked",
+    "whole": f"{_WHOLE_PCT:g} % of the plan was flown and in view, {_INSPECTED_PCT:g} % inspected as planned",
     "recorded": "the log has no gap, and its camera pose never froze",
     "clearance": "it kept the clearance limit of its plan",
 }
@@ -58,7 +57,7 @@ def promote_flight(
         raise SettingsError(
             "a demonstration", "has no name of the person who stores it", "a name", "add --by NAME"
         )
-    row = flight_row(catalog, start)
+    row = catalog.flight(start)
     what = f"flight {str(row['flight_id'])[:12]}"
     plan = catalog.transfer(str(row["transfer_id"]))
     flown = catalog.flown(str(row["flight_sha256"]))
@@ -69,8 +68,8 @@ def promote_flight(
     if left:
         reasons = "; ".join(fault for _, fault in left)
         raise RefusedError(what, reasons, RULES[left[0][0]], f"or overrule it: --force {left[0][0]}")
-    made_up = f"{plan['demonstration_id']}-{structure.structure_id}-{row['flown_at']:%Y%m%d}"[:64]
-    name = check_id(name or made_up, "demonstration id")
+    usual_name = f"{plan['demonstration_id']}-{structure.structure_id}-{row['flown_at']:%Y%m%d}"[:64]
+    name = check_id(name or usual_name, "demonstration id")
     known = set(catalog.demonstrations(every=True)["demonstration_id"])
     if name in known:
         fault = "is in the catalog"
@@ -117,9 +116,9 @@ def _broken(row: Row, clearance_m: float, plan: Row) -> list[tuple[str, str]]:
             broken.append(("whole", f"{row[column] or 0.0:.1f} % {words}"))
     inspected = row["inspected_pct"]
     if inspected is None or inspected != inspected:  # judged before there was such a figure
-        broken.append(("whole", "how much of it was inspected as asked is not known"))
+        broken.append(("whole", "the share inspected as planned is unknown"))
     elif inspected < _INSPECTED_PCT:
-        broken.append(("whole", f"{inspected:.1f} % of what it shows was inspected as asked"))
+        broken.append(("whole", f"{inspected:.1f} % of its surface was inspected as planned"))
     for part in str(row["findings"] or "").split("; "):
         if part.startswith((SILENT, STOOD, LOOKED)):
             broken.append(("recorded", part))

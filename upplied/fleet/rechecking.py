@@ -98,24 +98,24 @@ def judge_again(location: str, transfer_id: str) -> tuple[list[str], float | str
         that cannot be measured; the hash of what of the structure was never scanned, which is kept.
     """
     catalog = open_catalog(location)
-    made_from = recipe(catalog, transfer_id)
-    plan = plan_of(catalog, made_from.row)
+    basis = recipe(catalog, transfer_id)
+    plan = plan_of(catalog, basis.row)
     assert plan.trajectory is not None
     target = catalog.structure(plan.target_id)
-    route = made_from.settings.route
-    wanted = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
-    broken = place_breaches(plan.trajectory, target, None, wanted)
+    route = basis.settings.route
+    limit_m = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
+    broken = place_breaches(plan.trajectory, target, None, limit_m)
     if broken:
         return broken, float("nan"), ""
     shown: float | str
     try:
-        flown = (made_from.demonstration, made_from.source, target, made_from.settings, catalog.cache)
-        plan = measure_flown(plan.trajectory, plan, *flown, made_from.siblings)
+        flown = (basis.demonstration, basis.source, target, basis.settings, catalog.cache)
+        plan = measure_flown(plan.trajectory, plan, *flown, basis.siblings)
         shown = plan.measures.coverage_inspected_pct
     except UppliedError as error:
         shown = str(error)
     assert plan.trajectory is not None
-    broken = place_breaches(plan.trajectory, target, plan.supposed, wanted)
+    broken = place_breaches(plan.trajectory, target, plan.supposed, limit_m)
     return broken, shown, catalog.keep_surface(replace(plan, surface=None, inspected=None)).supposed_sha256
 
 

@@ -130,7 +130,7 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
 def _measures(row: Mapping[str, Any], by_photos_pct: float) -> str:
     size = ", relative to size" if row.get("standoff_mode") == "scaled" else ""
     shown = (
-        ("coverage_inspected_pct", f"inspected surface shown as well{size}", "{:.1f} %"),
+        ("coverage_inspected_pct", f"inspected surface shown at the demonstrated quality{size}", "{:.1f} %"),
         ("coverage_seen_pct", "demonstrated surface seen", "{:.1f} %"),
         ("min_clearance_m", "minimum clearance of the plan", "{:.2f} m"),
         ("path_length_m", "inspection path", "{:.0f} m"),

@@ -48,17 +48,17 @@ def _split(vertices: Floats, triangles: Ints, longest_m: float) -> tuple[Floats,
         edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
         length = edges.max(axis=1)
         room = _MOST_TRIANGLES - len(triangles)
-        wanted = np.flatnonzero(length > longest_m)
-        wanted = wanted[np.argsort(-length[wanted], kind="stable")][:room]
-        if not len(wanted):
+        worst = np.flatnonzero(length > longest_m)
+        worst = worst[np.argsort(-length[worst], kind="stable")][:room]
+        if not len(worst):
             break
-        first = edges[wanted].argmax(axis=1)
-        a, b, c = (triangles[wanted, (first + step) % 3] for step in range(3))
+        first = edges[worst].argmax(axis=1)
+        a, b, c = (triangles[worst, (first + step) % 3] for step in range(3))
         ends, place = np.unique(np.sort(np.stack([a, b], axis=1), axis=1), axis=0, return_inverse=True)
         middle = len(vertices) + place.reshape(-1)
         vertices = np.concatenate([vertices, vertices[ends].mean(axis=1)])
         triangles = triangles.copy()
-        triangles[wanted] = np.stack([a, middle, c], axis=1)
+        triangles[worst] = np.stack([a, middle, c], axis=1)
         triangles = np.concatenate([triangles, np.stack([middle, b, c], axis=1)])
     return vertices, triangles
 

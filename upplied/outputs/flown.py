@@ -75,7 +75,7 @@ _SHARES = {
     "inspected_pct": "of the planned surface was inspected as planned",
     "inspected_if_corrected_pct": "if the correction of the log is right",
     "required_pct": "of it was certainly in view",
-    "assumed_pct": "more if the correction of the log is right",
+    "assumed_pct": "more in view if the correction of the log is right",
 }
 
 
@@ -109,7 +109,7 @@ def seen_as_flown(planned: SurfaceStates, looks: StoredLooks) -> SurfaceStates:
 def flown_data(flight: Mapping[str, Any], row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:
     """What a transfer's page shows of a flight; `path` is the flown path as `path_data` gives it."""
     return {
-        "said": flown_sentence(flight, row),
+        "summary": flown_sentence(flight, row),
         "kind": flight["kind"],
         "path": path,
         "measures": {item.name: number(flight, item.name) for item in fields(Measures)},

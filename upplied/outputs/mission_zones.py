@@ -79,6 +79,6 @@ def _flown(mission: Mission) -> tuple[Trajectory, Floats]:
 
 
 def _words(row: dict[str, Any]) -> str:
-    share = "" if row["pct"] != row["pct"] else f", {row['pct']:.1f} % of it is shown"
+    share = "" if row["pct"] != row["pct"] else f", {row['pct']:.1f} % shown"
     why = f": {row['why']}" if row["why"] else ""
     return f"{ZONE} {row['zone']} ({row['set']} {row['version']}): {row['status']}{share}{why}"

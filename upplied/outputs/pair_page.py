@@ -179,7 +179,7 @@ def _missing(one: Mapping[str, Any]) -> str:
 
 
 def safety_m(settings_json: Any) -> float | None:
-    """The distance that the plan was asked to keep, m; None where it was not asked to or it is not known."""
+    """The required distance from the structure, m; None if there is none or it is unknown."""
     try:
         route = json.loads(settings_json)["route"]
         return float(route["clearance_m"]) if route["enforce"] else None

@@ -255,7 +255,20 @@ def warnings_of(row: Mapping[str, Any]) -> list[str]:
         entries = json.loads(value) if isinstance(value, str) and value else []
     except ValueError:
         entries = [value]
-    return [str(part) for part in (entries if isinstance(entries, list) else [entries])]
+    return [sentence(str(part)) for part in (entries if isinstance(entries, list) else [entries])]
+
+
+def sentence(text: str) -> str:
+    """A message as a sentence; a name at its start stays as it is.
+
+    Examples
+    --------
+    >>> sentence("the scan is open"), sentence("part_0 is missing.")
+    ('The scan is open.', 'part_0 is missing.')
+    """
+    first = text.split(" ", 1)[0]
+    text = text[:1].upper() + text[1:] if first.isalpha() else text
+    return text if not text or text[-1] in ".!?" else f"{text}."
 
 
 def stamp(value: Any) -> str:

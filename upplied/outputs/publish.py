@@ -1,9 +1,10 @@
-"""The report folder: tables, pages and pictures, each replaced whole and only where something changed."""
+"""The report folder: tables, pages, pictures and missions, each replaced whole where something changed."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,9 +16,10 @@ from upplied.catalog.store.locking import locked
 from upplied.catalog.verbs.published import local_folder, publish_generation
 from upplied.checks import check_id
 from upplied.config import digest
-from upplied.errors import CatalogError, SettingsError, UppliedError
-from upplied.outputs import downloads, pages
+from upplied.errors import CatalogError, RefusedError, SettingsError, UppliedError
+from upplied.outputs import pages
 from upplied.outputs.files import replace_file
+from upplied.outputs.findings_page import MapOf, findings_html
 from upplied.outputs.fleet_page import fleet_data
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
@@ -29,6 +31,7 @@ from upplied.outputs.page_html import (
     structure_html,
 )
 from upplied.outputs.pairs import Pair
+from upplied.outputs.render import export_transfer
 from upplied.outputs.reports import Reader
 from upplied.outputs.structure_page import marks, places
 
@@ -36,8 +39,21 @@ TITLE = "Inspection fleet"
 PICTURES = 200  # at most, unless asked for more: each takes a second
 PAGES = 10_000  # likewise; a list that a browser still shows at once, and about a gigabyte
 _RECORD = ".published.json"
-_ROOMS = ["transfers", "pictures", "thumbnails", "data", "assets", "demonstrations", "structures", "missions"]
+_ROOMS = [
+    "transfers",
+    "pictures",
+    "thumbnails",
+    "data",
+    "assets",
+    "demonstrations",
+    "structures",
+    "findings",
+    "missions",
+]
 _MAILED = 60  # pairs that one file may hold
+
+#: What lies beside a transfer's page, and how it is called there; other formats by `upplied export`.
+LABELS = {"qgc-plan": "QGroundControl", "kml": "KML", "mcap": "MCAP"}
 
 
 @dataclass(frozen=True)
@@ -89,6 +105,7 @@ def publish(
     pages: int = PAGES,
     progress: Callable[[str], None] = lambda _: None,
     force: bool = False,
+    map_of: MapOf | None = None,
 ) -> Published:
     """Write tables, pages and pictures of everything in a catalog.
 
@@ -107,6 +124,8 @@ def publish(
         Told the name of each pair when it is done.
     force : bool
         Also replace a publication that is newer, of another catalog, or would shrink to nothing.
+    map_of : callable, optional
+        Of a kind of structure the one that is its map, and its findings there; without it no page shows them.
     """
     catalog.identity.required()
     place = local_folder(folder)
@@ -115,7 +134,9 @@ def publish(
             left.unlink(missing_ok=True)  # of a publisher that was stopped
         publish_generation(catalog, place, force)
         try:
-            return publish_pages(catalog, place, pictures=pictures, most=pages, progress=progress)
+            return publish_pages(
+                catalog, place, pictures=pictures, most=pages, progress=progress, map_of=map_of
+            )
         except OSError as error:
             remedy = "free space or correct the permissions, then publish again; existing files are intact"
             raise CatalogError(str(place), f"cannot be written: {error}", "", remedy) from None
@@ -128,6 +149,7 @@ def publish_pages(
     pictures: int = PICTURES,
     most: int = PAGES,
     progress: Callable[[str], None] = lambda _: None,
+    map_of: MapOf | None = None,
 ) -> Published:
     """The pages and pictures alone, as `publish` writes them, without its tables."""
     reader = Reader(catalog)
@@ -146,7 +168,8 @@ def publish_pages(
         progress(pair.name)
     _put_passports(place, reader, pairs, code, problems)
     _put_structures(place, reader, pairs, code, problems)
-    html = fleet_html(reader, pairs, TITLE, known, problems)
+    mapped = _put_maps(place, reader, code, map_of, problems)
+    html = fleet_html(reader, pairs, TITLE, known, problems, mapped=mapped)
     place.put("index.html", digest(html), lambda: html)
     removed = place.remove_others()
     replace_file(place.root / _RECORD, json.dumps(place.now, indent=0, sort_keys=True) + "\n")
@@ -214,16 +237,40 @@ def _script(reader: Reader, structure_id: str) -> str:
 
 def _put_missions(place: _Folder, reader: Reader, pair: Pair, key: str) -> dict[str, str]:
     """Missions of the released plan beside its page: what each is, and where it lies or why it does not."""
-    transfer_id = downloads.released(pair.plans)
+    transfer_id = released(pair.plans)
     put: dict[str, str] = {}
-    for kind, label in downloads.LABELS.items() if transfer_id else ():
+    for kind, label in LABELS.items() if transfer_id else ():
         name = f"missions/{pair.name}{FORMATS[kind]}"
         try:
-            place.put(name, key, partial(downloads.mission_file, reader.catalog, transfer_id, kind))
+            place.put(name, key, partial(mission_file, reader.catalog, transfer_id, kind))
             put[label] = f"../{name}"
         except UppliedError as error:
             put[label] = f"not available: {error}"
     return put
+
+
+def released(plans: Mapping[str, Mapping[str, Any]]) -> str:
+    """The plan of a pair that may be flown, by its id; empty where nobody released one."""
+    ids = [str(row["transfer_id"]) for row in plans.values() if row.get("state") == "released"]
+    return ids[0] if ids else ""
+
+
+def mission_file(catalog: Catalog, transfer_id: str, format: str) -> bytes:
+    """A mission with the usual options, as the bytes of its file.
+
+    Raises
+    ------
+    UppliedError
+        If it does not pass the gate, or takes several sorties.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        written = export_transfer(catalog, transfer_id, format, Path(folder, f"mission{FORMATS[format]}"))
+        if len(written.paths) > 1:  # one of several would look like all of it
+            raise RefusedError(
+                f"the mission of {transfer_id}", f"takes {len(written.paths)} sorties", "one file here",
+                f"upplied export {transfer_id} --to {format}",
+            )  # fmt: skip
+        return written.paths[0].read_bytes()
 
 
 def _put_passports(
@@ -261,6 +308,26 @@ def _put_structures(
             place.put(f"structures/{name}.html", key, partial(structure_html, reader, name, plans, place.now))
         except UppliedError as error:
             problems[name] = f"{name}: {error}"
+
+
+def _put_maps(
+    place: _Folder, reader: Reader, code: str, map_of: MapOf | None, problems: dict[str, str]
+) -> list[str]:
+    """A page for each kind that has findings: the findings of all its structures on one; those kinds."""
+    mapped: list[str] = []
+    if map_of is None:
+        return mapped
+    for kind in sorted(set(reader.catalog.findings()["kind"])):
+        try:
+            name, rows = map_of(reader.catalog, check_id(kind, "kind"))
+            sha256 = reader.sha256("structures", name)
+            place.put(f"data/{name}.js", digest([code, name, sha256]), partial(_script, reader, name))
+            key, make = digest([code, name, rows.to_csv()]), partial(findings_html, name, rows, "../")
+            place.put(f"findings/{kind}.html", key, make)
+            mapped.append(kind)
+        except UppliedError as error:
+            problems[f"findings {kind}"] = f"findings of {kind}: {error}"
+    return mapped
 
 
 def _plain(rows: Any) -> dict[str, dict[str, str]]:

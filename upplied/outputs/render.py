@@ -153,7 +153,7 @@ def _newer(catalog: Catalog, row: Any) -> list[Breach]:
     names = [str(name) for name in newer["transfer_id"] if name != row["transfer_id"]]
     if not names or row["transfer_id"] in set(newer["transfer_id"]):
         return []
-    return [Breach("superseded", f"{names[0]} took its place")]
+    return [Breach("superseded", f"{names[0]} replaced it")]
 
 
 def _row(catalog: Catalog, transfer_id: str) -> dict[str, Any]:

@@ -33,7 +33,7 @@ from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajecto
 
 _STATIONS = 500  # poses of the plan, at most, that viewpoints are chosen from
 _FARTHER, _ASLANT_DEG = 1.1, 5.0  # than the plan's own look at a place, that still counts as planned
-_COARSER = 1.05  # than its finest look: a flight strays, and 1.1 is inspected as asked
+_COARSER = 1.05  # than its finest look: a flight strays, and 1.1 is inspected as planned
 _LOOKS = 3  # of the plan at each place that are matched: the nearest, the most frontal, the finest
 _LINKS = 20  # places of the roadmap that a pose is joined to
 _SLOWEST_MPS, _CREEPING_MPS, _STANDING_M = 0.3, 0.1, 1e-6

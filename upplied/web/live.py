@@ -9,8 +9,13 @@ import zipfile
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from upplied.catalog import Catalog
+from upplied.config import settings_for
 from upplied.errors import CatalogError
+from upplied.findings.queries import kind_map
+from upplied.outputs.findings_page import findings_html
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
 from upplied.outputs.page_html import fleet_html, pair_html, passport_html, structure_html
@@ -18,7 +23,18 @@ from upplied.outputs.pages import structure_script
 from upplied.outputs.publish import PAGES, TITLE
 from upplied.outputs.render import brief_transfer, export_transfer
 from upplied.outputs.reports import Reader
+from upplied.proof.pictured import pictured
+from upplied.records import Camera, Cloud, Trajectory
+from upplied.scene import Scene
 from upplied.web.requests import Decisions
+
+
+def warm() -> None:
+    """Load what the first page of a plan needs, the ray caster and compiled functions, on one triangle."""
+    corners = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
+    scene, still = Scene(corners, np.array([[0, 1, 2]])), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
+    path, front = Trajectory(np.arange(2.0), np.zeros((2, 3)), still), np.array([[-1.0, 0.0, 0.0]])
+    pictured(path, Cloud(corners[:1], front), Camera(), scene, settings_for("recommended").inspection)
 
 
 class LivePages:
@@ -87,7 +103,10 @@ class LivePages:
     def _new_content(self, room: str, name: str) -> str | bytes:
         reader, pairs = self._reader, list(self._pairs.values())
         if room == "":
-            return fleet_html(reader, pairs, TITLE, self._count, live=True)
+            kinds = set(self.catalog.findings()["kind"])
+            return fleet_html(reader, pairs, TITLE, self._count, live=True, mapped=kinds)
+        if room == "findings":
+            return findings_html(*kind_map(self.catalog, name), "../", live=True)
         if room == "data":
             return structure_script(reader.structure_data(name))
         if room == "structures":

@@ -13,6 +13,7 @@ import uvicorn
 from upplied.catalog import Catalog
 from upplied.web.app import create_app
 from upplied.web.guard import LOOPBACK
+from upplied.web.live import warm
 from upplied.web.login import Login
 
 HOST = "127.0.0.1"
@@ -61,7 +62,8 @@ class Server:
         return f"http://{HOST}:{self.port}/{page}#{self._password}"
 
     def run(self) -> None:
-        """Answer until Ctrl-C."""
+        """Answer until Ctrl-C; meanwhile what the first page needs is loaded."""
+        threading.Thread(target=warm, daemon=True).start()
         self._server.run(sockets=[self._socket])
 
     @contextmanager

@@ -56,10 +56,10 @@ def test_missions_take_the_photos_of_the_plan_where_the_camera_takes_them_in_tim
     placed = replace(target, placement=PLACE)
     (mission,) = missions_of(photos, placed, MissionOptions(home_m=(40.0, 0.0, 0.0)), camera=CAMERA)
     assert np.allclose(mission.local[mission.photo], photos.photos.positions)
-    assert any("those of the plan" in note for note in mission.notes)
+    assert any("photos of the plan" in note for note in mission.notes)
     slower = MissionOptions(home_m=(40.0, 0.0, 0.0), trigger_s=9.0)
     (mission,) = missions_of(photos, placed, slower, camera=CAMERA)
-    assert not any("those of the plan" in note for note in mission.notes)
+    assert not any("photos of the plan" in note for note in mission.notes)
     assert np.diff(mission.arrival_s[mission.photo]).min() >= 9.0
 
 

@@ -28,7 +28,7 @@ FLYING = Flying(
     turning="evenly",
     passes=True,
     zooms=True,
-    zoom_note=", written as focal lengths as on film 36 mm wide: see that the camera takes them",
+    zoom_note=", written as focal lengths for film 36 mm wide: check that the camera supports them",
 )
 _FILM_MM = 36.0
 #: Model -> drone type, sub type, and the payload that is built in (None: say which one hangs below).
@@ -81,10 +81,8 @@ def dji_kmz(mission: Mission, options: MissionOptions) -> bytes:
 def _mission_config(mission: Mission, options: MissionOptions) -> str:
     known = ", ".join(DRONES)
     if options.drone not in DRONES:
-        fault = f"got {options.drone!r}"
-        raise SettingsError(
-            "mission option drone", fault, f"one of {known}", "say which model flies: --drone"
-        )
+        fault = f"is {options.drone!r}"
+        raise SettingsError("mission option drone", fault, f"one of {known}", "set the model: --drone")
     kind, sub_kind, built_in = DRONES[options.drone]
     payload = built_in if options.payload is None else options.payload
     if payload is None:

@@ -39,7 +39,7 @@ def fenced(
         else:
             box = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
             fences.append(Fence(False, _corners(box, missions[0])))
-    note = f"keep-out boxes that are not in the fence, which has no height: {passed} are passed over"
+    note = f"{passed} keep-out boxes are not in the fence, because the mission flies over them"
     notes = (note,) if passed else ()
     return [
         replace(
@@ -65,7 +65,7 @@ def rally_of(mission: Mission, structure: Structure, supposed: SupposedSurface |
     covered = np.isfinite(airspace.scene.cast(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)))[0])
     for number, (point, under) in enumerate(zip(points, covered.tolist(), strict=True), 1):
         if fault := airspace.why(point) or "the structure is above it" * under:
-            reason = f"rally point {number} at {point.tolist()} m is no place to fly to: {fault}"
+            reason = f"rally point {number} at {point.tolist()} m cannot be used: {fault}"
             raise RefusedError(mission.name, reason, "correct rally in the manifest")
     heights = points[:, 2:] - mission.home_local[2]
     return np.hstack([to_geodetic(points, mission.placement)[:, :2], heights])

@@ -49,13 +49,13 @@ class Breach:
     """A rule that is broken: what was found, what is allowed, and where."""
 
     rule: str
-    found: str
+    fault: str
     allowed: str = ""
     place_m: tuple[float, ...] = ()
 
     def __str__(self) -> str:
         where = f" at {[round(float(value), 1) for value in self.place_m]} m" if self.place_m else ""
-        return ", ".join(filter(None, [f"{self.rule}: {self.found}{where}", self.allowed]))
+        return ", ".join(filter(None, [f"{self.rule}: {self.fault}{where}", self.allowed]))
 
 
 def broken_by(plan: Plan, structure: Structure, clearance_m: float) -> list[Breach]:
@@ -67,7 +67,7 @@ def broken_by(plan: Plan, structure: Structure, clearance_m: float) -> list[Brea
     structure : Structure
         The target, with its surroundings.
     clearance_m : float
-        That the plan was asked to keep.
+        Required distance from the structure, m.
     """
     path = plan.trajectory
     if path is None:
@@ -105,7 +105,7 @@ def breaches(
     if not np.isfinite(reading.positions).all() or (
         len(reading.t_s) and not (np.diff(reading.t_s) > 0).all()
     ):
-        return [Breach("finite", "a waypoint is not finite, or time does not rise")]
+        return [Breach("finite", "a waypoint is not finite, or times do not increase")]
     scene = scene_for(structure, supposed)
     breach_list = [*_around(reading, structure, limits, scene), *_moving(reading, limits)]
     return [*breach_list, *_photographing(reading, limits)]
@@ -126,8 +126,8 @@ def zoom_breaches(path: Trajectory, zooms: bool) -> list[Breach]:
     if path.fov_deg is None or zooms:
         return []
     widest, narrowest = path.fov_deg[:, 0].max(), path.fov_deg[:, 0].min()
-    reason = f"the plan zooms from {widest:.1f} to {narrowest:.1f} deg, which this format cannot say"
-    return [Breach("zoom", reason, "flown with the narrowest")]
+    reason = f"the plan zooms from {widest:.1f} to {narrowest:.1f} deg, which this format cannot express"
+    return [Breach("zoom", reason, "the mission uses the narrowest field of view")]
 
 
 def coverage_breaches(share: float, limits: Limits) -> list[Breach]:
@@ -135,7 +135,7 @@ def coverage_breaches(share: float, limits: Limits) -> list[Breach]:
     if not 100 * share < limits.least_seen_pct:
         return []
     allowed = f"limit {limits.least_seen_pct:g} % (least_seen_pct)"
-    return [Breach("coverage", f"{100 * share:.1f} % of what the plan sees stays in view", allowed)]
+    return [Breach("coverage", f"{100 * share:.1f} % of the planned view is retained", allowed)]
 
 
 def overlap_breaches(across: float, required: tuple[float, float] | None) -> list[Breach]:
@@ -177,7 +177,7 @@ def _overrule(breach: Breach) -> str:
 def notes_of(overruled: Iterable[Breach]) -> list[str]:
     """Breaches that were overruled, as notes of a mission."""
     return [
-        f"{DRAFT} {breach.found}" if breach.rule in DRAFTS else f"OVERRULED {breach}" for breach in overruled
+        f"{DRAFT} {breach.fault}" if breach.rule in DRAFTS else f"OVERRULED {breach}" for breach in overruled
     ]
 
 
@@ -191,26 +191,26 @@ def written(notes: Iterable[str]) -> list[str]:
 
 def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene) -> Iterator[Breach]:
     path, around = reading.positions, structure.surroundings
-    wanted = limits.clearance_m - _EXACT_M
+    limit_m = limits.clearance_m - _EXACT_M
     nearest = path_clearance(scene, path)
-    if nearest.distance_m < wanted:
+    if nearest.distance_m < limit_m:
         limit = f"limit {limits.clearance_m:g} m"
         what = _of_supposed(scene, nearest.position, " from")
         yield Breach("clearance", f"{nearest.distance_m:.2f} m{what}", limit, tuple(nearest.position))
-    elif (near := legs_below(scene, reading.fan_start, reading.fan_end, wanted - _EXACT_M)).any():
+    elif (near := legs_below(scene, reading.fan_start, reading.fan_end, limit_m - _EXACT_M)).any():
         what = _of_supposed(scene, reading.fan_start[near.argmax()], " to")
-        yield Breach("clearance", f"too near{what} in a turn that is flown without a stop")
+        yield Breach("clearance", f"too near{what} in a turn without a stop")
     start = np.concatenate([path[:-1], reading.fan_start])
     end = np.concatenate([path[1:], reading.fan_end])
     for low, high in around.keep_out_m:
         inside = crosses_box(start, end, low + _EXACT_M, high - _EXACT_M)
         if inside.any():
             box = f"the box from {low.tolist()} to {high.tolist()} m"
-            yield Breach("keep-out", "it enters", box, tuple(start[inside.argmax()]))
+            yield Breach("keep-out", "a leg enters", box, tuple(start[inside.argmax()]))
     fence = Airspace(scene, 0.0, Surroundings(geofence_m=around.geofence_m))
     outside = fence.broken_legs(start, end)
     if outside.any():
-        yield Breach("geofence", "it leaves the fence", "", tuple(start[outside.argmax()]))
+        yield Breach("geofence", "a leg leaves the fence", "", tuple(start[outside.argmax()]))
     highest = path[path[:, 2].argmax()]
     if around.ceiling_z_m is not None and highest[2] > around.ceiling_z_m + _EXACT_M:
         yield Breach("ceiling", f"z {highest[2]:.2f} m", f"{around.ceiling_z_m:g} m at most", tuple(highest))
@@ -229,7 +229,7 @@ def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene
 
 def _of_supposed(scene: Scene, place: Floats, word: str) -> str:
     """That what is too near a place is not the surface that was scanned, in words; else nothing."""
-    return f"{word} what was never scanned" if scene.nearer_supposed(place[None])[0] else ""
+    return f"{word} unscanned surface" if scene.nearer_supposed(place[None])[0] else ""
 
 
 def _moving(reading: Reading, limits: Limits) -> Iterator[Breach]:
@@ -251,12 +251,12 @@ def _moving(reading: Reading, limits: Limits) -> Iterator[Breach]:
 def _photographing(reading: Reading, limits: Limits) -> Iterator[Breach]:
     if not limits.trigger_s:
         return
-    allowed = f"the camera takes {limits.trigger_s:g} s"
+    allowed = f"the camera needs {limits.trigger_s:g} s"
     apart = np.diff(reading.photo_s)
     if len(apart) and apart.min() < limits.trigger_s - _SOON_S:
         at = int(apart.argmin())
         place = tuple(reading.photo_m[at + 1])
-        yield Breach("photos", f"a photo {apart[at]:.2f} s after the one before", allowed, place)
+        yield Breach("photos", f"a photo {apart[at]:.2f} s after the previous one", allowed, place)
     if reading.every_s < limits.trigger_s - _SOON_S:
         yield Breach("photos", f"photos by distance follow each other in {reading.every_s:.2f} s", allowed)
 

@@ -15,7 +15,7 @@ def placement_of(structure: Structure) -> Placement:
     if structure.placement is None:
         raise RefusedError(
             structure.structure_id,
-            "no place on the Earth is known",
+            "its place on the Earth is unknown",
             "a mission needs latitude, longitude, altitude, datum and heading",
             "give lat, lon, alt and heading in the manifest",
         )

@@ -22,7 +22,7 @@ FLYING = Flying(
     MAX_WAYPOINTS,
     stop_s=2.0,
     note="in Litchi set heading mode to Custom (WD), path mode to straight lines, finish action to RTH: the "
-    "file cannot say so",
+    "file cannot set them",
 )
 _ACTIONS = 15
 COLUMNS = (

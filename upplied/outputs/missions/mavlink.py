@@ -28,11 +28,11 @@ FLYING = Flying(
     turning="ahead",
     zooms=True,
     zooms_not_by="ardupilot",
-    zoom_note=", by MAV_CMD_SET_CAMERA_ZOOM with ZOOM_TYPE_HORIZONTAL_FOV: see that the camera knows it",
+    zoom_note=", by MAV_CMD_SET_CAMERA_ZOOM with ZOOM_TYPE_HORIZONTAL_FOV: check that the camera supports it",
 )
 NOTES = {
-    "px4": "written for PX4; ArduPilot takes headings and photos from other commands: firmware ardupilot",
-    "ardupilot": "written for ArduPilot: set WP_YAW_BEHAVIOR to 0, or it turns the nose to the next waypoint",
+    "px4": "written for PX4; for ArduPilot export with --firmware ardupilot",
+    "ardupilot": "written for ArduPilot: set WP_YAW_BEHAVIOR to 0, or the nose turns to the next waypoint",
 }
 
 

@@ -39,9 +39,7 @@ ANYTHING = Flying(zooms=True)
 _SAME_PLACE_M = 0.05
 _HOVER_S = 0.05  # shorter than this nobody hovers
 _EXACT_M = 0.02  # within which a clearance is known
-_NEVER_SCANNED = (
-    "part of the structure was never scanned: every leg also keeps clear of where that part should be"
-)
+_NEVER_SCANNED = "part of the structure was never scanned: every leg also keeps clear of its inferred surface"
 
 
 def missions_of(
@@ -175,7 +173,7 @@ def _notes(
     highest = max((float(way[:, 2].max()) for way in ways), default=float(transits.home[2]))
     over_ground = max(highest, float(transits.inspection[:, 2].max())) - ground_z_m(transits.structure)
     heights = {
-        "relative": "heights are metres above the take-off point: start there, or set home_m",
+        "relative": "heights are metres above the take-off point: take off there, or set --home-m",
         "amsl": "altitudes are metres above mean sea level",
         "ellipsoid": "altitudes are metres above the WGS 84 ellipsoid",
     }
@@ -189,7 +187,7 @@ def _notes(
     times = ", ".join(f"{sortie.duration_s:.0f}" for sortie in sorties)
     if len(sorties) > 1:
         notes.append(
-            f"{len(sorties)} flights of {times} s; each resumes at the waypoint where the one before ended"
+            f"{len(sorties)} flights of {times} s; each resumes at the last waypoint of the previous one"
         )
     elif options.endurance_s is None:
         notes.append(f"flight time about {times} s; battery not checked: set --endurance-s")
@@ -197,7 +195,7 @@ def _notes(
         notes.append(f"flight time about {times} s, battery endurance {options.endurance_s:g} s")
     if flying.stop_s:
         where = f"each of the {stops} stops" if flying.passes else "the stop at each waypoint"
-        notes.append(f"{flying.stop_s:g} s are added for {where}")
+        notes.append(f"the flight time includes {flying.stop_s:g} s for {where}")
     return [*notes, flying.note] if flying.note else notes
 
 

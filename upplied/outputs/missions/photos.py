@@ -79,11 +79,11 @@ def shots_of(
     none, nan = np.zeros(len(path), bool), float("nan")
     fixed = none if viewpoints is None else viewpoints
     if options.photos == "video":
-        return Shots(path, fixed, none, 0.0, nan, nan, ("the camera films the whole inspection",))
+        return Shots(path, fixed, none, 0.0, nan, nan, ("the camera records a video of the inspection",))
     if options.photos == "none":
         return Shots(path, fixed, none, 0.0, nan, nan, ())
     interval, why = interval_of(options, camera)
-    ready = f"the camera takes {interval:g} s for a photo, {why}"
+    ready = f"the camera needs {interval:g} s for a photo, {why}"
     surface, camera = Cloud(np.empty((0, 3))), camera or Camera()
     if states is not None:
         surface = Cloud(states.points, states.normals).at(states.state == 1)
@@ -91,7 +91,7 @@ def shots_of(
         between = np.diff(path.t_s[viewpoints])
         if not len(between) or between.min() >= interval * MARGIN - 1e-6:
             shown = share_shown(path, viewpoints, camera, scene, surface)
-            note = f"{int(viewpoints.sum())} photos, those of the plan{_share(shown)}: {ready}"
+            note = f"{int(viewpoints.sum())} photos of the plan{_share(shown)}: {ready}"
             return Shots(path, viewpoints, viewpoints, 0.0, shown, nan, (note,))
     if options.photos == "distance" or viewpoints is None:
         shots = _by_distance(name, path, fixed, options.photo_distance_m, interval, ready)
@@ -113,13 +113,13 @@ def shots_of(
 
 def _share(shown: float) -> str:
     """What the photos show of what the plan shows, in words; nothing where that is not known."""
-    return f", which show {100 * shown:.1f} % of what the plan shows" if np.isfinite(shown) else ""
+    return f", which show {100 * shown:.1f} % of the planned surface" if np.isfinite(shown) else ""
 
 
 def _longer(slower_s: float) -> tuple[str, ...]:
     if slower_s <= _SLOWER_S:
         return ()
-    return (f"the flight takes {slower_s:.0f} s longer than planned, so that the camera is ready in time",)
+    return (f"the flight takes {slower_s:.0f} s longer than planned, because the camera needs the time",)
 
 
 def _at_distances(path: Trajectory, every_m: float) -> tuple[Trajectory, Bools]:

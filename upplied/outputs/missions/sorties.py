@@ -88,7 +88,7 @@ class Cutter:
         return RefusedError(
             self.transits.structure.structure_id,
             f"no safe transit leg reaches the waypoint at {place} m, {self.path.t_s[at]:.0f} s into the plan",
-            "the legs there and back keep the clearance, the ceiling, keep-out boxes and geofence",
+            "transit legs keep the clearance, the ceiling, keep-out boxes and geofence",
             "choose another home, a smaller clearance, or a plan that starts in the open",
         )
 
@@ -104,5 +104,5 @@ class Cutter:
             f"mission from {self.path.positions[at].round(1).tolist()} m",
             "no part of the inspection fits into one flight with its transit legs",
             ", ".join(limits),
-            "allow more, start nearer (home_m), or fly faster",
+            "allow more, take off nearer (--home-m), or fly faster",
         )

@@ -53,12 +53,12 @@ def thinned(
     metres, degrees = tolerances
     flown = path if zooms else replace(path, fov_deg=None)
     for _ in range(6):
-        left = np.flatnonzero(_kept(path, fixed, metres, degrees))
+        left = np.flatnonzero(_essential(path, fixed, metres, degrees))
         coarse = flown.take(left)
         share = still_seen(path, coarse, scene, *seen, turning)
         if not airspace.broken(coarse.positions).any() and (np.isnan(share) or share >= _LEAST_SEEN):
             clear = path_clearance(scene, coarse.positions).distance_m
-            view = "" if np.isnan(share) else f", {100 * share:.1f} % of what the plan sees stays in view"
+            view = "" if np.isnan(share) else f", {100 * share:.1f} % of the planned view is retained"
             return (
                 left,
                 (
@@ -71,7 +71,7 @@ def thinned(
     share = still_seen(path, flown, scene, *seen, turning)
     return (
         np.arange(len(path)),
-        f"all {len(path)} waypoints remain: fewer would lose clearance or coverage",
+        f"all {len(path)} waypoints remain, because fewer would reduce clearance or coverage",
         share,
     )
 
@@ -112,7 +112,7 @@ def _in_view(path: Trajectory, points: Floats, scene: Scene, camera: Camera) -> 
     return shown
 
 
-def _kept(path: Trajectory, fixed: Bools, metres: float, degrees: float) -> Bools:
+def _essential(path: Trajectory, fixed: Bools, metres: float, degrees: float) -> Bools:
     """Douglas and Peucker's rule between fixed waypoints, for position and orientation together."""
     keep = fixed.copy()
     keep[[0, -1]] = True

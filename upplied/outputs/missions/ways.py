@@ -72,12 +72,12 @@ class Transits:
         """
         above = self._above(self.low_z_m)
         if not self._climb_is_free(above):
-            why = self._climbing.why(self.home) or self._climbing.why(above) or "something stands in the way"
+            why = self._climbing.why(self.home) or self._climbing.why(above) or "there is an obstacle"
             raise RefusedError(
                 self.structure.structure_id,
                 f"the climb from {self.home.round(1).tolist()} m to {self.low_z_m:.1f} m is not free: {why}",
                 "",
-                "choose another home (home_m)",
+                "choose another take-off point (--home-m)",
             )
 
     def way_out(self, at: int) -> Floats | None:

@@ -17,13 +17,13 @@ upplied.SIGNS = { ok: "✓", refused: "!", failed: "×", "not flyable": "⊘", r
 
 // element("div", {class: "row", onclick: f}, "text", child, ...)
 upplied.element = function (tag, attributes, ...children) {
-  const made = document.createElement(tag);
+  const node = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes || {})) {
-    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
-    else if (value === true) made.setAttribute(name, "");
-    else if (value !== false && value !== null && value !== undefined) made.setAttribute(name, value);
+    if (name.startsWith("on")) node.addEventListener(name.slice(2), value);
+    else if (value === true) node.setAttribute(name, "");
+    else if (value !== false && value !== null && value !== undefined) node.setAttribute(name, value);
   }
-  return upplied.fill(made, ...children);
+  return upplied.fill(node, ...children);
 };
 
 upplied.fill = function (parent, ...children) {

@@ -8,7 +8,7 @@
     { key: "demonstration", label: "Demonstration", wide: "minmax(9.5rem,1.2fr)" },
     { key: "status", label: "Result", wide: "7.6rem" },
     { key: "state", label: "Decision", wide: "6.4rem", title: "Draft, reviewed, released, rejected or recalled" },
-    { key: "coverage", label: "Inspected", wide: "6.6rem", number: true, title: "Share of the inspected surface that the plan shows at least as well" },
+    { key: "coverage", label: "Inspected", wide: "6.6rem", number: true, title: "Share of the inspected surface that the plan shows at the demonstrated quality" },
     { key: "gsd", label: "mm/px", wide: "4.2rem", number: true, title: "Size of a pixel on the surface, median" },
     { key: "clearance", label: "Clearance", wide: "5.8rem", number: true, title: "Smallest distance of the path from the structure" },
     { key: "duration", label: "Time", wide: "4.2rem", number: true, title: "Flight time of the inspection, minutes and seconds" },
@@ -85,7 +85,7 @@
         count),
       upplied.places(fleet.structures || {}, rows), table.root,
       (fleet.findings || []).length ? element("section", {}, element("h2", {}, "Findings"), upplied.table("Findings", ["Kind", "Class", "Open", "Watched", "Repaired", "Dismissed"],
-        fleet.findings.map((row) => [upplied.words(row.kind), row.class, ...["open", "watched", "repaired", "dismissed"].map((state) => String(row[state] || 0))]))) : null);
+        fleet.findings.map((row) => [row.map ? element("a", { href: upplied.link("findings", row.kind) }, upplied.words(row.kind)) : upplied.words(row.kind), row.class, ...["open", "watched", "repaired", "dismissed"].map((state) => String(row[state] || 0))]))) : null);
     heads();
     refresh();
     return table.leave;
@@ -166,10 +166,10 @@
       if (wanted === drawn) return;
       drawn = wanted;
       body.replaceChildren(...rows.slice(first, last).map((row, at) => {
-        const made = element("div", { class: "row " + row.status, role: "row", "aria-rowindex": first + at + 2 }, cells(row, columns));
-        made.style.top = (first + at) * height + "px";
-        made.style.height = height + "px";
-        return made;
+        const line = element("div", { class: "row " + row.status, role: "row", "aria-rowindex": first + at + 2 }, cells(row, columns));
+        line.style.top = (first + at) * height + "px";
+        line.style.height = height + "px";
+        return line;
       }));
     }
 

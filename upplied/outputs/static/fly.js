@@ -126,9 +126,10 @@
     pen.beginPath();
     if (!triangles.length) for (const [x, y] of places) pen.rect(x, y, 1.5, 1.5);
     pen.fill();
-    pen.globalAlpha = Math.max(0.04, Math.min(0.3, 8 / Math.max(track.viewpoints.length, 1)));
+    const views = pictured(flown, track.viewpoints);
+    pen.globalAlpha = Math.max(0.04, Math.min(0.3, 6 / Math.max(views.length, 1)));
     pen.fillStyle = "#e69f00";
-    for (const view of track.viewpoints) {
+    for (const view of views) {
       const eye = at(flat(view.xyz));
       const shown = upplied.corners(view.xyz, view.quat, data.demonstration.camera, nearest(track.path, view.xyz)).map((corner) => at(flat(corner)));
       const [low, high] = [Math.min, Math.max].map((end) => shown.reduce((best, p) => (end(aside(p, eye, shown), aside(best, eye, shown)) === aside(p, eye, shown) ? p : best)));
@@ -157,6 +158,14 @@
     if (flown) { line(pen, [[18, 44], [18, 14]], pen.ink, 2); line(pen, [[13, 22], [18, 12], [23, 22]], pen.ink, 2); pen.fillText("N", 14, 58); }
   }
 
+  // The viewpoints at which a mission takes its photos; all of them where none is written.
+  function pictured(flown, viewpoints) {
+    const photos = (flown || []).flatMap((sortie) => rows(sortie.xyz).filter((_, at) => sortie.photo[at]));
+    const far = (view, place) => Math.hypot(...[0, 1, 2].map((axis) => view.xyz[axis] - place[axis]));
+    if (!photos.length || !viewpoints.length) return viewpoints;
+    return [...new Set(photos.map((place) => viewpoints.reduce((best, view) => (far(view, place) < far(best, place) ? view : best))))];
+  }
+
   // How far a point lies to the left of the line from the eye to the middle of the picture, as an angle.
   function aside([x, y], eye, shown) {
     const [mx, my] = [0, 1].map((axis) => shown.reduce((sum, p) => sum + p[axis], 0) / shown.length - eye[axis]);
@@ -164,12 +173,12 @@
   }
 
   function nearest(path, xyz) {
-    let best = Infinity, found = 0;
+    let best = Infinity, standoff = 0;
     for (let i = 0; i < path.count; i++) {
       const far = Math.hypot(...[0, 1, 2].map((axis) => path.xyz[3 * i + axis] - xyz[axis]));
-      if (far < best) { best = far; found = path.standoff[i]; }
+      if (far < best) { best = far; standoff = path.standoff[i]; }
     }
-    return found;
+    return standoff;
   }
 
   // Round values from low to high, at most so many steps apart.
@@ -198,6 +207,7 @@
       line(pen, [at([0, z]), at([total, z])], colour, 1);
       pen.fillText(name + " " + (z - zero).toFixed(0) + " m", pen.wide - 150, at([0, z])[1] - 4);
     }
+    if (flown) for (const sortie of drawn) for (const [x, z] of [sortie[0][0], sortie[sortie.length - 1].slice(-1)[0]]) line(pen, [at([x, zero]), at([x, z])], "#7a7a7a", 2);
     drawn.forEach((sortie, k) => sortie.forEach((points, i) => line(pen, points.map(at), parts[k][i].inside ? SORTIES[k % SORTIES.length] : "#7a7a7a", 2)));
     for (const height of ticks(low - zero, high - zero, 5)) pen.fillText(height + " m", 8, at([0, zero + height])[1] + 4);
     for (const far of ticks(0, total, pen.wide < 420 ? 3 : 6)) {

@@ -24,7 +24,7 @@
       await upplied.entered;
       const answer = await post(address, request);
       if (answer.status !== 401) return await answer.json();
-      return (await asked()) ? upplied.ask(address, request) : { refused: "Sign in to do this." };
+      return (await passwordGiven()) ? upplied.ask(address, request) : { refused: "Sign in to do this." };
     } catch { return { refused: "The program does not answer. Is it still running?" }; }
   };
 
@@ -34,7 +34,7 @@
   }
 
   // A dialog for the password; true once it is right.
-  function asked() {
+  function passwordGiven() {
     return new Promise((done) => {
       const field = element("input", { type: "password", id: "dialog-password", autocomplete: "current-password", required: true });
       const message = element("p", { class: "message refused", role: "status" });

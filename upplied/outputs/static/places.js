@@ -12,10 +12,10 @@ upplied.places = function (structures, rows) {
   const [left, top] = ["x", "y"].map((axis) => Math.min(...at.map((each) => each[axis])));
   const size = Math.max(...["x", "y"].map((axis) => Math.max(...at.map((each) => each[axis])) - Math.min(...at.map((each) => each[axis]))), 1e-6);
   const svg = (tag, attributes, ...children) => {
-    const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
-    for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-    made.append(...children);
-    return made;
+    const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
+    for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+    node.append(...children);
+    return node;
   };
   const dots = at.map((each) => {
     const [x, y] = [20 + (560 * (each.x - left)) / size, 20 + (200 * (each.y - top)) / size];

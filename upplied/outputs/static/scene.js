@@ -213,7 +213,7 @@
       },
       // The camera of one pose, where a track's own would fly.
       async point(at, pose) { await ready; await this.shape(groups[at].flying, pyramids(pose ? [pose] : [], camera, 0.1 * longest)); },
-      // A trace of its own by name, made when it is first drawn: {x, y, z}, and how it looks.
+      // A trace of its own by name: {x, y, z}, and its style.
       async overlay(name, shape, look) {
         await ready;
         if (name in overlays) return this.shape(overlays[name], shape);
@@ -221,12 +221,12 @@
         await Plotly.addTraces(root, { type: "scatter3d", showlegend: false, hoverinfo: "skip", ...shape, ...look });
       },
       async shape(trace, { x, y, z }) { await Plotly.restyle(root, { x: [x], y: [y], z: [z] }, [trace]); },
-      // Whether a click on the surface is told, as its place in metres.
-      async clicks(wanted, told) {
+      // Reports clicks on the surface as places in metres, while on.
+      async clicks(on, report) {
         await ready;
-        await Plotly.restyle(root, { hoverinfo: wanted ? "none" : "skip" }, [0]);
+        await Plotly.restyle(root, { hoverinfo: on ? "none" : "skip" }, [0]);
         root.removeAllListeners("plotly_click");
-        if (wanted) root.on("plotly_click", ({ points }) => { if (points.length && points[0].curveNumber === 0) told([points[0].x, points[0].y, points[0].z]); });
+        if (on) root.on("plotly_click", ({ points }) => { if (points.length && points[0].curveNumber === 0) report([points[0].x, points[0].y, points[0].z]); });
       },
       async coloured(codes) { await paint(codes, scaleOf()); },
       // A quantity as {name, codes, step}: from dark to bright; grey where no sharp picture is.

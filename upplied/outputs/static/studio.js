@@ -152,7 +152,7 @@
   }
   // Numbers of viewpoints by pass: another begins where the flight turns back on itself, or has been once round.
   function passes() {
-    const found = [[]];
+    const groups = [[]];
     let ahead = null, round = 0;
     state.viewpoints.forEach((view, at) => {
       if (at) {
@@ -160,12 +160,12 @@
         const step = ["x_m", "y_m", "z_m"].map((name) => view[name] - before[name]);
         const along = ahead ? step.reduce((sum, value, axis) => sum + value * ahead[axis], 0) : 1;
         if (ahead) round += Math.atan2(ahead[0] * step[1] - ahead[1] * step[0], ahead[0] * step[0] + ahead[1] * step[1]);
-        if ((along < 0 && found[found.length - 1].length > 2) || Math.abs(round) >= 2 * Math.PI) { found.push([]); ahead = null; round = 0; }
+        if ((along < 0 && groups[groups.length - 1].length > 2) || Math.abs(round) >= 2 * Math.PI) { groups.push([]); ahead = null; round = 0; }
         else ahead = ahead ? ahead.map((value, axis) => 0.5 * value + step[axis]) : step;
       }
-      found[found.length - 1].push(at);
+      groups[groups.length - 1].push(at);
     });
-    return found;
+    return groups;
   }
   function passName(own, at) {
     const heights = own.map((each) => state.viewpoints[each].z_m), [low, high] = [Math.min(...heights), Math.max(...heights)].map((value) => value.toFixed(0));
@@ -303,12 +303,12 @@
     const middle = ["x_m", "y_m", "z_m"].map((name) => view[name]);
     change((now) => { now.boxes.push([...middle.map((value) => Number((value - 1).toFixed(2))), ...middle.map((value) => Number((value + 1).toFixed(2)))]); });
   }
-  async function working(words, what, said) {
+  async function working(words, what, request) {
     if (busy) return { refused: "" };
     busy = true;
     app.setAttribute("aria-busy", "true");
     message.textContent = words + " …";
-    const answer = await ask(what, said);
+    const answer = await ask(what, request);
     busy = false;
     app.removeAttribute("aria-busy");
     message.textContent = answer.refused || answer.message || "";
@@ -324,20 +324,20 @@
     message.textContent = "Planned again round " + answer.fixed.length + " fixed viewpoints.";
     shown(); await tell(answer);
   }
-  function signed(said) {
-    if (by.value.trim()) return { ...said, by: by.value.trim(), note: note.value };
+  function signed(request) {
+    if (by.value.trim()) return { ...request, by: by.value.trim(), note: note.value };
     message.textContent = "Enter your name first."; message.classList.add("refused"); by.focus();
     return null;
   }
   async function keep() {
-    const said = signed(wanted());
-    const answer = said && await working("Storing the draft", "keep", said);
+    const request = signed(wanted());
+    const answer = request && await working("Storing the draft", "keep", request);
     if (answer && answer.id) { draft = answer.id; unkept = false; }
   }
   async function decide(decision) {
     if (unkept && decision !== "rejected") { message.textContent = "Store the change as a draft first, or undo it."; message.classList.add("refused"); return; }
-    const said = signed({ decision, id: draft });
-    if (said) await working("Storing", "decide", said);
+    const request = signed({ decision, id: draft });
+    if (request) await working("Storing", "decide", request);
   }
   async function ball(place) {
     const [name, radius] = [zone.where.value.trim(), Number(zone.radius.value) || 1];
@@ -358,10 +358,10 @@
     if (scene) await scene.overlay("zone", line, { mode: "markers", marker: { size: 3, color: "#b000b0" } });
   }
   async function require() {
-    const asked = { zone: zone.name.value.trim(), where: zone.where.value.trim() };
-    for (const name of ["gsd_mm", "incidence_deg", "looks", "max_age_days"]) if (zone[name].value !== "") asked[name] = Number(zone[name].value);
-    const said = signed({ set: zone.set.value.trim(), zone: asked });
-    const answer = said && await working("Storing", "require", said);
+    const required = { zone: zone.name.value.trim(), where: zone.where.value.trim() };
+    for (const name of ["gsd_mm", "incidence_deg", "looks", "max_age_days"]) if (zone[name].value !== "") required[name] = Number(zone[name].value);
+    const request = signed({ set: zone.set.value.trim(), zone: required });
+    const answer = request && await working("Storing", "require", request);
     if (answer && answer.message && !answer.refused) judge();
   }
 })();

@@ -91,7 +91,7 @@
     upplied.fill(panels[0], fly ? fly.root : element("p", { class: "note" }, "There is no path to fly."), (data.zones || []).length ? element("section", { class: "zones" }, element("h2", {}, "Required zones"), upplied.zones(data.zones)) : null,
       upplied.downloads(data, tracks), upplied.live ? upplied.decisions({ id: plan.provenance.transfer_id, known: plan.known }) : null);
     upplied.fill(panels[1], counterparts(plan), figures(plan),
-      data.plans.filter((each) => each.flown).map((each) => element("p", { class: "flown" }, element("b", {}, each.preset + (each.flown.kind === "flown" ? ", as flown. " : ", flown in simulation. ")), each.flown.said)));
+      data.plans.filter((each) => each.flown).map((each) => element("p", { class: "flown" }, element("b", {}, each.preset + (each.flown.kind === "flown" ? ", as flown. " : ", flown in simulation. ")), each.flown.summary)));
     upplied.fill(panels[2], upplied.verdicts(data.plans).slice(1), measures(data.plans), remarks(data, about));
     tabs.show(0);
     app.setAttribute("data-ready", "true");
