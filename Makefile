@@ -49,8 +49,9 @@ quickstart: $(RUNS) ## environment, sample fleet, every transfer, reports: the w
 
 TESTS ?= not slow
 CORES ?= auto
-# A file's tests stay together, since they share what they read and plan.
-PYTEST = $(BIN)/python -m pytest --numprocesses $(CORES) --dist loadfile
+# A file's tests stay together, since they share what they read and plan; else files with few tests, which are those
+# of servers, would come last, and the whole run would wait for them (tests/conftest.py).
+PYTEST = $(BIN)/python -m pytest --numprocesses $(CORES) --dist loadfile --no-loadscope-reorder
 
 test: $(READY) ## the test suite on every core, or CORES=...; continuous integration adds more by TESTS=...
 	@$(PYTEST) -m "$(TESTS)"

@@ -158,7 +158,7 @@ def fit(options: argparse.Namespace) -> None:
     rows = [json.loads(line) for line in Path(options.file).read_text(encoding="utf-8").splitlines()]
     for question in ("answer", "other"):
         some = [row for row in rows if row["question"] == question]
-        evidence = np.minimum(np.array([row["evidence"] for row in some]), CAPS)
+        evidence = np.minimum(np.array([row["evidence"][: len(CAPS)] for row in some]), CAPS)
         right, held = (np.array([row[name] for row in some], bool) for name in ("right", "held"))
         known = np.empty(len(some))
         for half in (held, ~held):  # each is judged by what was calibrated on the other

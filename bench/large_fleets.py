@@ -37,7 +37,7 @@ def generate(catalog: Catalog, targets: str, demonstrations: str) -> str:
             "d", part[0].source_id, "t", part[0].kind, "baseline", "ok", trajectory=path,
             is_viewpoint=np.ones(STEPS, bool), measures=Measures(min_clearance_m=2.0),
         )  # fmt: skip
-        one = plan_rows.waypoint_table("x", plan)
+        one = plan_rows.waypoint_table({"x": plan})
         steps = one.take(pa.array(np.tile(np.arange(STEPS), len(part))))
         steps = put(steps, "transfer_id", names.take(pa.array(np.repeat(np.arange(len(part)), STEPS))))
         commit = catalog.tables["waypoints"].keep(steps, catalog.clock.now())

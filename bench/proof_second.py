@@ -2,8 +2,9 @@
 
     python bench/proof_second.py [--seeds N] [--only WORDS] [--manner WORDS] [--worst]
 
-What a flight of `proof_flights` showed, how finely, how sharply and how near it came, is told by rays,
-corners of pixels and distances to every triangle of the mesh (`proof_truth`).
+What a flight of `proof_flights` showed, how finely, how sharply and how near it came, is told by rays and
+distances to every triangle of the mesh (`proof_truth`). `--only` and `--manner` take
+a part of the flights.
 
 Claimed is what the proof says was inspected as asked; its second figure, what was in view, stands beside it.
 A flight is wrong where more than 0.5 % of what its plan shows is claimed and not true, or more than 2 % is

@@ -47,7 +47,7 @@ def finest_looks(
 ) -> Floats:
     """What a pixel covers at best (N,), over its angle in the middle of the picture, m; inf: no look.
 
-    The two corners of a pixel are cast onto the plane of each patch, look by look.
+    Distance over the cosine of the incidence, look by look, as CONVENTIONS.md and the pages state it.
 
     Parameters
     ----------
@@ -72,7 +72,6 @@ def finest_looks(
     before, after = around
     span = np.maximum(after.t_s - before.t_s, 1e-9)
     frames = [_frames(each) for each in (looks, before, after)]
-    pixel = 1e-4
     for at in range(len(looks)):
         ray = surface.points - looks.positions[at]
         reach = np.linalg.norm(ray, axis=1)
@@ -89,16 +88,7 @@ def finest_looks(
                   for each, frame in ((before, frames[1]), (after, frames[2]))]  # fmt: skip
         turned = 2 * np.arcsin(np.clip(np.linalg.norm(sights[1] - sights[0], axis=1) / 2, 0, 1))
         some = some[turned <= fastest * span[at]]
-        normal = surface.normals[some]
-        height = (ray[some] * normal).sum(axis=1)
-        sides = []
-        for across, above in ((pixel, 0.0), (0.0, pixel)):
-            tilt = np.column_stack([left[some] / ahead[some] + across, up[some] / ahead[some] + above])
-            to = frames[0][0][at] + tilt[:, :1] * frames[0][1][at] + tilt[:, 1:] * frames[0][2][at]
-            sides.append(to * (height / (to * normal).sum(axis=1))[:, None] - ray[some])
-        aa, ab, bb = ((p * q).sum(axis=1) for p, q in
-                      ((sides[0], sides[0]), (sides[0], sides[1]), (sides[1], sides[1])))  # fmt: skip
-        longest = np.sqrt((aa + bb) / 2 + np.sqrt(((aa - bb) / 2) ** 2 + ab**2)) / pixel
+        longest = reach[some] ** 2 / facing[some]
         finer = longest < finest[some]
         some, longest = some[finer], longest[finer]
         if len(some):

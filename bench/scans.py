@@ -18,7 +18,7 @@ from real_data import real_folder, real_structure
 from scipy.spatial import cKDTree
 
 from upplied.config import settings_for
-from upplied.inputs.separation import kept, separated
+from upplied.inputs.separation import separated, structure_alone
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Floats, Ints, Structure, Surroundings
 from upplied.samples import bridge
@@ -56,7 +56,7 @@ def scan(kind: str, name: str, variant: str, seed: int = 0) -> Structure:
     """A structure as modelled or as scanned; the same for the same seed."""
     if variant == CLEANED:
         cluttered = scan(kind, name, "clutter", seed)
-        vertices, triangles, _ = kept(cluttered, separated(cluttered))
+        vertices, triangles, _ = structure_alone(cluttered, separated(cluttered))
         return _structure(made(kind, name).structure, variant, vertices, triangles)
     if variant == DIVIDED:
         whole = made(kind, name).structure

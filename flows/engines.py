@@ -16,6 +16,7 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 from upplied import fleet
 from upplied.catalog import Catalog, open_catalog
 from upplied.extras import extra
+from upplied.findings import campaign
 from upplied.fleet import manifest
 
 from . import pool, tasks
@@ -72,8 +73,6 @@ def plan(catalog: str, jobs: Sequence[fleet.Job], resources: Resources, run_id: 
     run_id = run_id or str(runtime.flow_run.id)
     if resources.engine == "local" or not jobs:
         return Planned(here(catalog, jobs, resources, run_id))
-    if resources.engine == "pool":
-        return _on_pool(open_catalog(catalog), jobs, resources, run_id)
     return _elsewhere(open_catalog(catalog), jobs, resources, run_id)
 
 
@@ -81,7 +80,9 @@ def here(
     catalog: str, jobs: Sequence[fleet.Job], resources: Resources, run_id: str, engine: str = "local"
 ) -> fleet.Result:
     """Tasks in threads feed the worker processes of this machine."""
-    run = fleet.Run(open_catalog(catalog), jobs, run_id, resources.of_fleet(), engine=engine)
+    run = fleet.Run(
+        open_catalog(catalog), jobs, run_id, resources.of_fleet(), engine=engine, plan=campaign.plan_job
+    )
     tasks.RUNS[run_id] = run
     try:
         with ThreadPoolTaskRunner(max_workers=run.threads) as runner, run:
@@ -98,38 +99,22 @@ def here(
     return run.result
 
 
-def _on_pool(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources, run_id: str) -> Planned:
-    """Runs of a deployment on a work pool; what no machine planned is planned here."""
-    machines = pool.machines()
-    size = resources.shard_targets or pool.shard_targets(len({job.target_id for job in jobs}), machines)
-    shards = fleet.shards(jobs, machines, size)
-    limits = resources.model_dump(include={"workers", "timeout_s", "memory_gib"})
-    given = {"catalog": str(catalog.location), "run_id": run_id, "resources": limits}
-    runner = ThreadPoolTaskRunner(max_workers=min(len(shards), pool.MOST))
-    return _handed_out(catalog, jobs, shards, resources, run_id, runner, tasks.plan_on_pool, given)
-
-
 def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources, run_id: str) -> Planned:
-    """Tasks on a cluster; what is lost with its process is planned here."""
-    shards = fleet.shards(jobs, resources.workers or ELSEWHERE)
-    limits = resources.model_dump(include={"timeout_s", "memory_gib"})
-    given = {"catalog": str(catalog.location), "run_id": run_id, "engine": resources.engine, "limits": limits}
-    return _handed_out(
-        catalog, jobs, shards, resources, run_id, _cluster(resources), tasks.plan_elsewhere, given
-    )
-
-
-def _handed_out(
-    catalog: Catalog,
-    jobs: Sequence[fleet.Job],
-    shards: Sequence[fleet.Shard],
-    resources: Resources,
-    run_id: str,
-    runner: TaskRunner[Any],
-    task: Task[..., None],
-    given: dict[str, Any],
-) -> Planned:
-    """Shards, written where all machines read them, as tasks; what is kept is counted, the rest planned."""
+    """Shards as tasks, written where all machines read them; what no engine kept is planned here."""
+    runner: TaskRunner[Any]
+    task: Task[..., None]
+    given: dict[str, Any] = {"catalog": str(catalog.location), "run_id": run_id}
+    if resources.engine == "pool":  # runs of a deployment on a work pool
+        machines = pool.machines()
+        size = resources.shard_targets or pool.shard_targets(len({job.target_id for job in jobs}), machines)
+        shards, task = fleet.shards(jobs, machines, size), tasks.plan_on_pool
+        given["resources"] = resources.model_dump(include={"workers", "timeout_s", "memory_gib"})
+        runner = ThreadPoolTaskRunner(max_workers=min(len(shards), pool.MOST))
+    else:  # tasks on a cluster
+        shards, task = fleet.shards(jobs, resources.workers or ELSEWHERE), tasks.plan_elsewhere
+        limits = resources.model_dump(include={"timeout_s", "memory_gib"})
+        given |= {"engine": resources.engine, "limits": limits}
+        runner = _cluster(resources)
     planned = Planned(shards=len(shards))
     try:
         names = manifest.write_shards(catalog, run_id, shards)

@@ -12,7 +12,7 @@ from typing import Any
 
 from prefect import get_client
 from prefect.client.orchestration import SyncPrefectClient
-from prefect.client.schemas.objects import FlowRun, WorkerStatus
+from prefect.client.schemas.objects import WorkerStatus
 from prefect.deployments import run_deployment
 from prefect.exceptions import FailedRun, ObjectNotFound
 from prefect.states import Cancelled
@@ -66,7 +66,7 @@ def run_on_pool(name: str, parameters: dict[str, Any]) -> None:
     """
     run = run_deployment(DEPLOYMENT, parameters=parameters, flow_run_name=name[:200], timeout=0)
     with get_client(sync_client=True) as client:
-        while not _final(run):
+        while run.state is None or not run.state.is_final():
             time.sleep(EVERY_S)
             run = client.read_flow_run(run.id)
             if run.state is not None and run.state.is_scheduled() and not _online(client):
@@ -74,10 +74,6 @@ def run_on_pool(name: str, parameters: dict[str, Any]) -> None:
                 run = client.read_flow_run(run.id)
     if run.state is None or not run.state.is_completed():
         raise FailedRun(f"{name}: {run.state.name}: {run.state.message}" if run.state else name)
-
-
-def _final(run: FlowRun) -> bool:
-    return run.state is not None and run.state.is_final()
 
 
 def _online(client: SyncPrefectClient) -> int:

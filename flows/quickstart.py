@@ -54,8 +54,7 @@ def write_samples() -> None:
 
 def run_flows() -> int:
     """The four flows, one after the other, and what came of them."""
-    from .ingest_demonstrations import ingest_demonstrations
-    from .ingest_structures import ingest_structures
+    from .ingest import ingest_demonstrations, ingest_structures
     from .transfer_fleet import transfer_fleet
 
     console = Console(highlight=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -13,20 +14,25 @@ from upplied.errors import SettingsError
 from .environment import ROOTS, home
 
 
-def check_roots(**locations: str) -> None:
+def check_roots(**locations: str | Sequence[str]) -> None:
     """Refuse what lies elsewhere; where nothing was declared, a call from Python may go anywhere.
 
     Parameters
     ----------
-    **locations : str
-        Folder, file or URI by the name of the parameter; empty is nothing.
+    **locations : str or sequence of str
+        Folder, file or URI, or several, by the name of the parameter; empty is nothing.
 
     Raises
     ------
     SettingsError
     """
     roots = declared_roots()
-    for name, location in locations.items():
+    every = (
+        (name, location)
+        for name, given in locations.items()
+        for location in ([given] if isinstance(given, str) else given)
+    )
+    for name, location in every:
         if location and roots and not any(_within(location, root) for root in roots):
             raise SettingsError(
                 f"{name} {location!r}",

@@ -19,7 +19,7 @@ from typing import Literal
 from . import server as service
 from .artifacts import ADDRESS
 from .environment import PASSWORD, ROOTS, carried, environment, home, prefect_home, profile, sign_in
-from .server import PRIVATE, ServerError, free_port, listening, private_server, start, stop
+from .server import PRIVATE, ServerError, free_port, listening, private_server, start, stop, waited_for
 
 Part = Literal["server", "worker", "reports"]
 # What whoever serves may say of Prefect himself; all else that the environment says is somebody else's.
@@ -89,7 +89,8 @@ def only(part: Part, port: int, roots: Sequence[str] = ()) -> int:
         become(service.command(port, bind), variables)
     else:
         variables = environment(folder, api_url) | passed_on(*OF_CLIENT)
-        wait_for(api_url)
+        if not waited_for(lambda: service.answers(api_url)):
+            raise ServerError(f"no Prefect server answers at {api_url}")
         deploy(variables)
         variables |= {ROOTS: ",".join(declared(roots))}
         variables.setdefault(ADDRESS, f"http://127.0.0.1:{port + 1}")
@@ -105,13 +106,10 @@ def password_of(folder: Path) -> str:
     ServerError
         If there is none in time.
     """
-    deadline = time.monotonic() + service.START_UP_S
-    while time.monotonic() < deadline:
-        known = os.environ.get(OF_CLIENT[0]) or profile(folder).get(OF_CLIENT[0])
-        if known:
-            return known
-        time.sleep(1)
-    raise ServerError(f"no password in {folder}: start the server first (upplied serve --only server)")
+    password = waited_for(lambda: os.environ.get(OF_CLIENT[0]) or profile(folder).get(OF_CLIENT[0]))
+    if not password:
+        raise ServerError(f"no password in {folder}: start the server first (upplied serve --only server)")
+    return password
 
 
 def become(words: Sequence[str], variables: dict[str, str]) -> None:
@@ -123,21 +121,6 @@ def become(words: Sequence[str], variables: dict[str, str]) -> None:
 def passed_on(*names: str) -> dict[str, str]:
     """Those of the named variables that are set."""
     return {name: os.environ[name] for name in names if name in os.environ}
-
-
-def wait_for(api_url: str) -> None:
-    """Wait for a server that somebody else starts.
-
-    Raises
-    ------
-    ServerError
-        If it does not answer in time.
-    """
-    deadline = time.monotonic() + service.START_UP_S
-    while not service.answers(api_url):
-        if time.monotonic() > deadline:
-            raise ServerError(f"no Prefect server answers at {api_url}")
-        time.sleep(1)
 
 
 def declared(roots: Sequence[str]) -> list[str]:

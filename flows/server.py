@@ -11,12 +11,14 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, TypeVar
 
 from .environment import environment, home, sign_in
+
+T = TypeVar("T")
 
 PRIVATE = 0o077  # what a server writes is read by its user alone
 START_UP_S = 600.0  # a fresh database takes 12 s on a quiet machine, minutes on a busy one
@@ -59,22 +61,24 @@ class Server:
         ServerError
             If it ends, or does not answer in time.
         """
-        deadline = time.monotonic() + START_UP_S
-        while time.monotonic() < deadline:
-            if self.process.poll() is not None:
-                raise ServerError(f"the Prefect server ended at its start:\n{self._last_lines()}")
-            if answers(self.api_url):
-                return
-            time.sleep(0.2)
-        raise ServerError(f"the Prefect server did not answer in {START_UP_S:g} s:\n{self._last_lines()}")
-
-    def _last_lines(self, count: int = 15) -> str:
-        return "\n".join(self.log.read_text(errors="replace").splitlines()[-count:])
+        up = waited_for(lambda: answers(self.api_url) or self.process.poll() is not None, every_s=0.2)
+        if self.process.poll() is not None or not up:
+            last = "\n".join(self.log.read_text(errors="replace").splitlines()[-15:])
+            what = f"did not answer in {START_UP_S:g} s" if not up else "ended at its start"
+            raise ServerError(f"the Prefect server {what}:\n{last}")
 
     def stop(self) -> None:
         """End it, and let another work in the folder."""
         stop(self.process)
         self._alone.close()
+
+
+def waited_for(act: Callable[[], T], every_s: float = 1.0) -> T:
+    """What an act returns, once that is something, or the time of a start is over."""
+    deadline = time.monotonic() + START_UP_S
+    while not (found := act()) and time.monotonic() < deadline:
+        time.sleep(every_s)
+    return found
 
 
 def command(port: int, host: str = "127.0.0.1") -> tuple[str, ...]:

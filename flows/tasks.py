@@ -22,6 +22,7 @@ from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.catalog.verbs import maintenance, verification
 from upplied.errors import CatalogError
+from upplied.findings import campaign, queries
 from upplied.fleet import edits, flights, gaps
 from upplied.fleet import manifest as shards
 from upplied.fleet.flight_logs import add_flight_logs
@@ -139,7 +140,7 @@ def plan_elsewhere(name: str, shard: str, given: dict[str, Any]) -> None:
         catalog, shard
     )  # before anything is noted: a run that has ended took its shards away
     with shards.attempt(catalog, shard, worker):
-        fleet.plan_here(catalog, jobs, given["run_id"], worker, limits)
+        fleet.plan_here(catalog, jobs, given["run_id"], worker, limits, campaign.plan_job)
 
 
 def worker_of(engine: str) -> str:
@@ -164,7 +165,7 @@ def plan_on_pool(name: str, shard: str, given: dict[str, Any]) -> None:
 @materialize(SOMEWHERE, name="publish-reports", task_run_name="publish to {folder}", **STORED)
 def publish_reports(catalog: str, folder: str) -> list[str]:
     """Write the published tables, pages and pictures; what could not be drawn, in words."""
-    return list(fleet.publish(open_catalog(catalog), folder).problems)
+    return list(fleet.publish(open_catalog(catalog), folder, map_of=queries.kind_map).problems)
 
 
 @task(name="carry-edits", task_run_name="carry edits over", **STORED)
@@ -177,14 +178,6 @@ def carry_edits(catalog: str) -> list[str]:
 def fly_drafts(catalog: str, keys: list[str]) -> list[str]:
     """Fly new plans in simulated wind; those that come too near, in words."""
     return flights.fly_drafts(open_catalog(catalog), keys)
-
-
-@task(name="plan-campaigns", task_run_name="plan campaigns", **STORED)
-def plan_campaigns(catalog: str, findings: list[str], mm_px: float) -> list[str]:
-    """Plan a draft for each structure where no flight showed a finding's place; what failed, in words."""
-    from upplied.findings.campaign import plan_campaigns
-
-    return plan_campaigns(open_catalog(catalog), findings, mm_px)
 
 
 @task(name="compact", task_run_name="compact {catalog}", **STORED)

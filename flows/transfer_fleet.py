@@ -10,12 +10,12 @@ from prefect.states import State
 from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.errors import CatalogError
+from upplied.findings import campaign
 
 from . import tasks
 from .artifacts import transfer_artifacts
 from .engines import Planned, plan
-from .ingest_demonstrations import ingest_demonstrations
-from .ingest_structures import ingest_structures
+from .ingest import ingest_demonstrations, ingest_structures
 from .lineage import asset, making
 from .parameters import Changes, Id, Location, Millimetres, Presets, Resources, plan_request_of
 from .roots import check_roots
@@ -101,7 +101,9 @@ def transfer_fleet(
         if fly:
             problems += tasks.fly_drafts(catalog, [job.key for job in night.jobs])
         if campaigns:
-            problems += tasks.plan_campaigns(catalog, campaigns, campaign_mm_px)
+            jobs, unplanned = campaign.due_jobs(store, campaigns, campaign_mm_px, retry_failed)
+            night.planned.include(plan(catalog, jobs, resources))
+            problems += [text for text in unplanned if text not in problems]
         if reports:
             problems += publish(catalog, reports)
     summary = transfer_artifacts(store, night.decision, night.planned.result, reports)

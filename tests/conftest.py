@@ -28,6 +28,20 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by what a script started with &
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files of tests that start servers begin among the first half of the others: they mostly wait."""
+    files: dict[Path, list[pytest.Item]] = {}
+    for item in items:
+        files.setdefault(item.path, []).append(item)
+    waiting = [own for own in files.values() if any(item.get_closest_marker("server") for item in own)]
+    order = [own for own in files.values() if own not in waiting]
+    apart = max(1, len(order) // (2 * len(waiting) or 1))
+    for number, own in enumerate(waiting):
+        order.insert(number * (apart + 1), own)
+    items[:] = [item for own in order for item in own]
+
+
 @pytest.fixture(autouse=True)
 def own_environment() -> Iterator[None]:
     """Commands of ours that serve or run a fleet set variables for this process: no test sees another's."""

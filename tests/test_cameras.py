@@ -93,7 +93,7 @@ def test_figures_that_were_read_nowhere_are_named_but_for_those_the_flight_has()
 
 def test_an_unknown_optic_leaves_a_camera_as_it_was_stored() -> None:
     later = [item.name for item in fields(Camera) if item.metadata.get("later")]
-    assert later == ["model", "exposure_s", "trigger_s", "focus_m", "focal_mm", "f_number"]
+    assert later == ["model", "exposure_s", "trigger_s", "focus_m", "focal_mm", "f_number", "lens"]
     assert not any(getattr(Camera(), name) for name in later)
 
 

@@ -47,7 +47,7 @@ ALLOWED = {
     "fleet": FOUNDATION
     | {"planning", "simulate", "proof", "recommend", "inputs", "catalog", "outputs", "fleet"},
     "findings": FOUNDATION | {"planning", "proof", "inputs", "catalog", "outputs", "fleet", "findings"},
-    "web": FOUNDATION | {"planning", "simulate", "proof", "catalog", "outputs", "fleet", "web"},
+    "web": FOUNDATION | {"planning", "simulate", "proof", "catalog", "outputs", "fleet", "findings", "web"},
     "__main__": {"cli"},
     "cli": FOUNDATION
     | {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from upplied.discs import surfels
+from upplied.discs import Discs
 from upplied.scene import Scene
 from upplied.supposed_scene import SupposedScene
 
@@ -14,7 +14,7 @@ ERROR_M = 0.4
 def ball(middle: list[float], number: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     normals = np.random.default_rng(seed).normal(size=(number, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return surfels(middle + 2 * normals, normals)
+    return Discs.of(middle + 2 * normals, normals).mesh()
 
 
 def test_the_nearer_surface_is_that_of_asking_both() -> None:

@@ -102,17 +102,6 @@ def _off_others(points: Floats, normals: Floats, away: Floats, nearest: Ints, re
     return off
 
 
-def surfels(points: Floats, normals: Floats | None) -> tuple[Floats, Ints]:
-    """Oriented hexagons that stand for a sampled surface, see `Discs.mesh`.
-
-    Parameters
-    ----------
-    points : array, shape (N, 3), m
-    normals : array, shape (N, 3) or None
-    """
-    return Discs.of(points, normals).mesh()
-
-
 _WIDE = 4.0  # discs' radii that a cell is wide: some twenty discs lie in it
 _GROUP = 4  # cells along each edge of a group
 

@@ -27,7 +27,7 @@ from upplied.catalog import (
 )
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema import plan_rows
-from upplied.catalog.store import clock, identity
+from upplied.catalog.store import identity
 
 MINUTE = 60.0
 SKEWS = (0.0, 10 * MINUTE, -10 * MINUTE, 400 * 86_400.0, -400 * 86_400.0)
@@ -43,7 +43,7 @@ def skewed(monkeypatch):
         def now(cls, tz=None):
             return datetime.fromtimestamp(real() + off[0], tz)
 
-    for module in (plan_rows, clock, identity):
+    for module in (plan_rows, identity):
         monkeypatch.setattr(module, "datetime", Wrong)
     monkeypatch.setattr(time, "time", lambda: real() + off[0])
 
@@ -233,7 +233,7 @@ def test_points_of_a_writer_at_work_are_not_taken_for_a_stopped_ones(tmp_path, s
     made = filled(tmp_path)
     skew(-400 * 86_400.0)
     late = open_catalog(tmp_path)
-    commit = late._add_steps("waypoints", [plan_rows.waypoint_table(key_of(0)[:20], plan("target"))])
+    commit = late._add_steps("waypoints", plan_rows.waypoint_table({key_of(0)[:20]: plan("target")}))
     skew(0)
     points = tmp_path / "steps" / "waypoints" / f"{commit}.parquet"
     assert vacuum(made, 1 / 24).orphan_commits["waypoints"] == 0 and points.exists()

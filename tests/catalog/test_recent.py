@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from upplied.fleet.recent import Recent, nbytes
+from upplied.fleet.planner import Recent, nbytes
 from upplied.records import Cloud, Trajectory
 
 

@@ -66,11 +66,7 @@ def test_path_length_leaves_breaks_out():
 def test_plan_round_trip(status: str):
     given = replace(plan(status=status), surface=None)
     row = through("transfers", plan_rows.transfer_row(key_of(status), given, {}))
-    steps = (
-        plan_rows.waypoint_table("id", given)
-        if given.trajectory
-        else TABLES["waypoints"].schema.empty_table()
-    )
+    steps = plan_rows.waypoint_table({"id": given})
     assert differences(given, plan_rows.plan_of(row, steps)) == []
 
 
@@ -79,7 +75,9 @@ def test_missing_measures_are_null_not_nan():
     row = through("transfers", plan_rows.transfer_row(key_of(1), given, {}))
     assert row["frechet_m"] == 1.0
     assert row["coverage_seen_pct"] is None
-    assert np.isnan(plan_rows.plan_of(row, plan_rows.waypoint_table("id", given)).measures.coverage_seen_pct)
+    assert np.isnan(
+        plan_rows.plan_of(row, plan_rows.waypoint_table({"id": given})).measures.coverage_seen_pct
+    )
 
 
 def test_stored_orientations_have_w_not_negative_and_are_the_same():

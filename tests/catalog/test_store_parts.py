@@ -12,9 +12,12 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
+from catalog_records import key_of, plan
 from deltalake.exceptions import DeltaError, SchemaMismatchError
 
+from upplied.catalog import open_catalog
 from upplied.catalog.schema.migrations import in_schema
 from upplied.catalog.store import locking
 from upplied.catalog.store.data_files import statistics
@@ -38,7 +41,6 @@ def test_statistics_are_ranges_and_nulls() -> None:
             "nan": pa.array([float("nan")] * 3),
             "long": pa.array(["x" * 65] * 3),
             "short": pa.array(["x" * 64] * 3),
-            "list": pa.array([[1], [2], [3]]),
         }
     )
     found = json.loads(statistics(rows))
@@ -51,6 +53,19 @@ def test_statistics_are_ranges_and_nulls() -> None:
     )
     assert low.keys() == high.keys() == {"id", "number", "at", "some", "short"}
     assert found["nullCount"] == {name: rows[name].null_count for name in rows.column_names}
+
+
+def test_files_are_skipped_by_the_columns_that_rows_are_looked_for_by_alone(tmp_path) -> None:
+    catalog = open_catalog(tmp_path)
+    for name in ("first", "second", "third"):
+        catalog.add_plans([(key_of(name), plan(name), {})])
+    rows = catalog.tables["transfers"].dataset()
+    last = catalog.tables["transfers"].delta().version()
+    assert len(list(rows.get_fragments())) == 3
+    for where in (pc.field("commit_version") >= last, pc.field("target_id") == "third"):
+        assert len(list(rows.get_fragments(where))) == 1, where
+    stated = pa.table(catalog.tables["transfers"].delta().get_add_actions(flatten=True)).column_names
+    assert "min.coverage_seen_pct" not in stated and "min.commit_version" in stated
 
 
 def test_what_the_storage_raises_is_told_in_words() -> None:

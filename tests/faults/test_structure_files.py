@@ -47,7 +47,7 @@ def test_every_rule_has_a_test_here() -> None:
     among_others |= {"looks-scanned"}  # tests/test_reconstruction.py
     assert {odd.rule for odd in ALONE} | among_others == set(RULES)
     assert all(rule.reason and rule.remedy for rule in RULES.values())
-    assert all(hasattr(BOUNDS, rule.limit) for rule in RULES.values() if rule.limit)
+    assert all(hasattr(BOUNDS, bound) for rule in RULES.values() for bound in rule.bounds)
 
 
 def test_a_manifest_overrules_by_name_and_knows_the_rules(tmp_path: Path) -> None:

@@ -11,9 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from made_plans import plan_as_demonstrated
 from PIL import Image
 
+from upplied import fleet
 from upplied.catalog import open_catalog, verify
 from upplied.catalog.database import Catalog
 from upplied.catalog.verbs.looks import put_looks
@@ -21,25 +23,27 @@ from upplied.catalog.verbs.published import export_tables
 from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
-from upplied.findings.adding import add_marks, escaping, on_surface
-from upplied.findings.campaign import plan_campaign, plan_campaigns, selected_findings
+from upplied.findings.adding import Placing, add_marks, escaping, on_surface
+from upplied.findings.campaign import due_jobs, plan_campaign, plan_job, selected_findings
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, looks_at_spot, looks_frame, spot_at, spot_of
 from upplied.findings.marks import Mark, box_corners, read_marks
 from upplied.findings.photos import flight_of, register_photos
 from upplied.findings.place import Errors, located
-from upplied.findings.queries import by_reference, photographed
-from upplied.findings.rays import footprint_m, pixels_of, rays_of
+from upplied.findings.queries import by_reference, kind_map, photographed
+from upplied.findings.rays import footprint_m, frustum_of, pixels_of, rays_of
 from upplied.findings.reshoot import plan_reshoot
+from upplied.outputs.publish import publish_pages
 from upplied.outputs.reference_photos import reference_photos
 from upplied.outputs.structure_page import fleet_findings, structure_facts
 from upplied.planning.surface.samples import surface_samples
 from upplied.poses import look_at, matrices
-from upplied.records import Camera, Demonstration
+from upplied.records import Camera, Demonstration, Lens, Structure
 from upplied.samples.correspondence import true_counterparts
 from upplied.samples.fleet import member, random_member
 from upplied.scene import scene_of
 from upplied.vectors import points_on_triangles
+from upplied.web.live import LivePages
 
 CUBE, CUBOID = member("cube-v1").structure, member("cuboid-v1").structure
 LOW, HIGH = CUBE.vertices.min(axis=0), CUBE.vertices.max(axis=0)
@@ -111,6 +115,89 @@ def test_a_pixel_is_the_ray_to_what_it_shows_and_back():
         pixels = np.array([[0.0, 0.0], [800.0, 595.0], [1599.0, 12.5]])
         points = np.array([1.0, 2.0, 3.0]) + 7 * rays_of(camera, pixels) @ matrices(quat).T
         assert pixels_of(camera, np.array([1.0, 2.0, 3.0]), quat, points) == pytest.approx(pixels, abs=1e-6)
+
+
+LENSES = {
+    "brown": (Lens("brown", (-0.28, 0.09, 1e-3, -5e-4, -0.01), (0.51, 0.49)), 73.7, 53.1),
+    "rational": (Lens("brown", (0.5, 0.2, 1e-3, 0.0, 0.01, 0.6, 0.3, 0.02)), 60.0, 45.0),
+    "fisheye": (Lens("fisheye", (-0.02, 0.003, 1e-4, -1e-4), (0.49, 0.5)), 170.0, 128.0),
+    "behind": (Lens("fisheye", (0.05,)), 220.0, 165.0),
+}
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_a_lens_shows_points_where_opencv_says_and_rays_lead_back_from_its_corners(name):
+    lens, across, down = LENSES[name]
+    camera = Camera(across, down, 1.0, 30.0, 4000, 3000, lens=lens)
+    pixels = np.random.default_rng(3).uniform([0, 0], [4000, 3000], (300, 2))
+    pixels = np.concatenate([pixels, [[0, 0], [4000, 0], [0, 3000], [4000, 3000]]])
+    rays = rays_of(camera, pixels)
+    assert np.linalg.norm(rays, axis=1) == pytest.approx(1.0)
+    assert pixels_of(camera, np.zeros(3), np.array([0.0, 0, 0, 1]), 5 * rays) == pytest.approx(
+        pixels, abs=1e-6
+    )
+    sees = frustum_of(camera)
+    ahead, left, _ = rays.T
+    assert (
+        sees.hfov_deg >= 2 * np.degrees(np.arctan2(np.abs(left), ahead)).max() - 1e-9 or sees.hfov_deg == 360
+    )
+    # The formulas of OpenCV's documentation, in its frame: x right, y down, z ahead.
+    k = (*lens.coefficients, *(0.0,) * 8)
+    for (u, v), (z, x, y) in zip(pixels, rays * [1, -1, -1], strict=True):
+        if lens.model == "fisheye":
+            angle = np.arctan2(np.hypot(x, y), z)
+            grown = angle * (1 + k[0] * angle**2 + k[1] * angle**4 + k[2] * angle**6 + k[3] * angle**8)
+            shown = grown * np.array([x, y]) / np.hypot(x, y)
+            focal = 4000 / np.radians(across), 3000 / np.radians(down)
+        else:
+            a, b = x / z, y / z
+            r2 = a * a + b * b
+            ratio = (1 + k[0] * r2 + k[1] * r2**2 + k[4] * r2**3) / (
+                1 + k[5] * r2 + k[6] * r2**2 + k[7] * r2**3
+            )
+            shown = (
+                a * ratio + 2 * k[2] * a * b + k[3] * (r2 + 2 * a * a),
+                b * ratio + k[2] * (r2 + 2 * b * b) + 2 * k[3] * a * b,
+            )
+            focal = 2000 / np.tan(np.radians(across / 2)), 1500 / np.tan(np.radians(down / 2))
+        middle = 4000 * lens.middle[0], 3000 * lens.middle[1]
+        assert (middle[0] + focal[0] * shown[0], middle[1] + focal[1] * shown[1]) == pytest.approx(
+            (u, v), abs=1e-6
+        )
+
+
+def test_a_lens_whose_model_folds_the_picture_shows_nothing_beyond_the_fold():
+    folding = Camera(90.0, 70.0, 1.0, 30.0, 4000, 3000, lens=Lens("brown", (-0.6,)))
+    assert np.isnan(rays_of(folding, np.array([1.0, 1.0]))).all()
+    aside = np.array([[1.0, -3.0, 0.0]])  # its model would bring it back into the picture
+    assert np.isnan(pixels_of(folding, np.zeros(3), np.array([0.0, 0, 0, 1]), aside)).all()
+
+
+def test_a_finding_in_the_corner_of_a_distorted_photo_lies_where_its_lens_saw_it(tmp_path):
+    camera = replace(CAMERA, lens=Lens("brown", (-0.2, 0.04, 5e-4, -5e-4), (0.505, 0.495)))
+    path = flown()
+    stored = open_catalog(tmp_path / "catalog")
+    stored.add_structures([CUBE])
+    stored.add_demonstrations([replace(path, camera=camera)])
+    assert stored.demonstration("past").camera.lens == flight_of(stored, "past").camera.lens == camera.lens
+    at = 20
+    corner = np.array([HIGH[0], path.positions[at, 1] + 4.7, 7.0])  # outside of what a pinhole would show
+    (pixel,) = pixels_of(camera, path.positions[at], path.quat_xyzw[at], corner[None])
+    assert (pixel > 0).all() and (pixel < [1600, 1190]).all()
+    plain = pixels_of(CAMERA, path.positions[at], path.quat_xyzw[at], corner[None])[0]
+    assert np.linalg.norm(plain - pixel) > 30
+    mark = Mark("it", flight="past", t_s=at * 0.5, pixels=(tuple(pixel.tolist()),))
+    made = add_marks(stored, [mark], "Ada")
+    row = stored.finding(made.ids[0])
+    assert [row["x_m"], row["y_m"], row["z_m"]] == pytest.approx(corner, abs=1e-4)
+    (look,) = looks_at_spot(stored, spot_of(row))  # the finest moment of a flight without photos
+    seen = look.row
+    assert seen["left_px"] <= seen["right_px"] and look.camera.lens == camera.lens
+    # A lens that folds the picture says so.
+    folding = replace(path, demonstration_id="fold", camera=replace(camera, lens=Lens("brown", (-1.5,))))
+    stored.add_demonstrations([replace(folding, sha256="cd" * 32)])
+    bad = add_marks(stored, [replace(mark, flight="fold", pixels=((3.0, 3.0),))], "Ada")
+    assert "shows nothing" in bad.refused[0] and not bad.new
 
 
 def test_the_middle_pixel_covers_what_rays_through_its_corners_meet():
@@ -231,13 +318,86 @@ def test_files_of_detections_say_the_same(tmp_path):
         ("a.json", "{"), ("b.json", "[1]"), ("c.json", '{"images": [], "annotations": []}'),
         ("d.csv", "a,b\n1,2\n"),
         ("e.csv", "photo,x_px,y_px\nP,nan,1\n"), ("f.geojson", '{"features": [{"geometry": {"type": "X", '
-         '"coordinates": []}}]}'), ("g.json", "[" * 50_000), ("h.csv", "photo,outline_px\nP,1 2 3\n"),
+         '"coordinates": []}}]}'), ("g.json", "[" * 50_000), ("i.csv", "photo\n" + "1" * 200_000),
+        ("j.json", '{"images": [{"id": 1, "file_name": "P", "width": 1e999}], "annotations": [{"image_id": '
+         '1, "bbox": [1, 1, 1, 1]}]}'), ("k.json", '{"images": [{"id": 1, "file_name": "P"}], "annotations": '
+         '[{"image_id": 1, "bbox": [1' + "0" * 400 + ", 1, 1, 1]}]}"),
+        ("h.csv", "photo,outline_px\nP,1 2 3\n"),
     ],
 )  # fmt: skip
 def test_a_file_that_is_none_is_told_with_the_rule(tmp_path, name, text):
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=rf"{name}: (cannot be read|holds 0 marks)"):
         read_marks(tmp_path / name)
+
+
+def test_a_detection_in_a_smaller_copy_of_a_photo_is_enlarged_and_one_of_another_shape_refused(
+    filled, tmp_path
+):
+    catalog = filled[0]
+    x, y = pixel_of(5.0, MARK)
+    image = {"id": 1, "file_name": "P1.png", "width": 800, "height": 595}
+    coco = {"images": [image], "annotations": [{"image_id": 1, "bbox": [x / 2 - 5, y / 2 - 5, 10, 10]}]}
+    (tmp_path / "half.json").write_text(json.dumps(coco))
+    row = Placing(catalog).row(read_marks(tmp_path / "half.json")[0])
+    assert [row["x_m"], row["y_m"], row["z_m"]] == pytest.approx(MARK, abs=1e-3)
+    pixel_mm = 8e3 / (800 / np.tan(np.radians(35.0)))
+    assert row["length_mm"] == pytest.approx(20 * 2**0.5 * pixel_mm, rel=0.02)
+    coco["images"][0] |= {"width": 800, "height": 800}
+    (tmp_path / "square.json").write_text(json.dumps(coco))
+    (reason,) = add_marks(catalog, read_marks(tmp_path / "square.json"), "Ada").refused
+    assert "is of a picture of 800 x 800 px, the photo has 1600 x 1190 px" in reason
+
+
+def test_a_photo_and_a_time_that_differ_are_refused_and_an_unregistered_photo_counts_by_its_time(catalog):
+    pixel = (pixel_of(5.0, MARK),)
+    wrong = Mark("it", "P1.png", pixel, flight="past", t_s=12.0)
+    (reason,) = add_marks(catalog, [wrong], "Ada").refused
+    assert "is of 12 s, its photo P1.png of 5 s" in reason
+    placing = Placing(catalog)
+    by_photo = placing.row(Mark("it", "P1.png", pixel, flight="past", t_s=5.2))
+    by_time = placing.row(Mark("it", "gone.png", pixel, flight="past", t_s=5.0))
+    assert by_photo["photo_s"] == by_time["photo_s"] == 5.0 and by_time["photo"] == ""
+    with pytest.raises(RefusedError, match="belongs to no known flight"):
+        placing.row(Mark("it", "gone.png", pixel))
+
+
+def test_what_lies_behind_a_mark_is_no_part_of_it():
+    """A plate of 1 m before a wall that is 20 m behind it: a box about the plate's edge ends there."""
+    plate, wall = trimesh.creation.box((0.1, 1.0, 1.0)), trimesh.creation.box((0.1, 60.0, 60.0))
+    wall.apply_translation((20.0, 0.0, 0.0))
+    mesh = trimesh.util.concatenate([plate, wall])
+    scene = scene_of(Structure("plate", "box", np.array(mesh.vertices), np.array(mesh.faces)))
+    position, quat = np.array([-8.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
+    edge = np.array([[-0.05, at, up] for at, up in ((0.6, 0.2), (0.1, 0.2), (0.1, -0.2), (0.6, -0.2))])
+    spot = located(
+        "it", scene, CAMERA, position, quat, pixels_of(CAMERA, position, quat, edge), Errors(pose_m=0.01)
+    )
+    assert (
+        spot.place[0] == pytest.approx(-0.05, abs=1e-4) and spot.length_m < 0.6 and spot.length_error_m < 0.1
+    )
+    with pytest.raises(RefusedError, match="or the part that its middle is on"):
+        wide = edge * [1, 1, 8]
+        located("it", scene, CAMERA, position, quat, pixels_of(CAMERA, position, quat, wide), Errors())
+
+
+def test_a_finding_on_a_mesh_that_was_replaced_states_how_far_off_it_is(filled, capsys):
+    catalog, _, name = filled
+    other = open_catalog(f"{catalog.location}-replaced")
+    other.add_structures([CUBE, CUBOID])
+    other.add_demonstrations([flown()])
+    row = row_of(catalog, name)
+    other.add_findings([{key: row[key] for key in row if key not in ("by", "entry_id")}], "Ada")
+    before = Carrying(other).to([spot_of(row)], "cuboid-v1")
+    assert not before.doubtful[0]
+    wider = CUBE.vertices * [1 + 0.6 / HIGH[0], 1, 1]  # the side with the mark is 0.6 m farther off
+    other.add_structures([replace(CUBE, vertices=wider, sha256="cd" * 32)])
+    after = Carrying(other).to([spot_of(row)], "cuboid-v1")
+    assert after.doubtful[0] and after.error_m[0] > before.error_m[0] + 0.5
+    there = photographed(other, row)
+    assert there["doubt"].str.startswith("doubtful").all() and (there["error_m"] > 0.55).all()
+    assert main(["findings", "looks", name, "--catalog", other.location]) == 0
+    assert "0.60 m off its surface" in capsys.readouterr().err
 
 
 def test_every_photo_that_shows_a_place_is_found_and_no_other(filled):
@@ -301,6 +461,17 @@ def test_what_was_found_out_about_a_pair_serves_every_place(catalog, monkeypatch
     assert again.place[0] == pytest.approx(first.place[0], abs=1e-9) and not again.doubtful.any()
 
 
+def test_who_plans_for_a_structure_carries_the_source_there_as_well(filled, monkeypatch):
+    catalog, _, name = filled
+    other = open_catalog(f"{catalog.location}-planned")
+    other.add_structures([CUBE, CUBOID])
+    other.add_demonstrations([flown()])
+    jobs = fleet.decide(other, fleet.PlanRequest(presets=("recommended",))).jobs
+    assert fleet.transfer(other, jobs, "night", plan=plan_job).ok == 1
+    monkeypatch.setattr(Carrying, "_pair", lambda *_: pytest.fail("the pair was studied again"))
+    assert np.isfinite(Carrying(other).to([spot_of(row_of(catalog, name))], "cuboid-v1").place).all()
+
+
 def test_a_place_that_could_as_well_be_elsewhere_is_doubtful(tmp_path):
     # Below the overhang of their bows both hulls are shorter, each by its own share of its length.
     source, target = random_member("ship", 10016), random_member("ship", 10017)
@@ -349,7 +520,8 @@ def test_questions_over_the_fleet(filled):
     assert by_reference(catalog, "cuboid-v1", class_name="rust").empty
     (shown,) = structure_facts(catalog, CUBE, [], [])["marks"]
     assert (shown["finding"], shown["class"], shown["photo"]) == (name, "crack", "P2.png")
-    assert fleet_findings(catalog) == [{"kind": CUBE.kind, "class": "crack", "open": 1}]
+    assert fleet_findings(catalog) == [{"kind": CUBE.kind, "class": "crack", "map": False, "open": 1}]
+    assert fleet_findings(catalog, [CUBE.kind])[0]["map"]
 
 
 def test_findings_of_several_structures_stand_in_their_order_on_one(catalog, tmp_path):
@@ -369,6 +541,25 @@ def test_findings_of_several_structures_stand_in_their_order_on_one(catalog, tmp
     assert placed[[1, 3]] == pytest.approx(np.array(places["cube-v1"])[::-1], abs=1e-6)
     truth = true_counterparts("cuboid-v1", "cube-v1", np.array(places["cuboid-v1"]))
     assert placed[[0, 2]] == pytest.approx(truth[::-1], abs=0.3)
+
+
+def test_the_findings_of_a_kind_have_a_page_that_the_fleet_leads_to(filled, tmp_path):
+    catalog, _, name = filled
+    reference, rows = kind_map(catalog, CUBE.kind)
+    assert reference == "cube-v1" and list(rows["finding_id"]) == [name]
+    with pytest.raises(CatalogError, match="has no structure with findings"):
+        kind_map(catalog, "ship")
+    published = publish_pages(catalog, tmp_path, pictures=0, map_of=kind_map)
+    assert {f"findings/{CUBE.kind}.html", "data/cube-v1.js"} <= set(
+        published.written
+    ) and not published.problems
+    page = (tmp_path / "findings" / f"{CUBE.kind}.html").read_text()
+    assert name in page and '"../assets/structure.js"' in page and '"../data/cube-v1.js"' in page
+    assert '"map":true' in (tmp_path / "index.html").read_text()
+    assert not publish_pages(catalog, tmp_path, pictures=0, map_of=kind_map).written
+    assert f"findings/{CUBE.kind}.html" in publish_pages(catalog, tmp_path, pictures=0).removed
+    live = LivePages(catalog)
+    assert name in live.page("findings", CUBE.kind) and '"map":true' in live.page("")
 
 
 def test_a_look_counts_on_the_side_that_it_saw_and_as_finely_as_asked(tmp_path):
@@ -448,6 +639,7 @@ def test_a_campaign_has_a_draft_for_each_structure_without_a_look(filled, monkey
     other.add_structures([CUBE, CUBOID])
     other.add_demonstrations([replace(flown(), demonstration_id="there", structure_id="cuboid-v1")])
     row = row_of(catalog, name)
+    other.add_findings([{key: row[key] for key in row if key not in ("by", "entry_id")}], "Ada")
     (one,) = plan_campaign(other, row, 8.0)
     plan = other.plan(one["words"].split(";")[0])
     assert (one["structure_id"], one["status"]) == ("cuboid-v1", "draft")
@@ -458,14 +650,18 @@ def test_a_campaign_has_a_draft_for_each_structure_without_a_look(filled, monkey
         place - plan.trajectory.positions[0]
     )
     assert plan_campaign(other, row, 0.1)[0]["status"] == "refused"
-    # The next night plans nothing again, and says what it cannot plan.
-    other.add_findings([{key: row[key] for key in row if key not in ("by", "entry_id")}], "Ada")
-    planned = len(other.transfers(every=True))
-    monkeypatch.setattr("upplied.findings.campaign.plan_reshoot", lambda *_: pytest.fail("planned again"))
-    (problem,) = plan_campaigns(other, [name, "none"], 8.0)
-    assert "campaign none" in problem and len(other.transfers(every=True)) == planned
+    # The next night plans nothing again, nor what was refused, and says what it cannot plan.
+    assert due_jobs(other, [name], 8.0) == ([], [])
+    assert due_jobs(other, [name], 0.1) == ([], [])
+    (job,), (problem,) = due_jobs(other, [name, "none"], 7.0)
+    assert "campaign none" in problem and job.target_id == "cuboid-v1"
+    monkeypatch.setattr("upplied.findings.campaign.transfer", lambda _, jobs, *__, **___: len(jobs) and 1 / 0)
     other.reject(one["words"].split(";")[0], "Ada", "the mark is gone")
     assert plan_campaign(other, row, 8.0)[0]["status"] == "rejected"
+    # What its mission depends on was changed: it is due again.
+    other.add_structures([replace(CUBOID, vertices=CUBOID.vertices * [1, 1, 1.01], sha256="ef" * 32)])
+    assert [each.target_id for each in due_jobs(other, [name], 8.0)[0]] == ["cuboid-v1"]
+    assert [each.target_id for each in due_jobs(other, [name], 0.1)[0]] == ["cuboid-v1"]
 
 
 def test_a_place_that_is_hidden_where_its_photo_was_taken_from_is_seen_from_aside(filled):

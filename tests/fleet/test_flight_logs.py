@@ -21,7 +21,7 @@ from upplied.errors import InputError, RefusedError, SettingsError
 from upplied.fleet import promoting
 from upplied.fleet.flight_logs import Judged, judge_log, keep
 from upplied.fleet.flights import simulated_row
-from upplied.fleet.gaps import flight_row, plan_gap
+from upplied.fleet.gaps import plan_gap
 from upplied.fleet.promoting import promote_flight
 from upplied.inputs.photos import photo_times
 from upplied.outputs import logs
@@ -314,6 +314,10 @@ def test_a_flight_of_another_mission_is_told_by_its_fit(catalog, made, tmp_path)
         with pytest.raises(RefusedError, match=f"is a flight of plan {theirs}"):
             judged(catalog, log, plan=mine)
         assert judged(catalog, log, plan=theirs).row["transfer_id"] == theirs
+    assert judged(catalog, log, plan="").row["transfer_id"] == ID
+    log = written(tmp_path, fly_trajectory(wide, wind=Wind(3.0), seed=1))
+    with pytest.raises(RefusedError, match=f"is a flight of plan {other[:20]}"):
+        judged(catalog, log, plan="")  # without a name it is laid on the recommended one
 
 
 def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, made, tmp_path, capsys):
@@ -340,7 +344,7 @@ def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, mad
     assert not catalog.looks_at("cube-v1", surface.points[unseen])["seen"].any()
     publish_pages(catalog, tmp_path / "reports", pictures=0)
     (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
-    said = f"{row['assumed_pct']:.1f} % more if the correction of the log is right"
+    said = f"{row['assumed_pct']:.1f} % more in view if the correction of the log is right"
     assert said in page.read_text() and "was certainly in view" in page.read_text()
     said = f"inspected as planned, {stored:.1f} % if the correction of the log is right"
     assert said in page.read_text()
@@ -382,7 +386,7 @@ def test_a_simulated_flight_is_a_flight(catalog, made):
     path = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
     half = Trajectory(path.t_s[:600], path.positions[:600], path.quat_xyzw[:600])
     catalog.add_flight(simulated_row(catalog, "f" * 64, catalog.transfer(ID), half, SIMULATED), half)
-    row = flight_row(catalog, "ffff")
+    row = catalog.flight("ffff")
     assert (row["kind"], row["seed"], row["target_id"]) == ("simulated", 2, "cube-v1")
     assert 0 < row["required_pct"] < 100 and row["min_clearance_m"] == 3.0
     assert catalog.plan(plan_gap(catalog, "ffff")).status == "ok"

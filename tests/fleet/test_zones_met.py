@@ -27,6 +27,8 @@ def look(distance=3.0, incidence=20.0, age=0.0, seen=ALL, camera=CAMERA, picture
         ({}, [look(seen=np.arange(N) < 6), look(seen=np.arange(N) >= 6)], "met", ""),
         ({"gsd_mm": 2.0}, [look(3.0)], "missed", "100.0 % was seen from too far for 2 mm a pixel"),
         ({"gsd_mm": 3.5}, [look(3.0)], "met", ""),
+        # a pixel covers 3 mm of what it sees frontally, 4.7 mm at 50 degrees
+        ({"gsd_mm": 3.5}, [look(3.0, 50.0)], "missed", "100.0 % was seen from too far for 3.5 mm a pixel"),
         ({"gsd_mm": 3.5}, [look(camera=Camera())], "missed", "pixels are not known"),
         ({"incidence_deg": 10.0}, [look()], "missed", "more obliquely than 10 deg"),
         ({"max_age_days": 30.0}, [look(age=31.0)], "missed", "longer ago than 30 days"),
@@ -37,10 +39,10 @@ def look(distance=3.0, incidence=20.0, age=0.0, seen=ALL, camera=CAMERA, picture
         ({"looks": 3}, [look(pictures=ALL * 2), look(incidence=80.0)], "met", ""),
         ({"looks": 2, "max_age_days": 30.0}, [look(age=31.0), look()], "missed", "fewer than 2 pictures"),
         # near but oblique on one day, frontal but far on another: no look keeps both
-        ({"gsd_mm": 3.5, "incidence_deg": 30.0}, [look(3.0, 50.0), look(9.0, 5.0)], "missed", "obliquely"),
+        ({"gsd_mm": 5.0, "incidence_deg": 30.0}, [look(3.0, 50.0), look(9.0, 5.0)], "missed", "obliquely"),
         # the nearest look of a flight was oblique, another one of it was frontal
         ({"incidence_deg": 30.0}, [look(3.0, 50.0, more=(9.0, 5.0))], "met", ""),
-        ({"gsd_mm": 3.5, "incidence_deg": 30.0}, [look(3.0, 50.0, more=(9.0, 5.0))], "missed", "obliquely"),
+        ({"gsd_mm": 5.0, "incidence_deg": 30.0}, [look(3.0, 50.0, more=(9.0, 5.0))], "missed", "obliquely"),
         ({"looks": 2}, [look(more=(9.0, 5.0))], "missed", "fewer than 2 pictures"),
     ],
 )

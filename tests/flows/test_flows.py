@@ -24,7 +24,7 @@ def test_the_whole_way_by_flows(server, place):
         server,
         place,
         """
-from upplied.flows.ingest_demonstrations import ingest_demonstrations
+from upplied.flows.ingest import ingest_demonstrations
 from upplied.flows.transfer_fleet import transfer_fleet
 print(ingest_demonstrations(["flight.mcap"], return_state=True).message)
 print(transfer_fleet(presets=["paper"], targets=["box-random-1"], return_state=True).message)
@@ -44,11 +44,41 @@ print(transfer_fleet(presets=["paper"], reports="", campaigns=["gone"], return_s
     assert (place / "reports" / "index.html").is_file()
 
 
+CAMPAIGN = """
+from upplied.catalog import open_catalog
+from upplied.findings.adding import add_marks
+from upplied.findings.marks import Mark
+from upplied.flows.ingest import ingest_demonstrations
+from upplied.flows.transfer_fleet import transfer_fleet
+ingest_demonstrations(["flight.mcap"], return_state=True)
+cube = open_catalog("catalog").structure("cube-v1").vertices
+place = (float(cube[:, 0].max()), float(cube[:, 1].mean()), float(cube[:, 2].mean()))
+(name,) = add_marks(open_catalog("catalog"), [Mark("it", structure="cube-v1", place=place)], "Ada").ids
+night = {"presets": ["recommended"], "targets": ["box-random-1"], "reports": "", "campaigns": [name]}
+for mm_px in (8.0, 8.0, 0.01, 0.01):
+    print(transfer_fleet(**night, campaign_mm_px=mm_px, return_state=True).message)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_a_campaign_is_planned_with_the_fleet_once_and_refused_once(server, place):
+    done = python(server, place, CAMPAIGN)
+    assert done.returncode == 0, done.stderr
+    first, again, refused, last = done.stdout.splitlines()
+    assert first.startswith("2 ok, 0 refused, 0 failed") and again.startswith("0 ok, 0 refused, 0 failed")
+    assert refused.startswith("0 ok, 1 refused, 0 failed") and last.startswith("0 ok, 0 refused, 0 failed")
+    assert all("box-random-2: has neither plan nor" in text for text in (first, again, refused, last))
+    plans = open_catalog(place / "catalog").transfers(structure="box-random-1", every=True)
+    ours = plans[plans["purpose"].str.startswith("campaign ")]
+    assert sorted(ours["status"]) == ["ok", "refused"] and set(ours["planned_on"].str[-6:]) == {"/local"}
+
+
 @pytest.mark.slow
 @pytest.mark.ci
 def test_maintenance_checks_the_catalog_and_says_what_is_wrong_with_it(server, place):
     code = """
-from upplied.flows.maintain_catalog import maintain_catalog
+from upplied.flows.upkeep import maintain_catalog
 state = maintain_catalog(catalog="catalog", return_state=True)
 print(state.type.value, state.message)
 """
@@ -219,7 +249,7 @@ def test_failed_runs_say_so_and_name_what_failed(server, place):
         server,
         place,
         """
-from upplied.flows.ingest_demonstrations import ingest_demonstrations
+from upplied.flows.ingest import ingest_demonstrations
 from upplied.flows.transfer_fleet import transfer_fleet
 def say(state):
     print(state.type.value, state.name, "|", state.message)
@@ -256,8 +286,8 @@ say(transfer_fleet("not-yet", manifest="wrong.toml", return_state=True))
 @pytest.mark.ci
 def test_runs_keep_to_the_declared_roots(server, place, tmp_path):
     code = """
-from upplied.flows.maintain_catalog import maintain_catalog
-from upplied.flows.publish_reports import publish_reports
+from upplied.flows.upkeep import maintain_catalog
+from upplied.flows.upkeep import publish_reports
 for call in CALLS:
     state = eval(call)
     print(state.type.value, state.message)

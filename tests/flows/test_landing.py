@@ -21,7 +21,7 @@ def test_a_flight_that_lands_is_judged_and_what_it_left_out_is_planned(server, p
 from dataclasses import replace
 from upplied.catalog import open_catalog
 from upplied.outputs.logs import write_log
-from upplied.flows.ingest_flights import ingest_flights
+from upplied.flows.ingest import ingest_flights
 from upplied.flows.transfer_fleet import transfer_fleet
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly

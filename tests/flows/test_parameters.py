@@ -7,8 +7,7 @@ from prefect.exceptions import ParameterTypeError
 
 from upplied.catalog import open_catalog
 from upplied.flows import tasks
-from upplied.flows.ingest_demonstrations import ingest_demonstrations
-from upplied.flows.ingest_structures import ingest_structures
+from upplied.flows.ingest import ingest_demonstrations, ingest_structures
 from upplied.flows.parameters import FlightBounds, bound_options
 from upplied.inputs.passport.settings import changed
 from upplied.outputs.logs import write_log

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from upplied.errors import InputError
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.poses import angle_between
+from upplied.records import Lens
 
 FACTS = {
     "schema_version": "1",
@@ -94,7 +95,27 @@ def test_a_chain_of_transforms_is_composed(tmp_path: Path) -> None:
     assert np.allclose(found.positions, flown.positions, atol=1e-9)
     assert close(found.quat_xyzw, flown.quat_xyzw)
     assert found.camera.hfov_deg == pytest.approx(90.0)
-    assert (found.camera.min_range_m, found.camera.max_range_m) == (2.0, 50.0)
+    assert (found.camera.min_range_m, found.camera.max_range_m) == (2.0, 50.0) and found.camera.lens is None
+
+
+@pytest.mark.parametrize(
+    ("said", "lens", "note"),
+    [
+        ({"d": [-0.1, 0.02, 1e-3, -2e-3, 0.004]}, Lens("brown", (-0.1, 0.02, 1e-3, -2e-3, 0.004)), ""),
+        ({"d": [0.0] * 5, "k": [320.0, 0, 330, 0, 320.0, 235, 0, 0, 1]},
+         Lens("brown", (), (330 / 640, 235 / 480)), ""),
+        ({"d": [0.1, 0.0, 0.0, 0.0], "distortion_model": "equidistant"}, Lens("fisheye", (0.1,)), ""),
+        ({"d": [0.1] * 14, "distortion_model": "thin_prism"}, None, "14 coefficients"),
+        ({"d": [], "distortion_model": ""}, None, ""),
+        ({"d": [float("nan")] * 5}, None, "is not used"),
+    ],
+)  # fmt: skip
+def test_a_calibration_says_how_the_lens_distorts(tmp_path: Path, said: dict, lens: Lens, note: str) -> None:
+    flown = flight()
+    info = [(int(t), camera_info(int(t)) | said) for t in flown.t_ns[::50]]
+    topics = [poses("/pose", SCHEMAS[0], flown), Topic("/info", "sensor_msgs/msg/CameraInfo", info)]
+    found = read_demonstration(write_log(tmp_path / "a.mcap", topics, FACTS))
+    assert found.camera.lens == lens and note in found.notes
 
 
 def camera_info(t_ns: int) -> dict:

@@ -95,9 +95,8 @@ def test_a_flight_that_breaks_no_rule_is_good() -> None:
     assert rules.judged(GOOD, PassportSettings()) == ()
 
 
-@pytest.mark.parametrize("check", rules.CHECKS, ids=lambda check: check.rule.name)
-def test_each_rule_finds_what_it_is_for_and_nothing_else_does(check: rules.FlightRule) -> None:
-    rule = check.rule
+@pytest.mark.parametrize("rule", rules.CHECKS, ids=lambda rule: rule.name)
+def test_each_rule_finds_what_it_is_for_and_nothing_else_does(rule: rules.Rule) -> None:
     spoilt = replace(GOOD, **BREAKS[rule.name])
     found = {item.rule: item.severity for item in rules.judged(spoilt, PassportSettings())}
     assert found.pop(rule.name) == rule.severity
@@ -108,19 +107,18 @@ def test_each_rule_finds_what_it_is_for_and_nothing_else_does(check: rules.Fligh
     assert refusals(strict) == strict
 
 
-@pytest.mark.parametrize("check", rules.CHECKS, ids=lambda check: check.rule.name)
-def test_the_bounds_of_a_rule_are_settings_that_move_it(check: rules.FlightRule) -> None:
-    rule = check.rule
+@pytest.mark.parametrize("rule", rules.CHECKS, ids=lambda rule: rule.name)
+def test_the_bounds_of_a_rule_are_settings_that_move_it(rule: rules.Rule) -> None:
     names = {item.name for item in fields(PassportSettings)}
-    assert set(check.bounds) <= names
+    assert set(rule.bounds) <= names
     if (
         rule.name in ("hovering", "gaps", "near-structure", "zoom", "undated", "leap-seconds")
-        or not check.bounds
+        or not rule.bounds
     ):
         return  # their bounds act where time and distance are measured
     loose = {
         name: -1e6 if name.startswith(("least", "odd_axis")) else 1e6
-        for name in check.bounds
+        for name in rule.bounds
         if name != "ground_slack_m"
     }
     spoilt = replace(GOOD, **BREAKS[rule.name])
@@ -139,7 +137,7 @@ def test_rules_and_bounds_are_named_or_refused() -> None:
 
 
 def test_every_convention_of_a_side_car_is_known() -> None:
-    assert tuple(conventions.NAMED) == CONVENTIONS
+    assert tuple(conventions.NAMED) == tuple(CONVENTIONS)
 
 
 def test_inside_is_inside(tmp_path: Path) -> None:
@@ -378,8 +376,10 @@ def test_the_documentation_names_every_rule_bound_and_convention() -> None:
     bounds = [item.name for item in fields(PassportSettings)]
     missing = [name for name in (*rules.RULES, *CONVENTIONS, *bounds) if f"`{name}`" not in page]
     assert set(missing) <= {"ned"}
-    for check in rules.CHECKS:
-        assert f"| `{check.rule.name}` | {check.rule.severity} |" in page
+    rows = {line.split("`")[1]: line for line in page.splitlines()[::-1] if line.startswith("| `")}
+    for rule in rules.CHECKS:
+        parts = [f"| `{rule.name}` | {rule.severity} | {rule.reason} |", rule.remedy, *rule.bounds]
+        assert all(each in rows[rule.name] for each in parts), rule.name
 
 
 @pytest.mark.parametrize("calibrated", [True, False])

@@ -99,9 +99,9 @@ def test_a_rare_mistake_is_named_where_it_fits_clearly_better(monkeypatch, share
 def test_where_two_conventions_fit_alike_both_are_named() -> None:
     one, other = (fits.Fit(conventions.NAMED[name], 0.9) for name in ("mirrored-x", "mirrored-y"))
     told = _best([one, other])
-    assert "(mirrored-y)" in told["other_words"] and "cannot be told" in told["other_advice"]
+    assert "(mirrored-y)" in told["other_words"] and "fit both alike" in told["other_advice"]
     alone = _best([one, replace(other, share=0.8)])
-    assert "(mirrored-y)" not in alone["other_words"] and "cannot be told" not in alone["other_advice"]
+    assert "(mirrored-y)" not in alone["other_words"] and "fit both alike" not in alone["other_advice"]
 
 
 @pytest.mark.parametrize(("ratio", "named"), [(6.0, True), (8.0, False)])

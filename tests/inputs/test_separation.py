@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from upplied.inputs.separation import CLASSES, Separation, kept, separated
+from upplied.inputs.separation import CLASSES, Separation, separated, structure_alone
 from upplied.records import Structure
 from upplied.samples.fleet import member, random_member
 
@@ -91,12 +91,12 @@ def test_a_cloud_is_separated_as_its_mesh_is() -> None:
     of_cloud = separated(cloud)
     there = of_cloud.label
     assert (there == found_in("a320-v1").label[which]).mean() > 0.99
-    vertices, triangles, normals = kept(cloud, of_cloud)
+    vertices, triangles, normals = structure_alone(cloud, of_cloud)
     assert len(vertices) == (there == 0).sum() and not len(triangles) and normals is None
 
 
 def test_what_is_kept_has_the_triangles_of_the_structure() -> None:
     scene, found = scanned("bridge-1-v1", 0.02)[0], found_in("bridge-1-v1", 0.02)
-    vertices, triangles, _ = kept(scene, found)
+    vertices, triangles, _ = structure_alone(scene, found)
     assert np.array_equal(vertices[triangles], scene.vertices[scene.triangles[found.label == 0]])
     assert len(CLASSES) == len(found.area_m2) and found.area_m2.sum() == pytest.approx(_area(scene).sum())

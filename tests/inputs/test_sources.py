@@ -18,7 +18,7 @@ from upplied.inputs.passport.rules import RULES
 from upplied.inputs.sources import door
 from upplied.outputs.missions import FORMATS, MissionOptions, export
 from upplied.poses import angle_between
-from upplied.records import Demonstration
+from upplied.records import Demonstration, Lens
 from upplied.samples.fleet import member
 
 
@@ -68,6 +68,48 @@ def test_a_yaw_that_counts_from_the_nose_is_told_from_the_series(tmp_path: Path)
     found = read_demonstration(path, LogOptions(structure_id="tank", **facts))
     assert "counts from the aircraft's nose" in found.notes
     assert np.degrees(angle_between(found.quat_xyzw, flown.quat_xyzw)).max() < 0.1
+
+
+BROWN = Lens("brown", (-0.1, 0.02, 1e-3, -2e-3, 0.004), (2010 / 4000, 1490 / 3000))
+LENSES = {  # form: what its file has for a camera without distortion, what instead, and the lens
+    "opensfm": ('"projection_type": "perspective"', '"projection_type": "brown", "k1": -0.1, "k2": 0.02, '
+                '"k3": 0.004, "p1": 0.001, "p2": -0.002, "c_x": 0.0025, "c_y": -0.0025', BROWN),
+    "colmap text": ("PINHOLE 4000 3000 3200 3200 2000 1500", "FULL_OPENCV 4000 3000 3200 3200 2010 1490 -0.1 "
+                    "0.02 0.001 -0.002 0.004 0 0 0", BROWN),
+    "nerfstudio": ('"fl_x": 3200', '"fl_x": 3200, "cx": 2010, "cy": 1490, "k1": -0.1, "k2": 0.02, '
+                   '"p1": 0.001, "p2": -0.002, "k3": 0.004', BROWN),
+    "metashape": ("<f>3200</f>", "<f>3200</f><cx>10</cx><cy>-10</cy><k1>-0.1</k1><k2>0.02</k2><k3>0.004</k3>"
+                  "<p1>-0.002</p1><p2>0.001</p2>", BROWN),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", LENSES)
+def test_a_project_says_how_its_lens_distorts(tmp_path: Path, form: str) -> None:
+    path, facts = WRITERS[form](tmp_path, spiral())
+    file = path.with_name("cameras.txt") if form == "colmap text" else path
+    plain, distorted, lens = LENSES[form]
+    text = file.read_text()
+    assert plain in text
+    assert read_demonstration(path, LogOptions(structure_id="tank", **facts)).camera.lens is None
+    file.write_text(text.replace(plain, distorted))
+    found = read_demonstration(path, LogOptions(structure_id="tank", **facts)).camera
+    assert found.lens is not None and found.lens.model == lens.model
+    assert found.lens.coefficients == pytest.approx(lens.coefficients)
+    assert found.lens.middle == pytest.approx(lens.middle)
+    corrected = LogOptions(structure_id="tank", camera_distortion=(0.0,), **facts)
+    assert read_demonstration(path, corrected).camera.lens is None
+    declared = LogOptions(
+        structure_id="tank", camera_distortion=(0.1,), camera_distortion_model="fisheye", **facts
+    )
+    assert read_demonstration(path, declared).camera.lens == Lens("fisheye", (0.1,))
+
+
+def test_a_lens_of_another_model_is_not_used_and_said(tmp_path: Path) -> None:
+    path, facts = WRITERS["colmap text"](tmp_path, spiral())
+    path.with_name("cameras.txt").write_text("1 FOV 4000 3000 3200 3200 2000 1500 0.9\n")
+    found = read_demonstration(path, LogOptions(structure_id="tank", **facts))
+    assert found.camera.lens is None and "distortion of the camera is not used" in found.notes
+    assert found.camera.hfov_deg == pytest.approx(64.0, abs=0.1)
 
 
 def test_photos_say_their_camera_and_its_shortest_interval(tmp_path: Path) -> None:

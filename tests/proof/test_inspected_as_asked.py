@@ -11,11 +11,13 @@ import pytest
 
 from upplied.config import CloudSettings, InspectionSettings
 from upplied.planning.surface.samples import surface_samples
+from upplied.planning.visibility.observations import Views
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.proof.align import align
 from upplied.proof.as_flown import AsFlown, as_flown
-from upplied.proof.inspected import looks_at
-from upplied.records import Bools, Camera, Floats, Trajectory
+from upplied.proof.inspected import CORRECTED_RIM_DEG, PlannedLooks, looks_at, planned_looks
+from upplied.proof.looks import looks_of
+from upplied.records import Bools, Camera, Cloud, Floats, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 from upplied.scene import scene_of
@@ -144,15 +146,12 @@ def test_of_a_corrected_log_only_what_both_paths_match_is_certain(plan, flown):
     found = align(plan, beside)
     assert found.corrected
     said = as_flown(plan, plan.t_s[::4], found, beside, SURFACE, CAMERA, SCENE)
-    as_logged = replace(
-        found, shift_m=np.zeros(3), heading_deg=0.0, camera_yaw_deg=0.0, camera_pitch_deg=0.0, jumps=()
-    )
+    usual = planned_looks(plan, SURFACE, CAMERA, SCENE, InspectionSettings())
+    wanted = replace(usual, rim_deg=CORRECTED_RIM_DEG)  # which no log that is right must keep
     alone = [
-        as_flown(
-            plan, plan.t_s[::4], replace(as_logged, flown=path), path, SURFACE, CAMERA, SCENE
-        ).looks.inspected
-        for path in (found.flown, beside)
+        looks_of(path, SURFACE, CAMERA, SCENE, wanted=wanted).inspected for path in (found.flown, beside)
     ]
+    assert usual.rim_deg < CORRECTED_RIM_DEG
     assert np.array_equal(said.looks.inspected, alone[0] & alone[1]) and (alone[0] != alone[1]).any()
 
 
@@ -168,6 +167,21 @@ def test_the_motion_of_a_photo_is_that_around_it_and_not_across_a_silence():
     assert np.allclose(looks.turn, [[0, 0, 0.3]] * 3 + [[0, 0, 0]] * 2, atol=1e-6)
     stops = Trajectory(t_s[:101], np.minimum(place, 6.0)[:101], path.quat_xyzw[:101])
     assert looks_at(stops, np.array([2.45])).velocity[0, 0] == pytest.approx(2.0, abs=0.01)
+
+
+def test_what_lies_at_the_rim_or_the_largest_incidence_is_not_claimed():
+    """A pose that is off by the noise of its log would not show it as asked."""
+    rule, rim_deg = InspectionSettings(), CAMERA.hfov_deg / 2
+    angle = np.radians([0.0, rim_deg - 0.2, rim_deg - 0.1])
+    aslant = np.radians(rule.max_incidence_deg - np.array([0.2, 0.1]))
+    rays = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])[[0, 1, 2, 0, 0]]
+    normals = -rays
+    normals[3:] = -np.column_stack([np.cos(aslant), np.sin(aslant), 0 * aslant])
+    still = Trajectory(np.arange(3.0), np.zeros((3, 3)), np.tile([0.0, 0, 0, 1], (3, 1)))
+    shown, surface = Views(still, np.ones((3, 5), bool)), Cloud(8 * rays, normals)
+    wanted = PlannedLooks(np.full(5, 30.0), np.ones(5, bool), CAMERA, rule)
+    claimed = wanted.matched(shown, looks_at(still, still.t_s), surface, CAMERA)
+    assert claimed.tolist() == [True, True, False, True, False]
 
 
 def at_log_rate(path: Trajectory) -> Trajectory:

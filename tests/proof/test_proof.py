@@ -68,7 +68,8 @@ def test_a_log_that_is_right_is_left_as_it_is(plan, flown):
     assert said.flown_pct > 98 and said.cross_track_p95_m < 0.5 and said.frechet_m < 1.0
     assert not [text for text in said.findings if "broken" in text or "moved" in text]
     nearest = path_clearance(SCENE, flown.positions).distance_m
-    assert nearest - 0.08 < said.clearance_m <= nearest
+    stated = found.place_error_m  # the frame of a log that is right may be off by so much, too
+    assert nearest - stated - 0.08 < said.clearance_m <= nearest - stated and stated < 0.7
 
 
 @settings(max_examples=8, deadline=None)
@@ -229,10 +230,11 @@ def test_the_way_through_a_silence_does_not_count_for_clearance(plan):
     away = np.flatnonzero(np.abs(angle - angle[0]) < np.radians(130))
     cut = log.take(np.setdiff1d(np.arange(len(log)), away[20:]))
     said = judged(plan, cut)
-    assert path_clearance(SCENE, cut.positions).distance_m < said.clearance_m - 0.5
+    stated = align(plan, cut).place_error_m  # comes off besides
+    assert path_clearance(SCENE, cut.positions).distance_m < said.clearance_m + stated - 0.5
     pieces = np.split(cut.positions, np.flatnonzero(np.diff(cut.t_s) > 1) + 1)
     least = min(path_clearance(SCENE, piece).distance_m for piece in pieces)
-    assert least - 0.15 < said.clearance_m <= least
+    assert least - 0.15 < said.clearance_m + stated <= least
     assert said.silent_s == pytest.approx(np.diff(cut.t_s).max())
     assert any("how near it came then is not known" in text for text in said.findings)
 

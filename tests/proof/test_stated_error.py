@@ -82,3 +82,19 @@ def test_the_clearance_of_a_corrected_log_is_not_more_than_the_true_one():
         said = as_flown(plan, np.empty(0), found, flight.log, surface, camera, scene)
         truth_m = path_clearance(scene, flight.truth.positions).distance_m
         assert found.corrected and truth_m - 1.5 < said.clearance_m <= truth_m
+
+
+def test_the_clearance_of_a_log_that_is_not_corrected_allows_for_its_stated_error():
+    """A frame that is off by less than is corrected, and satellites that are said to be off by so much."""
+    plan, structure = PLANS["a320-engine-left-v1"], member("a320-v1").structure
+    scene, camera = scene_of(structure), Camera(70.0, 55.0, 1.0, 25.0)
+    surface = surface_samples(structure, scene, CloudSettings(surface_samples=50))
+    flight = flown(plan, Manner(off_m=(0.06, -0.05, 0.02)), 1)
+    truth_m, logged_m = (
+        path_clearance(scene, path.positions).distance_m for path in (flight.truth, flight.log)
+    )
+    for accuracy_m in (None, 0.2):
+        found = align(plan, flight.log, accuracy_m)
+        said = as_flown(plan, np.empty(0), found, flight.log, surface, camera, scene)
+        assert not found.corrected and said.clearance_m <= min(truth_m, logged_m - found.place_error_m)
+        assert said.clearance_m > truth_m - 1.0

@@ -13,11 +13,10 @@ from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store.cache import Cache
-from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.contents import CONTENTS, ContentStore, SurfaceStore
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.files import cache_folder, checked
-from upplied.catalog.store.identity import Identity
+from upplied.catalog.store.identity import Clock, Identity
 from upplied.catalog.store.steps import StepTable
 from upplied.catalog.verbs import ordering, queries
 from upplied.catalog.verbs.queries import PlannedTrajectory, Units, When, decoded, frame, moment, until
@@ -218,20 +217,19 @@ class Reading:
             Those of one plan, or round one structure.
         kind : {"flown", "simulated"}, optional
         """
-        flights = self._of_plans("flights", transfer_id)
+        where = queries.matching({"transfer_id": transfer_id, "target_id": structure})
+        flights = self.by_commit("flights", where, ["transfer_id", "commit_version"])
         flights["kind"] = flights["kind"].where(flights["kind"] != "", "simulated")
-        for column, value in (("target_id", structure), ("kind", kind)):
-            if value is not None:
-                flights = flights[flights[column] == value]
-        return flights.reset_index(drop=True)
+        return flights if kind is None else flights[flights["kind"] == kind].reset_index(drop=True)
+
+    def flight(self, start: str) -> Row:
+        """The newest row of the one flight whose id begins so; none, or more than one, is an error."""
+        return queries.beginning(self.flights(), "flight", start)
 
     def overruled(self, transfer_id: str | None = None) -> pd.DataFrame:
         """Rules of the gate that a person overruled, in the order they were added; of one plan, or all."""
-        return self._of_plans("overruled", transfer_id)
-
-    def _of_plans(self, name: str, transfer_id: str | None) -> pd.DataFrame:
-        where = None if transfer_id is None else pc.field("transfer_id") == transfer_id
-        return self.by_commit(name, where, ["transfer_id", "commit_version"])
+        where = queries.matching({"transfer_id": transfer_id})
+        return self.by_commit("overruled", where, ["transfer_id", "commit_version"])
 
     def by_commit(
         self, name: str, where: ds.Expression | None = None, order: Sequence[str] = ("commit_version",)

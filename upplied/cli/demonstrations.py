@@ -119,7 +119,7 @@ def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> in
 @app.command(name="show")
 def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
     """Show the import checks of a demonstration: measurements, and the rules it breaks."""
-    from upplied.inputs.passport.passport import findings_of
+    from upplied.inputs.passport.rules import findings_of
     from upplied.outputs.passport_page import rows_of
 
     passport: Any = opened(catalog).demonstration(demonstration).passport

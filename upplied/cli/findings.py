@@ -213,11 +213,18 @@ def looks(
     json: JsonOption = False,
 ) -> int:
     """List every photo of every flight that shows a finding."""
-    from upplied.findings.looks import spot_of
+    from upplied.findings.looks import off_surface, spot_of
 
     store = opened(catalog)
     row = store.finding(finding)
-    return show_looks(store, f"finding {row['finding_id']}", spot_of(row), out, photos, simulated, json)
+    spot = spot_of(row)
+    sha256 = str(store.newest("structures", spot.structure_id)["sha256"])
+    if spot.structure_sha256 != sha256:
+        off = float(off_surface(store, [spot], sha256)[0])
+        complain(
+            f"{spot.structure_id} has changed since it was found; the place is {off:.2f} m off its surface"
+        )
+    return show_looks(store, f"finding {row['finding_id']}", spot, out, photos, simulated, json)
 
 
 @app.command

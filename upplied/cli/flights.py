@@ -118,9 +118,7 @@ def show_one(
     flight: FlightArgument, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False
 ) -> int:
     """Show all details of one flight."""
-    from upplied.fleet.gaps import flight_row
-
-    _tell(flight_row(opened(catalog), flight), json)
+    _tell(opened(catalog).flight(flight), json)
     return 0
 
 

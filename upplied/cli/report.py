@@ -46,14 +46,21 @@ def report(
         Folder to write, by default `reports`; only changed files are written.
     """
     from upplied import fleet
+    from upplied.findings.queries import kind_map
     from upplied.outputs.publish import publish_file
 
     store = opened(catalog)
     problems: tuple[str, ...] = ()
     if folder is not None or self_contained is None:
         with progress("publishing", min(pages, pairs_in(store))) as advance:
-            place = folder or "reports"
-            published = fleet.publish(store, place, pages=pages, progress=lambda _: advance(), force=force)
+            published = fleet.publish(
+                store,
+                folder or "reports",
+                pages=pages,
+                progress=lambda _: advance(),
+                force=force,
+                map_of=kind_map,
+            )
         say(str(published.index))
         problems = published.problems
     if self_contained is not None:

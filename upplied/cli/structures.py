@@ -221,7 +221,7 @@ def _cleaned(structure: Structure, png: Path) -> None:
     """Write the structure without ground, clutter and neighbours, and a picture before and after."""
     from dataclasses import replace
 
-    from upplied.inputs.separation import CLASSES, kept, separated
+    from upplied.inputs.separation import CLASSES, separated, structure_alone
     from upplied.outputs.figures import separation_png
     from upplied.outputs.files import replace_file
     from upplied.outputs.ply import ply_bytes
@@ -232,7 +232,7 @@ def _cleaned(structure: Structure, png: Path) -> None:
         return
     stem = png.stem.removesuffix("-check") + "-clean"
     mesh, picture = png.with_name(f"{stem}.ply"), png.with_name(f"{stem}.png")
-    vertices, triangles, normals = kept(structure, separation)
+    vertices, triangles, normals = structure_alone(structure, separation)
     left = replace(structure, vertices=vertices, triangles=triangles, normals=normals)
     replace_file(mesh, ply_bytes(vertices, triangles, normals))
     replace_file(picture, separation_png(structure, separation.label, CLASSES, left))

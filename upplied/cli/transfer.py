@@ -199,7 +199,7 @@ def _reproduced(catalog: str, transfer_id: str) -> int:
 
     from upplied.catalog import recipe
     from upplied.errors import RefusedError
-    from upplied.fleet.required import required_surface
+    from upplied.fleet.planner import required_surface
     from upplied.planning.correspondence.memo import no_memo
     from upplied.planning.plan import METHOD_VERSION, plan_transfer
     from upplied.provenance import causes
@@ -210,7 +210,7 @@ def _reproduced(catalog: str, transfer_id: str) -> int:
     if purpose.startswith("gap "):
         remedy = f"plan it again: upplied flights gap {purpose.removeprefix('gap ')}"
         raise RefusedError(f"plan {transfer_id}", "was made from a flight", "", remedy)
-    if purpose.startswith("reshoot "):
+    if purpose.startswith(("reshoot ", "campaign ")):
         remedy = f"plan it again: upplied reshoot --on {basis.row['target_id']}"
         raise RefusedError(f"plan {transfer_id}", "was made from findings", "", remedy)
     with errors.status("planning again"):

@@ -20,12 +20,14 @@ from upplied.errors import RefusedError, UppliedError
 from upplied.findings.marks import Mark
 from upplied.findings.photos import flight_of, registered, with_size
 from upplied.findings.place import Errors, located
-from upplied.findings.rays import size_px
+from upplied.findings.rays import rays_of, size_px
 from upplied.records import Floats, Structure
 from upplied.scene import Scene, scene_of, surface_error_m
 from upplied.vectors import sphere
 
 _DIGITS = 12  # of a finding's id
+_SAME_TIME_S = 1.0  # between the time of a mark and that of its photo
+_SAME_SHAPE = 0.01  # of the proportions of a photo, by which those of a smaller copy may differ
 _MOST_OUTLINE = 64
 _WAYS = sphere(64)
 _CLEARLY = 0.05  # share of rays, by which more escape from one side than from the other
@@ -88,17 +90,12 @@ class Placing:
         return self._about(mark, structure, place, normal, "place")
 
     def _seen(self, mark: Mark) -> dict[str, Any]:
-        photo: dict[str, Any] = {}
-        whole = self._flight(mark.flight).flight_id if mark.flight else ""
-        if mark.t_s is None or (mark.photo and not mark.flight):
-            if not mark.photo:
-                remedy = "name a photo, or state --flight ID --time SECONDS"
-                raise RefusedError(
-                    mark.what, "names neither photo nor time", "a photo of a known flight", remedy
-                )
-            photo = registered(self.catalog, mark.photo, whole)
+        photo = self._photo(mark)
         flight = self._flight(photo["flight_id"] if photo else mark.flight)
         t_s = float(photo["t_s"]) if photo else float(mark.t_s or 0.0)
+        if mark.t_s is not None and not abs(mark.t_s - t_s) <= _SAME_TIME_S:
+            found = f"is of {mark.t_s:g} s, its photo {mark.photo} of {t_s:g} s"
+            raise RefusedError(mark.what, found, "one time", "leave the time or the photo away")
         if not 0 <= t_s <= float(flight.path.t_s[-1]):
             when = f"is of {t_s:g} s, the flight took {float(flight.path.t_s[-1]):.1f} s"
             raise RefusedError(mark.what, when, "a time of the flight", "count from its first pose")
@@ -107,11 +104,17 @@ class Placing:
         )
         size = (width, height) if width and height else mark.size_px
         camera = with_size(flight.seen_by(t_s), *size, f"{mark.what}, photo {mark.photo or f'of {t_s:g} s'}")
-        corners = mark.corners
         limits = np.array(size_px(camera))
+        corners = mark.corners * _enlarged(mark, limits)
         if not len(corners) or (corners < 0).any() or (corners > limits).any():
             rule = f"0 to {limits[0]} and 0 to {limits[1]} px"
             raise RefusedError(mark.what, "lies outside of its photo", rule, "check the pixels and the photo")
+        if not np.isfinite(rays_of(camera, corners)).all():
+            rule, remedy = (
+                "within what the lens shows",
+                "check the distortion in the calibration of the camera",
+            )
+            raise RefusedError(mark.what, "lies where the model of its lens shows nothing", rule, remedy)
         structure = self._structure(flight.target_id)
         pose = flight.at(np.array([t_s]))
         stated = flight.pose_error_m if self.pose_m is None else self.pose_m
@@ -143,6 +146,20 @@ class Placing:
             "incidence_deg": spot.incidence_deg,
             "gsd_mm": spot.mm_px,
         }
+
+    def _photo(self, mark: Mark) -> dict[str, Any]:
+        """The registered photo of a mark; empty where flight and time alone tell what it is of."""
+        timed = bool(mark.flight) and mark.t_s is not None
+        if not (mark.photo or timed):
+            remedy = "name a photo, or state --flight ID --time SECONDS"
+            raise RefusedError(mark.what, "names neither photo nor time", "a photo of a known flight", remedy)
+        whole = self._flight(mark.flight).flight_id if mark.flight else ""
+        try:
+            return registered(self.catalog, mark.photo, whole) if mark.photo else {}
+        except RefusedError:
+            if timed:
+                return {}
+            raise
 
     def _about(
         self, mark: Mark, structure: Structure, place: Any, normal: Any, seen_by: str
@@ -222,6 +239,18 @@ def escaping(scene: Scene, points: Floats, normals: Floats, size: float) -> Floa
     starts = (points + 1e-5 * size * normals)[owner]
     met = scene.occluded(starts, starts + 2 * size * _WAYS[which], slack=0.0)
     return np.bincount(owner, ~met, len(points)) / np.maximum(ahead.sum(axis=1), 1)
+
+
+def _enlarged(mark: Mark, size: Floats) -> Floats:
+    """By what the pixels (2,) of a mark are multiplied, whose file has the photo in another size."""
+    if not all(mark.size_px):
+        return np.ones(2)
+    ratio = size / np.array(mark.size_px)
+    if abs(ratio[0] / ratio[1] - 1) > _SAME_SHAPE:
+        stated, own = (f"{each[0]:.0f} x {each[1]:.0f} px" for each in (mark.size_px, size))
+        found = f"is of a picture of {stated}, the photo has {own}"
+        raise RefusedError(mark.what, found, "the same proportions", "mark it in the photo as it was taken")
+    return np.asarray(ratio, float)
 
 
 def outline_of(row: Any) -> Floats:

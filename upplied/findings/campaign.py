@@ -1,20 +1,29 @@
-"""One draft for each structure on which the place of a finding was not looked at yet."""
+"""One draft for each structure on which the place of a finding was not looked at yet: jobs of the fleet."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from typing import Any
 
 import pandas as pd
 
 from upplied.catalog import Catalog
+from upplied.catalog.schema.plan_rows import transfer_id as id_of
 from upplied.catalog.verbs.findings import STATES
 from upplied.catalog.verbs.queries import When
+from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError
 from upplied.findings.carried import Carrying
 from upplied.findings.queries import photographed
-from upplied.findings.reshoot import plan_reshoot, purpose_of
-from upplied.planning.plan import METHOD_VERSION
+from upplied.findings.reshoot import base_of, depends_on, mission
+from upplied.fleet import new_run_id, planner, transfer
+from upplied.fleet.decisions import Job
+from upplied.records import Plan
+
+log = logging.getLogger(__name__)
+
+_PURPOSE = "campaign"  # how the purpose of its plans begins; its finding and mm/px follow
 
 
 def selected_findings(catalog: Catalog, selection: str, structure_id: str) -> list[dict[str, Any]]:
@@ -58,43 +67,121 @@ def plan_campaign(
         Of each structure its id, status (seen, refused, or the plan's: draft, released, rejected and others)
         and, in words, the look, the plan or why there is none.
     """
-    carrying, results = Carrying(catalog), []
-    names = ",".join(carrying.targets(str(row["target_id"]), to))
-    if not names:
-        raise RefusedError(f"finding {row['finding_id']}", "is on the only structure of its kind", "others")
-    for there in photographed(catalog, row, names, mm_px, since, carrying=carrying).to_dict("records"):
-        name = str(there["structure_id"])
-        if not pd.isna(there["looked_at"]):
-            status, words = "seen", f"{there['looked_at']:%Y-%m-%d} at {there['mm_px']:.2f} mm/px"
-        elif planned := _planned(catalog, name, purpose_of([str(row["finding_id"])], mm_px)):
-            status, words = planned
-        else:
-            try:
-                mission = plan_reshoot(catalog, [row], name, mm_px, carrying)
-                status, words = "draft", f"{mission.transfer_id}; {mission.words[1]}"
-            except UppliedError as error:
-                status, words = "refused", str(error)
-        results.append({"structure_id": name, "status": status, "words": words})
-    return results
+    jobs, results = campaign_jobs(catalog, row, mm_px, to, since)
+    keys = [job.key for job in jobs]
+    before = catalog.settled(keys)
+    transfer(catalog, [job for job in jobs if job.key not in before], new_run_id(), plan=plan_job)
+    columns = ["transfer_id", "state", "warnings"]
+    rows = catalog.transfers(ids=[id_of(key) for key in keys], every=True, columns=columns)
+    plans = {one["transfer_id"]: one for one in rows.to_dict("records")}
+    for job in jobs:
+        status, words = catalog.settled([job.key]).get(job.key, ("failed", "its inputs changed"))
+        if status == "ok":
+            plan = plans[id_of(job.key)]
+            shown = next((text for text in plan["warnings"] if text.startswith("finding ")), "")
+            status = str(plan["state"])
+            words = f"{plan['transfer_id']}; {'planned before' if job.key in before else shown}"
+        results.append({"structure_id": job.target_id, "status": status, "words": words})
+    return sorted(results, key=lambda one: one["structure_id"])
 
 
-def plan_campaigns(catalog: Catalog, findings: Sequence[str], mm_px: float) -> list[str]:
-    """Plan the campaigns of several findings; what kept a whole one from being planned, in words."""
+def due_jobs(
+    catalog: Catalog, findings: Sequence[str], mm_px: float, retry_failed: bool = False
+) -> tuple[list[Job], list[str]]:
+    """The jobs of the campaigns of several findings that the catalog has no outcome of.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    findings : sequence of str
+        Ids.
+    mm_px : float
+        See `plan_campaign`.
+    retry_failed : bool
+        Those that failed as well; what was refused is refused again only when its inputs change.
+
+    Returns
+    -------
+    tuple
+        The jobs, and what kept a whole campaign or a structure of it from having one, in words.
+    """
+    jobs: list[Job] = []
     problems = []
     for start in findings:
         try:
-            plan_campaign(catalog, catalog.finding(start), mm_px)
+            own, others = campaign_jobs(catalog, catalog.finding(start), mm_px)
         except UppliedError as error:
             problems.append(f"campaign {start}: {error}")
-    return problems
+            continue
+        jobs += own
+        problems += [f"campaign {start}: {one['words']}" for one in others if one["status"] == "refused"]
+    settled = catalog.settled([job.key for job in jobs], retry_failed=retry_failed)
+    return [job for job in jobs if job.key not in settled], problems
 
 
-def _planned(catalog: Catalog, structure_id: str, purpose: str) -> tuple[str, str] | None:
-    """State and words of the newest plan for a purpose round a structure as it is, by the method as it is."""
-    rows = catalog.transfers(structure=structure_id, preset="recommended", status="ok", every=True)
-    rows = rows[(rows["purpose"] == purpose) & (rows["method_version"] == METHOD_VERSION)]
-    rows = rows[rows["target_sha256"] == catalog.newest("structures", structure_id)["sha256"]]
-    if rows.empty:
-        return None
-    newest = rows.iloc[-1]
-    return str(newest["state"]), f"{newest['transfer_id']}; planned before"
+def campaign_jobs(
+    catalog: Catalog, row: dict[str, Any], mm_px: float, to: str = "kind", since: When | None = None
+) -> tuple[list[Job], list[dict[str, str]]]:
+    """A job for each structure where no flight showed the place of a finding; and, in words, of the others.
+
+    Parameters are those of `plan_campaign`. The key of a job names all that its mission depends on.
+    """
+    carrying, jobs, others = Carrying(catalog), list[Job](), []
+    names = ",".join(carrying.targets(str(row["target_id"]), to))
+    if not names:
+        raise RefusedError(f"finding {row['finding_id']}", "is on the only structure of its kind", "others")
+    if not mm_px > 0:
+        raise RefusedError("a campaign", f"was asked for {mm_px:g} mm a pixel", "more than 0")
+    for there in photographed(catalog, row, names, mm_px, since, carrying=carrying).to_dict("records"):
+        name = str(there["structure_id"])
+        one = {"structure_id": name, "status": "seen"}
+        if not pd.isna(there["looked_at"]):
+            words = f"{there['looked_at']:%Y-%m-%d} at {there['mm_px']:.2f} mm/px"
+            others.append({**one, "words": words})
+            continue
+        try:
+            base = base_of(catalog, name)
+        except UppliedError as error:
+            others.append({**one, "status": "refused", "words": str(error)})
+            continue
+        key = digest([_PURPOSE, *depends_on(carrying, [row], base, mm_px)])
+        jobs.append(
+            Job(
+                base.about["demonstration_id"],
+                base.about["source_id"],
+                name,
+                base.target.kind,
+                base.settings,
+                key,
+                f"{name} was not looked at where finding {row['finding_id']} is",
+                base.sha256,
+                f"{_PURPOSE} {row['finding_id']} {mm_px!r}",
+            )
+        )
+    return jobs, others
+
+
+def plan_job(job: Job) -> planner.Outcome:
+    """Plan a job in a worker process: of a campaign its mission, any other as a transfer."""
+    return planner.plan_job(job, _mission if job.purpose.startswith(f"{_PURPOSE} ") else _transferred)
+
+
+def _transferred(catalog: Catalog, job: Job) -> Plan:
+    """The plan of a transfer; its pair was studied for it, so questions about findings need not do so."""
+    plan = planner.transferred(catalog, job)
+    if (plan.status, job.settings.preset, job.purpose) == ("ok", "recommended", ""):
+        try:
+            Carrying(catalog).carried(job.source_id, job.target_id)
+        except MemoryError:
+            raise
+        except Exception as error:  # no plan fails for what is asked later, and then says why
+            log.warning("%s: findings cannot be carried: %s", job, error)
+    return plan
+
+
+def _mission(catalog: Catalog, job: Job) -> Plan:
+    _, finding_id, mm_px = job.purpose.split()
+    base = base_of(catalog, job.target_id)
+    if (base.sha256, base.settings.sha256) != (job.sha256, job.settings.sha256):
+        return planner.superseded(job)
+    return mission(Carrying(catalog), [catalog.finding(finding_id)], base, float(mm_px)).plan

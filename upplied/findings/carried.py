@@ -13,7 +13,7 @@ from upplied.catalog import Catalog
 from upplied.config import Settings, digest
 from upplied.errors import RefusedError
 from upplied.findings.adding import on_surface
-from upplied.findings.looks import Spot, plane_axes
+from upplied.findings.looks import Spot, off_surface, plane_axes
 from upplied.findings.sampled import Carried, carried_samples, neighbours
 from upplied.fleet.decisions import PlanRequest, SettingsOf
 from upplied.fleet.siblings import SiblingsOf
@@ -92,17 +92,23 @@ class Carrying:
     def to(self, spots: Sequence[Spot], target_id: str) -> Counterparts:
         """Where spots of one structure are on another."""
         source_id, places = spots[0].structure_id, np.array([[*spot.place, *spot.normal] for spot in spots])
+        target, off = (
+            self.catalog.structure(target_id),
+            off_surface(self.catalog, spots, self._sha256[source_id]),
+        )
         if source_id == target_id:
-            return _themselves(places)
-        settings = self._settings(_PRESET, self.kinds[target_id], target_id)
-        carried = self._carried(source_id, target_id, settings)
-        return carried_spots(places, carried, self.catalog.structure(target_id))
+            there = _themselves(places)
+        else:
+            there = carried_spots(places, self.carried(source_id, target_id), target)
+        error = there.error_m + off
+        doubtful = there.doubtful | (error > _FARTHEST * target.diagonal_m)
+        return replace(there, error_m=error, doubtful=doubtful)
 
     def everywhere(self, spot: Spot, names: Sequence[str]) -> Counterparts:
         """Where a spot is on each of some structures, a row for each."""
         settings = {self._settings(_PRESET, self.kinds[name], name).sha256 for name in names}
         about = [spot.structure_id, list(names), self.named(spot.structure_id), sorted(settings)]
-        place = [*spot.place.round(6).tolist(), *spot.normal.round(6).tolist()]
+        place = [*spot.place.round(6).tolist(), *spot.normal.round(6).tolist(), spot.structure_sha256]
 
         def carried() -> Counterparts:
             return Counterparts.stacked([self.to([spot], name) for name in names])
@@ -124,7 +130,7 @@ class Carrying:
         """Where a spot is on each part of a structure like its counterpart, and on that one first."""
         source_id, settings = spot.structure_id, self._settings(_PRESET, self.kinds[target_id], target_id)
         places, target = np.array([[*spot.place, *spot.normal]]), self.catalog.structure(target_id)
-        carried = self._carried(source_id, target_id, settings)
+        carried = self.carried(source_id, target_id)
         mine, places_there = int(carried.own_part[_nearest(carried, places)[0]]), [self.to([spot], target_id)]
         with one_thread():
             pair = self._pair(source_id, target_id, settings)[0]
@@ -136,18 +142,27 @@ class Carrying:
                 continue
             names = (*settings.correspondence.counterparts, (f"part_{mine}", f"part_{choice}"))
             named = replace(settings, correspondence=replace(settings.correspondence, counterparts=names))
-            places_there.append(carried_spots(places, self._carried(source_id, target_id, named), target))
+            places_there.append(carried_spots(places, self.carried(source_id, target_id, named), target))
         return places_there
 
-    def _carried(self, source_id: str, target_id: str, settings: Settings) -> Carried:
+    def pair_key(self, source_id: str, target_id: str, settings: Settings | None = None) -> list[Any]:
+        """What the correspondence of a pair depends on."""
+        settings = settings or self._settings(_PRESET, self.kinds[target_id], target_id)
         siblings = self._siblings(source_id, target_id, settings.correspondence.siblings)
         hashes = [self._sha256[source_id], self._sha256[target_id], [list(one) for one in siblings]]
+        return [*hashes, settings.sha256]
+
+    def carried(self, source_id: str, target_id: str, settings: Settings | None = None) -> Carried:
+        """The samples of a structure on another one, by other settings than theirs where these are given."""
+        settings = settings or self._settings(_PRESET, self.kinds[target_id], target_id)
 
         def carried() -> Carried:
             with one_thread():
                 return carried_samples(*self._pair(source_id, target_id, settings), settings)
 
-        return self.remembered("carried-samples", Carried, [*hashes, settings.sha256], carried)
+        return self.remembered(
+            "carried-samples", Carried, self.pair_key(source_id, target_id, settings), carried
+        )
 
     def _pair(self, source_id: str, target_id: str, settings: Settings) -> tuple[Pair, Structure, Structure]:
         source, target = self.catalog.structure(source_id), self.catalog.structure(target_id)

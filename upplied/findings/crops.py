@@ -23,6 +23,7 @@ from upplied.records import Floats, Structure
 from upplied.scene import Scene, scene_of
 
 _LEAST_PX, _MOST_PX = 64, 800  # of a crop's sides
+_SHOWN_PX = 320  # of its width on the page, at least
 _WIDER = 1.3  # than what is meant
 _MOST = 200  # crops of a page
 
@@ -33,7 +34,7 @@ content="default-src 'none'; style-src 'unsafe-inline'; img-src 'self' file:">
 <title>{title}</title>
 <style>body{{font:15px sans-serif;margin:1em}}
 figure{{display:inline-block;margin:0 1em 1em 0;vertical-align:top}}
-figure,img{{max-width:{width}px}} figcaption{{font-size:13px}}</style></head>
+figure,img{{width:{width}px}} figcaption{{font-size:13px}}</style></head>
 <body><h1>{title}</h1><p>{about}</p>{body}</body></html>
 """
 
@@ -81,8 +82,8 @@ def write_crops(
     scale = 1e3 * wide_m / grid.shape[1]
     about = f"Each picture is {wide_m:.2f} m wide, {scale:.2f} mm a pixel, seen along the normal."
     text = _PAGE.format(
-        title=html.escape(title),
-        width=grid.shape[1],
+        title=html.escape(title[:1].upper() + title[1:]),
+        width=max(grid.shape[1], _SHOWN_PX),
         about=html.escape(about),
         body="".join(figures) or "No photo.",
     )

@@ -19,7 +19,7 @@ from upplied.config import InspectionSettings
 from upplied.errors import SettingsError
 from upplied.findings.adding import on_surface, outline_of
 from upplied.findings.photos import Flown, flights_round, with_size
-from upplied.findings.rays import focal_of, footprint_m, pixels_of, size_px
+from upplied.findings.rays import focal_of, footprint_m, frustum_of, pixels_of, size_px
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.moments import motion_of, rates
 from upplied.planning.visibility.observations import TRULY, stations
@@ -46,6 +46,7 @@ class Spot(Record):
     place: Floats  # (3,) m
     normal: Floats  # (3,) unit, outward
     corners: Floats  # (K, 3) m, of what is to be in the picture
+    structure_sha256: str = ""  # as it was when the place was found; empty: as it is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,7 +79,18 @@ def spot_of(row: dict[str, Any]) -> Spot:
     error = row.get("place_error_m")
     radius = max(_LEAST_M, float(error) if error is not None and error == error else 0.0)
     corners = np.concatenate([outline_of(row), _around(place, normal, radius)])
-    return Spot(str(row["target_id"]), place, normal, corners)
+    return Spot(str(row["target_id"]), place, normal, corners, str(row.get("structure_sha256") or ""))
+
+
+def off_surface(catalog: Catalog, spots: Sequence[Spot], sha256: str) -> Floats:
+    """How far (N,), m, places are off a structure that has changed since; 0 where it has not."""
+    off = np.zeros(len(spots))
+    changed = np.array([spot.structure_sha256 not in ("", sha256) for spot in spots], bool)
+    if changed.any():
+        places = np.array([spot.place for spot in spots])[changed]
+        found = scene_of(catalog.structure(spots[0].structure_id)).closest(places)[0]
+        off[changed] = np.linalg.norm(found - places, axis=1)
+    return off
 
 
 def looks_at_spot(catalog: Catalog, spot: Spot, simulated: bool = False) -> list[Look]:
@@ -98,10 +110,11 @@ def looks_at_spot(catalog: Catalog, spot: Spot, simulated: bool = False) -> list
     for flight in flights_round(catalog, spot.structure_id, simulated):
         own = photos[photos["flight_id"] == flight.flight_id]
         poses = flight.at(own["t_s"].to_numpy()) if len(own) else stations(flight.path)
-        where = poses.positions, poses.quat_xyzw, cloud, flight.camera
+        where = poses.positions, poses.quat_xyzw, cloud, frustum_of(flight.camera)
         seen = np.flatnonzero(visible(*where, TRULY, scene, fov_deg=poses.fov_deg).seen[:, 0])
         rows = own.to_dict("records")
-        looks = [_look(flight, spot, float(poses.t_s[at]), rows[at] if rows else {}) for at in seen]
+        every = (_look(flight, spot, float(poses.t_s[at]), rows[at] if rows else {}) for at in seen)
+        looks = [look for look in every if look is not None]
         looks.sort(key=lambda look: look.row["mm_px"])
         groups.append(looks if rows else looks[:1])
     groups.sort(key=lambda looks: str(looks[0].row["taken_at"]) if looks else "")
@@ -113,7 +126,8 @@ def looks_frame(looks: Sequence[Look]) -> pd.DataFrame:
     return pd.DataFrame([look.row for look in looks], columns=list(COLUMNS))
 
 
-def _look(flight: Flown, spot: Spot, t_s: float, photo: dict[Any, Any]) -> Look:
+def _look(flight: Flown, spot: Spot, t_s: float, photo: dict[Any, Any]) -> Look | None:
+    """How a photo that looks towards a spot shows it; None where its lens does not."""
     pose, camera = flight.at(np.array([t_s])), flight.seen_by(t_s)
     size = [0 if pd.isna(photo.get(name)) else int(photo[name]) for name in ("width_px", "height_px")]
     if all(size):
@@ -121,9 +135,11 @@ def _look(flight: Flown, spot: Spot, t_s: float, photo: dict[Any, Any]) -> Look:
     position, quat = pose.positions[0], pose.quat_xyzw[0]
     ray = spot.place - position
     distance = float(np.linalg.norm(ray))
-    pixels = pixels_of(camera, position, quat, spot.corners)
+    pixels = pixels_of(camera, position, quat, np.vstack([spot.place, spot.corners]))
     limits = np.array(size_px(camera), float)
-    inside = ((pixels >= 0) & (pixels <= limits)).all(axis=1)
+    inside = np.all((pixels >= 0) & (pixels <= limits), axis=1)
+    if camera.lens is not None and not inside[0]:
+        return None
     low, high = (np.clip(reach(pixels, axis=0), 0, limits) for reach in (np.nanmin, np.nanmax))
     row = {
         "flight_id": flight.flight_id,
@@ -138,7 +154,7 @@ def _look(flight: Flown, spot: Spot, t_s: float, photo: dict[Any, Any]) -> Look:
         "mm_px": 1e3 * footprint_m(camera, position, spot.place, spot.normal),
         "blur_px": _blur_px(flight, camera, ray, distance, t_s),
         **dict(zip(("left_px", "top_px", "right_px", "bottom_px"), (*low, *high), strict=True)),
-        "in_picture_pct": 100 * float(inside.mean()),
+        "in_picture_pct": 100 * float(inside[1:].mean()),
     }
     return Look(row, position, quat, camera)
 

@@ -72,7 +72,7 @@ def read_marks(path: Path) -> list[Mark]:
             marks = list(_geojson(path, content, about) if geo else _coco(path, content, about))
         else:
             marks = list(_csv(path, text, about))
-    except (UnicodeDecodeError, ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError,
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError, OverflowError,
             csv.Error) as error:  # fmt: skip
         raise InputError(str(path), f"cannot be read: {type(error).__name__}: {error}"[:300], _RULE) from None
     if not 0 < len(marks) <= _MOST_MARKS:

@@ -8,7 +8,7 @@ import hashlib
 import io
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,10 @@ import numpy as np
 import pandas as pd
 
 from upplied.catalog import Catalog
+from upplied.catalog.schema.rows import camera_of
 from upplied.config import digest
 from upplied.errors import CatalogError, InputError, RefusedError, UppliedError
+from upplied.findings.rays import focal_of
 from upplied.inputs.files import read_regular
 from upplied.poses import interpolate
 from upplied.records import Camera, Floats, Record, Trajectory
@@ -96,9 +98,7 @@ def _demonstrated(catalog: Catalog, name: str) -> Flown:
 def _of_row(catalog: Catalog, row: dict[Any, Any], cameras: dict[str, Camera]) -> Flown:
     name = str(row["demonstration_id"] or catalog.transfer(str(row["transfer_id"]))["demonstration_id"])
     if name not in cameras:
-        known = catalog.newest("demonstrations", name)
-        values = {item.name: known[item.name] for item in fields(Camera) if known[item.name] is not None}
-        cameras[name] = Camera(**values)
+        cameras[name] = camera_of(catalog.newest("demonstrations", name))
     began = None if pd.isna(row["flown_at"]) else row["flown_at"]
     # A log beside its plan may be off by that much, whether its frame or the vehicle was (`proof.align`).
     error = [row[name] for name in ("place_error_m", "residual_p95_m") if not pd.isna(row[name])]
@@ -263,10 +263,10 @@ def with_size(camera: Camera, width_px: int, height_px: int, what: str) -> Camer
     if not (width and height):
         remedy = "state the camera in the side-car of the log"
         raise RefusedError(what, "the pixels of its camera are not known", "width and height, px", remedy)
-    if camera.hfov_deg <= 120:
-        across, down = (math.tan(math.radians(angle) / 2) for angle in (camera.hfov_deg, camera.vfov_deg))
-        if abs(across / down / (width / height) - 1) > _SAME_SHAPE:
-            fov = f"the camera of the flight sees {camera.hfov_deg:.1f} x {camera.vfov_deg:.1f} deg"
-            fault, rule = f"has {width} x {height} px, {fov}", "the same proportions"
-            raise RefusedError(what, fault, rule, "state the camera in the side-car of the log")
-    return replace(camera, width_px=width, height_px=height)
+    sized = replace(camera, width_px=width, height_px=height)
+    across, down = focal_of(sized)
+    if abs(down / across - 1) > _SAME_SHAPE and (camera.hfov_deg <= 120 or camera.lens is not None):
+        fov = f"the camera of the flight sees {camera.hfov_deg:.1f} x {camera.vfov_deg:.1f} deg"
+        fault, rule = f"has {width} x {height} px, {fov}", "the same proportions"
+        raise RefusedError(what, fault, rule, "state the camera in the side-car of the log")
+    return sized

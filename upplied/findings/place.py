@@ -17,7 +17,7 @@ from upplied.errors import RefusedError
 from upplied.findings.rays import footprint_m, rays_of
 from upplied.planning.visibility.observations import TRULY
 from upplied.poses import matrices
-from upplied.records import Camera, Floats, Record
+from upplied.records import Bools, Camera, Floats, Record
 from upplied.scene import Scene
 
 _DRAWS, _OUTLINES = 1024, 64
@@ -108,10 +108,13 @@ def located(
     if not hit[0] and hit[1:].any():  # the middle of a ring: the nearest of its corners
         near = 1 + int(np.where(hit[1:], np.linalg.norm(corners - middle, axis=1), np.inf).argmin())
         middle, reach[0], normals[0], hit[0] = aims[near], reach[near], normals[near], True
+    aims = np.concatenate([middle[None], aims[1:]])
+    rays = rays_of(camera, aims) @ turn.T
+    hit &= _together(reach, rays)
     if not hit[0] or hit.mean() < _HIT:
         raise RefusedError(
             what,
-            f"{100 * (1 - hit.mean()):.0f} % of it misses the structure",
+            f"{100 * (1 - hit.mean()):.0f} % of it misses the structure, or the part that its middle is on",
             "it lies on the structure",
             "check photo, time and pixel, or state the place by --at X Y Z",
         )
@@ -137,8 +140,8 @@ def located(
     off, pose, pixel, mesh = (_error_m(view, middle, place, part, noise) for part in parts)
     outline = place[None]
     if len(corners) > 1:
-        outline = (position + reach[1:, None] * (rays_of(camera, corners) @ turn.T))[hit[1:]]
-    size = _sized(view, corners, outline, errors, noise)
+        outline = position + (reach[1:, None] * rays[1:])[hit[1:]]
+    size = _sized(view, aims[hit], outline, errors, noise)
     fine = 1e3 * footprint_m(camera, position, place, normal)
     looked = float(reach[0]), incidence, fine
     return Located(place, normal, outline, *looked, off, pose, pixel, mesh, *size)
@@ -168,18 +171,27 @@ def _error_m(view: _View, pixel: Floats, place: Floats, errors: Errors, noise: F
     return float(np.percentile(np.linalg.norm(places - place, axis=1), _DRAWN_PCT))
 
 
+def _together(reach: Floats, rays: Floats) -> Bools:
+    """Which rays (..., K, 3) end on what the first does: a grazing surface leads no farther from there."""
+    first, way = reach[..., :1], rays[..., :1, :]
+    with np.errstate(invalid="ignore"):
+        apart = np.linalg.norm(reach[..., None] * rays - first[..., None] * way, axis=-1)
+        angle = np.arccos(np.clip((rays * way).sum(axis=-1), -1, 1))
+        return np.asarray(apart <= first * (1e-6 + angle / np.cos(np.radians(_GRAZING_DEG))), bool)
+
+
 def _sized(
-    view: _View, corners: Floats, outline: Floats, errors: Errors, noise: Floats
+    view: _View, aims: Floats, outline: Floats, errors: Errors, noise: Floats
 ) -> tuple[float, float, float, float]:
-    """Length and area of an outline on the surface, each with its error."""
+    """Length and area of an outline on the surface, each with its error; aims are its middle and corners."""
     if len(outline) < 2:
         return (float("nan"),) * 4
     noise = noise[:_OUTLINES]
-    read = np.random.default_rng(0).normal(0, errors.pixel_px, (_OUTLINES, *corners.shape))
-    origins, rays = _drawn(view, corners + read, errors, noise)
+    read = np.random.default_rng(0).normal(0, errors.pixel_px, (_OUTLINES, *aims.shape))
+    origins, rays = _drawn(view, aims + read, errors, noise)
     reach = view.scene.cast(origins.reshape(-1, 3), rays.reshape(-1, 3))[0].reshape(rays.shape[:2])
-    whole = np.isfinite(reach).all(axis=1)
-    drawn = (origins + reach[..., None] * rays)[whole]
+    whole = _together(reach, rays).all(axis=1)
+    drawn = (origins + reach[..., None] * rays)[whole, 1:]
     length, area = _length(outline), _area(outline)
     if not len(drawn):
         return length, length, area, area

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from upplied.catalog import Catalog
+from upplied.catalog.schema.rows import camera_of
 from upplied.catalog.verbs.queries import When, moment
 from upplied.errors import CatalogError
 from upplied.findings.carried import Carrying, Counterparts
 from upplied.findings.looks import Spot, spot_of
 from upplied.findings.rays import focal_of
-from upplied.records import Camera
 
 
 def photographed(
@@ -125,6 +124,21 @@ def by_reference(
     return rows
 
 
+def kind_map(catalog: Catalog, kind: str) -> tuple[str, pd.DataFrame]:
+    """The structure of a kind that is the map for all, and the kind's findings `by_reference` there.
+
+    It is the first that a demonstration was flown round; where there is none, the one with most findings.
+    """
+    structures, own = catalog.structures(), catalog.findings(kind=kind)["target_id"]
+    known = set(structures["structure_id"][structures["kind"] == kind])
+    flown = sorted(known.intersection(catalog.demonstrations()["structure_id"]))
+    most = own[own.isin(known)].value_counts(sort=False).sort_index()
+    if not flown and most.empty:
+        raise CatalogError(f"kind {kind}", "has no structure with findings", "one at least")
+    reference = flown[0] if flown else str(most.idxmax())
+    return reference, by_reference(catalog, reference)
+
+
 def _seen(
     catalog: Catalog, flight: dict[Any, Any], place: Any, normal: Any, focal: dict[str, float]
 ) -> dict[str, Any] | None:
@@ -146,10 +160,5 @@ def _seen(
 
 def _focals(catalog: Catalog) -> dict[str, float]:
     """Pixels per radian of the camera of each demonstration."""
-    rows = catalog.demonstrations(every=True)
-    names = [item.name for item in fields(Camera) if item.name in rows]
-    focals = {}
-    for row in rows[["demonstration_id", *names]].to_dict("records"):
-        values = {name: row[name] for name in names if row[name] == row[name] and row[name] is not None}
-        focals[str(row["demonstration_id"])] = focal_of(Camera(**values))[0]
-    return focals
+    rows = catalog.demonstrations(every=True).to_dict("records")
+    return {str(row["demonstration_id"]): focal_of(camera_of(row))[0] for row in rows}

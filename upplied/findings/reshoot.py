@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,7 @@ from upplied.scene import scene_of
 from upplied.supposed_scene import obstacle, scene_for
 
 _SHOWN = 1  # of SURFACE_STATES
+_FINDING = ("finding_id", "x_m", "y_m", "z_m", "normal_json", "outline_json", "camera_json", "place_error_m")
 _ALIKE_DEG = 5.0  # between looks at a place: one pose may then show several findings
 _AS_WANTED_DEG, _AS_NEAR = 1.0, 1.02  # off the reference view, that is not worth a word
 
@@ -57,27 +58,23 @@ class Base:
     camera: Camera
     settings: Settings
     pace: Trajectory  # flown or planned there before: no faster
-    about: dict[str, Any]  # of `Plan`, and
-    provenance: dict[str, Any]
+    about: dict[str, Any]  # of `Plan`
+    sha256: tuple[str, str, str]  # of the demonstration, the source and the target
+    of_plan: str  # the plan that this is of; empty: a demonstration
 
 
 @dataclass(frozen=True)
 class Reshot:
     """What came of planning a mission."""
 
-    transfer_id: str
+    plan: Plan
     shown: tuple[str, ...]  # findings
     refused: tuple[str, ...]  # in words
     words: tuple[str, ...]  # what a pilot should know
+    transfer_id: str = ""  # where it is stored
 
 
-def plan_reshoot(
-    catalog: Catalog,
-    rows: Sequence[dict[str, Any]],
-    structure_id: str,
-    mm_px: float,
-    carrying: Carrying | None = None,
-) -> Reshot:
+def plan_reshoot(catalog: Catalog, rows: Sequence[dict[str, Any]], structure_id: str, mm_px: float) -> Reshot:
     """Plan a mission that shows the places of findings on a structure, and keep it as a draft.
 
     Parameters
@@ -89,7 +86,6 @@ def plan_reshoot(
         That is flown to.
     mm_px : float
         The largest ground sample distance of each look, mm.
-    carrying : Carrying, optional
 
     Raises
     ------
@@ -100,7 +96,31 @@ def plan_reshoot(
         request = f"{len(rows)} findings at {mm_px:g} mm/px"
         raise RefusedError("the mission", f"has {request}", "at least one finding, and more than 0 mm/px")
     base = base_of(catalog, structure_id)
-    wanted, refused = wanted_looks(carrying or Carrying(catalog), rows, structure_id)
+    carrying = Carrying(catalog)
+    made = mission(carrying, rows, base, mm_px)
+    key = digest(["reshoot", *depends_on(carrying, rows, base, mm_px)])
+    hashes = zip(("demonstration_sha256", "source_sha256", "target_sha256"), base.sha256, strict=True)
+    provenance = {
+        **dict(hashes), **recorded(), "method_version": METHOD_VERSION, "settings": base.settings,
+        "purpose": f"reshoot {digest([list(made.shown), mm_px])[:20]}",
+    }  # fmt: skip
+    catalog.add_plans([(key, made.plan, provenance)])
+    return replace(made, transfer_id=id_of(key))
+
+
+def depends_on(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_px: float) -> list[Any]:
+    """All that a mission depends on; parameters as those of `mission`."""
+    target_id = base.target.structure_id
+    findings = [[row[name] if row[name] == row[name] else None for name in _FINDING] for row in rows]
+    sources = sorted({str(row["target_id"]) for row in rows} - {target_id})
+    pairs = [carrying.pair_key(source, target_id) for source in sources]
+    return [findings, pairs, mm_px, method(), base.settings.sha256, *base.sha256, base.of_plan]
+
+
+def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_px: float) -> Reshot:
+    """A mission that shows the places of findings on a structure; parameters as those of `plan_reshoot`."""
+    structure_id = base.target.structure_id
+    wanted, refused = wanted_looks(carrying, rows, structure_id)
     supposed = base.about["supposed"]
     route = base.settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
@@ -108,34 +128,33 @@ def plan_reshoot(
     airspace = Airspace(scene, clearance, base.target.surroundings, route.ground_clearance_m)
     surface = surface_samples(base.target, scene_of(base.target), CloudSettings())
     graph = roadmap(airspace, obstacle(surface, supposed))
-    looks: list[Trajectory] = []
-    reachable: list[Wanted] = []
+    looks: dict[Wanted, Trajectory] = {}
     for one in wanted:
         look = best_look(one, base.camera, graph, base.settings.retime, mm_px)
-        if look is None:
-            near = f"no safe look at {mm_px:g} mm/px, {clearance:g} m away, sees the place"
-            refused.append(f"finding {one.finding_id}: {near}")
-        else:
-            looks.append(look)
-            reachable.append(one)
-    if not reachable:
+        if look is not None:
+            looks[one] = look
+            continue
+        near = f"no safe look at {mm_px:g} mm/px, {clearance:g} m away, sees the place"
+        refused.append(f"finding {one.finding_id}: {near}")
+    if not looks:
         raise RefusedError(
             f"a mission to {structure_id}", "; ".join(refused)[:2000], "one safe look at least"
         )
-    path, is_viewpoint, seen, bound = toured(looks, reachable, base, graph, mm_px)
-    for one in [one for one, there in zip(reachable, seen, strict=True) if not there]:
+    path, is_viewpoint, seen, bound = toured(list(looks.values()), list(looks), base, graph, mm_px)
+    for one in [one for one, there in zip(looks, seen, strict=True) if not there]:
         refused.append(f"finding {one.finding_id}: no safe way leads to where it is seen from")
-    reachable = [each for each, there in zip(reachable, seen, strict=True) if there]
-    looks = [each for each, there in zip(looks, seen, strict=True) if there]
+        del looks[one]
+    reachable = list(looks)
     broken = place_breaches(path, base.target, supposed, clearance)
     if broken:
         raise RefusedError(
             f"a mission to {structure_id}", "; ".join(broken), "a safe flight", "ask for fewer"
         )
-    shown = [_words(one, look, base.camera) for one, look in zip(reachable, looks, strict=True)]
     length = float(leg_lengths(path.positions).sum())
     tour = f"shows {len(reachable)} of {len(rows)} findings on {length:.0f} m"
-    words = (f"{tour} (by known safe legs at least {bound:.0f} m)", *shown, *refused)
+    words = [f"{tour} (by known safe legs at least {bound:.0f} m)"]
+    words += [_words(one, look, base.camera) for one, look in looks.items()]
+    words += refused
     ids = sorted(one.finding_id for one in reachable)
     state = np.zeros(len(surface), np.int64)
     state[_nearest(surface, reachable)] = _SHOWN
@@ -152,23 +171,11 @@ def plan_reshoot(
             duration_s=float(path.t_s[-1]),
             peak_speed_mps=float((leg_lengths(path.positions) / np.diff(path.t_s)).max()),
         ),
-        warnings=words,
+        warnings=tuple(words),
         surface=SurfaceStates(surface.points, state, surface.normals),
         flyable=True,
     )
-    named = [[one.finding_id, one.spot.place.round(4).tolist()] for one in reachable]
-    key = digest(["reshoot", named, structure_id, mm_px, method(), base.target.sha256, base.settings.sha256])
-    provenance = {
-        **base.provenance, **recorded(), "target_sha256": base.target.sha256,
-        "method_version": METHOD_VERSION, "settings": base.settings, "purpose": purpose_of(ids, mm_px),
-    }  # fmt: skip
-    catalog.add_plans([(key, plan, provenance)])
-    return Reshot(id_of(key), tuple(ids), tuple(refused), words)
-
-
-def purpose_of(finding_ids: Sequence[str], mm_px: float) -> str:
-    """What a mission to findings (ids in order) is for, as `transfers` says it."""
-    return f"reshoot {digest([list(finding_ids), mm_px])[:20]}"
+    return Reshot(plan, tuple(ids), tuple(refused), tuple(words))
 
 
 def base_of(catalog: Catalog, structure_id: str) -> Base:
@@ -187,14 +194,13 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
         basis, plan = recipe(catalog, name), catalog.plan(name)
         assert plan.trajectory is not None
         ends = {"source_id": plan.source_id, "supposed": plan.supposed, "registration": plan.registration}
-        demonstration, pace = basis.demonstration, plan.trajectory
-        hashes = {key: basis.row[key] for key in ("demonstration_sha256", "source_sha256")}
-        settings = basis.settings
+        demonstration, pace, of_plan = basis.demonstration, plan.trajectory, name
+        source_sha256, settings = str(basis.row["source_sha256"]), basis.settings
     elif len(flown):
         demonstration = catalog.demonstration(str(flown.iloc[-1]["demonstration_id"]))
         itself = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)
         ends = {"source_id": structure_id, "supposed": None, "registration": itself}
-        pace, hashes = demonstration.trajectory, {}
+        pace, of_plan, source_sha256 = demonstration.trajectory, "", target.sha256
         settings = SettingsOf(catalog, PlanRequest())("recommended", target.kind, structure_id)
     else:
         fault, rule = "has neither plan nor demonstration", "one of them tells camera, vehicle and clearance"
@@ -202,7 +208,8 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
             f"structure {structure_id}", fault, rule, f"plan for it: upplied transfer --to {structure_id}"
         )
     about = {"demonstration_id": demonstration.demonstration_id, "target_id": structure_id, **ends}
-    return Base(target, demonstration.camera, settings, pace, about, hashes)
+    hashes = demonstration.sha256, source_sha256, target.sha256
+    return Base(target, demonstration.camera, settings, pace, about, hashes, of_plan)
 
 
 def wanted_looks(

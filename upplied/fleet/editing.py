@@ -12,9 +12,8 @@ from scipy.spatial import cKDTree
 from upplied.catalog import Catalog, recipe
 from upplied.config import digest
 from upplied.errors import RefusedError
-from upplied.fleet.recent import Recent
+from upplied.fleet.planner import Recent, required_surface
 from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
-from upplied.fleet.required import required_surface
 from upplied.outputs.reports import plan_of
 from upplied.planning.airspace.roadmap import Roadmap, roadmap
 from upplied.planning.airspace.rules import Airspace

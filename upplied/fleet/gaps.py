@@ -9,9 +9,8 @@ import numpy as np
 
 from upplied.catalog import Catalog, recipe
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
-from upplied.catalog.schema.rows import Row
 from upplied.config import digest
-from upplied.errors import CatalogError, RefusedError, UppliedError
+from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.flight_logs import required_of
 from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
 from upplied.fleet.zone_gaps import Zone, key_of, missed_zones, nearest
@@ -30,23 +29,6 @@ _WITHIN_M = 0.02  # of the plan's clearance, which its own poses keep to the mil
 _PLACES = 300  # of the plan, that the ways may lead by
 
 
-def flight_row(catalog: Catalog, start: str) -> Row:
-    """The row of the one flight whose id begins so.
-
-    Raises
-    ------
-    CatalogError
-        If there is none, or more than one.
-    """
-    every = catalog.flights()
-    rows = every[every["flight_id"].str.startswith(start)].drop_duplicates("flight_id", keep="last")
-    if len(rows) != 1:
-        known = ", ".join(sorted(every["flight_id"].str[:12].unique())[-5:]) or "none"
-        what = "is not in the catalog" if rows.empty else f"may be {len(rows)}"
-        raise CatalogError(f"flight {start}", what, f"the last ones: {known}", "see: upplied flights list")
-    return {str(name): value for name, value in rows.iloc[0].items()}
-
-
 def plan_gap(catalog: Catalog, start: str) -> str:
     """Plan the flight that shows what a flight left out of what its plan shows and zones ask for; its id.
 
@@ -55,7 +37,7 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     RefusedError
         If the flight left nothing out, or no safe flight shows it.
     """
-    row = flight_row(catalog, start)
+    row = catalog.flight(start)
     flight_id = str(row["flight_id"])
     if not row["looks_sha256"]:
         raise RefusedError(

@@ -30,7 +30,7 @@ from upplied.inputs.manifests import StructureEntry, read_manifest
 from upplied.inputs.passport.rules import RULES
 from upplied.inputs.rules import check_allowed
 from upplied.inputs.sidecar import LogOptions
-from upplied.inputs.sources.door import Found, survey
+from upplied.inputs.sources.door import FileKind, survey
 from upplied.records import Placement, Structure
 
 
@@ -166,7 +166,7 @@ def passed_over(logs: Iterable[str | Path]) -> list[Ingested]:
     return [_listed(one, None) for one in _surveyed([Path(log) for log in logs]) if one.status == "other"]
 
 
-def _listed(file: Found, ingested: Ingested | None) -> Ingested:
+def _listed(file: FileKind, ingested: Ingested | None) -> Ingested:
     """What became of a file, with what it is."""
     if ingested is not None:
         words = f"{file.words}: {ingested.words}" if ingested.words else file.words
@@ -198,7 +198,7 @@ def find_logs(logs: Iterable[str | Path]) -> list[Path]:
     return [one.path for one in _surveyed([Path(log) for log in logs]) if one.status in ("flight", "refused")]
 
 
-def _surveyed(names: list[Path]) -> list[Found]:
+def _surveyed(names: list[Path]) -> list[FileKind]:
     """What the files are; one that is named and is no flight is refused, not passed over."""
     entries = [
         replace(one, status="refused", words="is no flight that can be read")

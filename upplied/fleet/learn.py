@@ -21,7 +21,7 @@ from upplied.fleet.reading import Ingested
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
-from upplied.inputs.sources.door import Found, kind_of
+from upplied.inputs.sources.door import FileKind, kind_of
 from upplied.inputs.sources.project_files import KINDS, Project, project_at
 from upplied.planning.surface.parts import pieces_tell_parts
 from upplied.recommend.shapes import Shapes, content_of
@@ -109,21 +109,21 @@ def _tried(learn: Callable[[], None], name: str) -> None:
         log.warning("%s: nothing is known of its shape yet: %s", name, error)
 
 
-def is_project(file: Found) -> bool:
+def is_project(file: FileKind) -> bool:
     """Whether a file is that of the cameras of a project."""
     return file.is_flight and file.path.is_file() and kind_of(file.path) in KINDS
 
 
 def facts_of(
-    files: list[Found],
+    files: list[FileKind],
     options: LogOptions,
     add: Callable[[list[StructureEntry]], list[Ingested]],
-) -> tuple[list[Found], list[Ingested], dict[str, LogOptions]]:
+) -> tuple[list[FileKind], list[Ingested], dict[str, LogOptions]]:
     """The structures of projects that name none, and the facts of the flights round them.
 
     Parameters
     ----------
-    files : list of Found
+    files : list of FileKind
         Files of a survey.
     options : LogOptions
         Facts about all of them.
@@ -132,7 +132,7 @@ def facts_of(
 
     Returns
     -------
-    files : list of Found
+    files : list of FileKind
         The same; photos in the folder of such a project are part of it.
     ingested : list of Ingested
         What became of each structure.

@@ -53,6 +53,7 @@ def plan_of_flight(
         If it lies on no plan, on another one than is named, or is what was planned or simulated.
     """
     laid = _laid(catalog, log, transfer_id, options, accuracy_m)
+    _check_mission(catalog, log, laid, accuracy_m)
     _check_flown(catalog, log, laid)
     return laid
 
@@ -66,9 +67,7 @@ def _laid(
         if flown.structure_id != row["target_id"]:
             fault = f"was flown round {flown.structure_id}, plan {transfer_id} is for {row['target_id']}"
             raise InputError(log, fault, "a flight is judged on the plan that was flown")
-        laid = _best(catalog, log, [(row, flown)], accuracy_m)
-        _check_mission(catalog, log, laid, accuracy_m)
-        return laid
+        return _best(catalog, log, [(row, flown)], accuracy_m)
     try:
         flown = _read(catalog, log, options)
         return _best(catalog, log, [(row, flown) for row in _plans(catalog, flown)], accuracy_m)
@@ -97,15 +96,15 @@ def _check_flown(catalog: Catalog, log: str, laid: Laid) -> None:
 
 
 def _check_mission(catalog: Catalog, log: str, laid: Laid, accuracy_m: float | None) -> None:
-    """Refuse a flight of another mission than the one that is named: it lies far better on that one."""
+    """Refuse a flight of another mission than the one that it is laid on: it lies far better on that one."""
     if laid.off_m < _CLOSE_M:
         return
     row = laid.row
     every = catalog.transfers(structure=row["target_id"], status="ok", every=True)
     others = every[(every["transfer_id"] != row["transfer_id"])]["transfer_id"][-_MOST_PLANS:]
-    tried = [(catalog.transfer(str(name)), laid.flown) for name in others]
+    rows = _made_before([catalog.transfer(str(name)) for name in others], laid.flown)
     try:
-        best = _best(catalog, log, tried, accuracy_m)
+        best = _best(catalog, log, [(row, laid.flown) for row in rows], accuracy_m)
     except RefusedError:
         return
     if best.off_m < _MUCH_BETTER * laid.off_m:
@@ -163,8 +162,7 @@ def _best(
 def _plans(catalog: Catalog, flown: Demonstration) -> list[Row]:
     """The plans of a structure that a flight may be of.
 
-    Those in force now or when it was flown, else the newest; none that was made after it, unless no other
-    was, which is a clock that is wrong.
+    Those in force now or when it was flown, else the newest; none that was made after it.
     """
     moment = moment_of(int(flown.t_ns[0]))
     structure = flown.structure_id
@@ -177,9 +175,13 @@ def _plans(catalog: Catalog, flown: Demonstration) -> list[Row]:
     if not len(names):
         names = catalog.transfers(structure=structure, status="ok", preset="recommended")["transfer_id"]
     rows = [catalog.transfer(str(name)) for name in dict.fromkeys(names)]
-    late = moment + timedelta(seconds=_CLOCK_S)
-    before = [row for row in rows if row["added_at"] is None or row["added_at"] <= late]
-    return before or rows
+    return _made_before(rows, flown)
+
+
+def _made_before(rows: list[Row], flown: Demonstration) -> list[Row]:
+    """Those of the plans that were made before a flight; all where none was: its clock is wrong."""
+    late = moment_of(int(flown.t_ns[0])) + timedelta(seconds=_CLOCK_S)
+    return [row for row in rows if row["added_at"] is None or row["added_at"] <= late] or rows
 
 
 def _read(catalog: Catalog, log: str, options: LogOptions) -> Demonstration:

@@ -12,7 +12,6 @@ from upplied.catalog.verbs.recipes import settings_of
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import RefusedError, SettingsError
-from upplied.fleet.gaps import flight_row
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.proof.align import silence_s
 from upplied.proof.findings import LOOKED, SILENT, STOOD
@@ -58,7 +57,7 @@ def promote_flight(
         raise SettingsError(
             "a demonstration", "has no name of the person who stores it", "a name", "add --by NAME"
         )
-    row = flight_row(catalog, start)
+    row = catalog.flight(start)
     what = f"flight {str(row['flight_id'])[:12]}"
     plan = catalog.transfer(str(row["transfer_id"]))
     flown = catalog.flown(str(row["flight_sha256"]))

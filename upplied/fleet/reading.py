@@ -12,7 +12,7 @@ from typing import TypeVar
 from upplied.errors import UppliedError
 from upplied.fleet.run import cores
 from upplied.fleet.workers import JobKilled, Workers, WorkersBroken
-from upplied.inputs.passport.passport import findings_of
+from upplied.inputs.passport.rules import findings_of
 from upplied.inputs.rules import from_json
 from upplied.records import Demonstration, Structure
 

@@ -26,6 +26,7 @@ SHARD_TARGETS = 64  # that a task of an engine plans at most
 SHARDS_EACH = 8  # tasks to a worker where that makes smaller ones, so that all end at about the same time
 
 Shard = tuple[Job, ...]
+PlanJob = Callable[[Job], Outcome]
 _PAIR = attrgetter("source_id", "target_id")
 
 
@@ -53,6 +54,8 @@ class Run:
         Called with each outcome, in the order they come.
     engine : str
         Whose processes these are, with the name of its worker; kept with every row.
+    plan : callable
+        What plans a job in a worker process, by its name there.
     """
 
     def __init__(
@@ -63,11 +66,12 @@ class Run:
         resources: Resources | None = None,
         progress: Callable[[Outcome], None] = lambda outcome: None,
         engine: str = "local",
+        plan: PlanJob = plan_job,
     ) -> None:
         required("open3d", "plan")
         resources = resources or Resources()
         self.count = max(1, min(resources.workers or cores(), len(jobs)))
-        self.progress = progress
+        self.progress, self._plan_job = progress, plan
         self.shards = shards(jobs, self.count)
         self._workers = Workers(self.count, prepare, (str(catalog.location),), resources.limits)
         self._keeper = Keeper(catalog, run_id, engine)
@@ -92,7 +96,7 @@ class Run:
     def plan(self, index: int) -> None:
         """Plan the jobs of one shard, one after the other, and wait for them."""
         for job in self.shards[index]:
-            outcome = attempt(self._workers, job)
+            outcome = attempt(self._workers, job, self._plan_job)
             self._keeper.add(outcome)
             self.progress(outcome)
 
@@ -103,12 +107,13 @@ def transfer(
     run_id: str,
     resources: Resources | None = None,
     progress: Callable[[Outcome], None] = lambda outcome: None,
+    plan: PlanJob = plan_job,
 ) -> Result:
     """Plan every job and keep the outcomes, without any engine; parameters as those of `Run`.
 
     What is kept does not depend on the number of workers.
     """
-    run = Run(catalog, jobs, run_id, resources, progress)
+    run = Run(catalog, jobs, run_id, resources, progress, plan=plan)
     with ThreadPoolExecutor(run.threads) as threads, run:
         for _ in threads.map(run.plan, range(len(run.shards))):
             pass
@@ -116,7 +121,12 @@ def transfer(
 
 
 def plan_here(
-    location: str, jobs: Sequence[Job], run_id: str, engine: str, limits: Limits | None = None
+    location: str,
+    jobs: Sequence[Job],
+    run_id: str,
+    engine: str,
+    limits: Limits | None = None,
+    plan: PlanJob = plan_job,
 ) -> Result:
     """Plan jobs one after the other for a process of somebody else's engine, and count the outcomes.
 
@@ -131,7 +141,7 @@ def plan_here(
     _, left = known_outcomes(catalog, jobs, run_id)
     try:
         for job in left:
-            keeper.add(attempt(workers, job))
+            keeper.add(attempt(workers, job, plan))
     finally:
         keeper.close()
     return keeper.result
@@ -142,7 +152,7 @@ def _beside(location: str, limits: Limits) -> Workers:
     return Workers(1, prepare, (location,), limits)
 
 
-def attempt(workers: Workers, job: Job) -> Outcome:
+def attempt(workers: Workers, job: Job, plan: PlanJob = plan_job) -> Outcome:
     """Plan one job and wait for it; whatever happens to it, an outcome comes back.
 
     Raises
@@ -152,7 +162,7 @@ def attempt(workers: Workers, job: Job) -> Outcome:
     """
     began = time.monotonic()
     try:
-        return workers.run(plan_job, job)
+        return workers.run(plan, job)
     except JobKilled as death:
         lost = without_path(job, "failed", str(death))
         return Outcome(job, lost, time.monotonic() - began, process=this_process())

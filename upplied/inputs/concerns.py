@@ -11,7 +11,7 @@ import numpy as np
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import Outlier
 from upplied.inputs.raw import RawMesh
-from upplied.inputs.repair import Repairs
+from upplied.inputs.repair import Repairs, Topology
 from upplied.inputs.rules import Verdict, broken, refusals
 from upplied.inputs.structure_rules import RULES, unlike_its_kind
 from upplied.records import Floats, Ints, Record
@@ -88,28 +88,28 @@ def nominal_problems(
     if outliers and not entry.drop_outliers:
         remedy += f", or set drop_outliers = true: it has {outliers[0]}"
     size, most = np.ptp(vertices, axis=0), entry.bounds.nominal_pct
-    found = []
+    verdicts = []
     for side, have, want in zip(
         ("length (x)", "width (y)", "height (z)"), size, entry.nominal_m, strict=True
     ):
         if want is not None and abs(have / want - 1) > most / 100:
             off = f"{side} is {have:.4g} m, {100 * (have / want - 1):+.0f} % off the nominal {want:g} m"
-            found.append(broken(RULES["nominal"], off, f"within {most:g} %", remedy))
-    return tuple(found)
+            verdicts.append(broken(RULES["nominal"], off, f"within {most:g} %", remedy))
+    return tuple(verdicts)
 
 
 def cut_off(vertices: Floats, rim: Ints) -> tuple[Verdict, ...]:
     """Where the surface (V, 3), m, ends in a plane at one side, `rim` being the vertices at which it ends."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     side = np.maximum(high - low, 1e-9)
-    found = []
+    verdicts = []
     for axis, other in ((0, 1), (1, 0)):
         for name, at in (("low", low[axis]), ("high", high[axis])):
             ends = vertices[rim[np.abs(vertices[rim, axis] - at) < _PLANE * side[axis]]]
             if len(ends) >= _RIM and (np.ptp(ends[:, [other, 2]], axis=0) > _ACROSS * side[[other, 2]]).all():
                 words = f"its surface ends in a plane at {'xy'[axis]} = {at:.1f} m, its {name} side"
-                found.append(broken(RULES["cut-off"], words))
-    return tuple(found)
+                verdicts.append(broken(RULES["cut-off"], words))
+    return tuple(verdicts)
 
 
 def _stands(low: Floats, high: Floats, turn: Floats) -> str:
@@ -125,9 +125,7 @@ def _stands(low: Floats, high: Floats, turn: Floats) -> str:
     axis = 2 if hanging else int(np.argmax(ends))
     right = turn[axis] * (1 if below[axis] else -1)
     name = ("-" if right.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(right)))]
-    return (
-        f"its origin is at one end of the file's {name[-1]}, and in the middle of what is up: up = {name!r}?"
-    )
+    return f"its origin is at one end of the file's {name[-1]}, in the middle of what is up: up = {name!r}?"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,9 +142,7 @@ class Findings(Record):
     hidden_triangles: int = 0
     area_m2: float = 0.0
     outside_area_m2: float = 0.0  # that can be seen from outside, each face counted once
-    watertight: bool = False
-    boundary_edges: int = 0
-    nonmanifold_edges: int = 0
+    topology: Topology | None = None  # of a mesh
     outliers: tuple[Outlier, ...] = ()
     done: tuple[str, ...] = ()  # what was repaired, converted or dropped, in words
     assumed: tuple[str, ...] = ()  # where nothing declares the file

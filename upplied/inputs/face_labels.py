@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -32,65 +32,50 @@ def read_face_labels(path: Path, faces: int, what: str) -> list[str]:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(str(path), f"has the suffix {suffix!r}", f"one of {', '.join(SUFFIXES)}")
-    data = read_regular(path, MAX_BYTES)
-    readers = {".npy": _npy, ".csv": _csv, ".txt": _lines, ".parquet": _parquet}
     try:
-        labels = [_label(value) for value in readers[suffix](data, faces)]
+        columns = _columns(suffix, read_regular(path, MAX_BYTES), faces)
+        labels = [_label(value) for value in _in_order(columns)]
     except InputError as error:
         raise InputError(str(path), str(error), _RULE) from None
-    except (ValueError, TypeError, EOFError, KeyError, csv.Error, OSError, pa.ArrowException) as error:
+    except (ValueError, TypeError, EOFError, KeyError, OSError, pa.ArrowException) as error:
         raise InputError(str(path), f"cannot be read: {str(error)[:200]}", _RULE) from None
     if len(labels) != faces:
         remedy = "write the mesh as it is kept, and label that: upplied zones ID --mesh FILE.ply"
         raise InputError(str(path), f"has {len(labels)} labels, {what} has {faces} faces", _RULE, remedy)
-    if len(found := set(labels)) > _MOST:
-        raise InputError(str(path), f"has {len(found)} different labels", f"at most {_MOST}")
+    if (count := len(set(labels))) > _MOST:
+        raise InputError(str(path), f"has {count} different labels", f"at most {_MOST}")
     return labels
 
 
-def _npy(data: bytes, faces: int) -> list[Any]:
-    array = np.load(io.BytesIO(data), allow_pickle=False)
-    if not isinstance(array, np.ndarray) or array.ndim != 1 or array.dtype.kind not in "biuU":
-        raise ValueError("is no array of one dimension of whole numbers or words")
-    return list((array.astype(np.int64) if array.dtype.kind == "b" else array).tolist())
+def _columns(suffix: str, data: bytes, faces: int) -> pd.DataFrame:
+    """The columns ``label`` and, where the file has it, ``face``; as many rows as the file, or too many."""
+    if suffix == ".txt":
+        return pd.DataFrame({"label": data.decode("utf-8-sig").split()})
+    stream = io.BytesIO(data)
+    if suffix == ".npy":
+        array = np.load(stream, allow_pickle=False)
+        if not isinstance(array, np.ndarray) or array.ndim != 1 or array.dtype.kind not in "biuU":
+            raise ValueError("is no array of one dimension of whole numbers or words")
+        return pd.DataFrame({"label": array.astype(np.int64) if array.dtype.kind == "b" else array})
+    if suffix == ".csv":
+        return pd.read_csv(stream, dtype=str, keep_default_na=False, skipinitialspace=True)
+    file = pq.ParquetFile(stream)
+    if (rows := file.metadata.num_rows) != faces:  # before anything is unpacked
+        return pd.DataFrame({"label": np.zeros(min(rows, 2 * faces + 1), np.int64)})
+    names = [name for name in ("face", "label") if name in file.schema_arrow.names]
+    return file.read(names).to_pandas(integer_object_nulls=True)
 
 
-def _lines(data: bytes, faces: int) -> list[Any]:
-    return data.decode("utf-8-sig").split()
-
-
-def _csv(data: bytes, faces: int) -> list[Any]:
-    rows = csv.DictReader(
-        io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True, skipinitialspace=True
-    )
-    if "label" not in (rows.fieldnames or ()):
-        raise ValueError("has no column 'label'")
-    read = list(rows)
-    numbers = [row["face"] for row in read] if "face" in (rows.fieldnames or ()) else None
-    return _in_order([row["label"] for row in read], numbers, faces)
-
-
-def _parquet(data: bytes, faces: int) -> list[Any]:
-    file = pq.ParquetFile(io.BytesIO(data))
-    if file.metadata.num_rows != faces:  # before anything is unpacked
-        return [0] * min(file.metadata.num_rows, 2 * faces + 1)
-    names = file.schema_arrow.names
-    if "label" not in names:
-        raise ValueError("has no column 'label'")
-    table = file.read([name for name in ("face", "label") if name in names])
-    numbers = table["face"].to_pylist() if "face" in names else None
-    return _in_order(table["label"].to_pylist(), numbers, faces)
-
-
-def _in_order(labels: list[Any], numbers: list[Any] | None, faces: int) -> list[Any]:
+def _in_order(columns: pd.DataFrame) -> list[Any]:
     """The labels in the order of the faces; each face stands once."""
-    if numbers is None or len(labels) != faces:
-        return labels
-    order = [int(number) for number in numbers]
-    if sorted(order) != list(range(faces)):
-        raise ValueError(f"its column 'face' does not name each of 0 to {faces - 1} once")
-    placed = dict(zip(order, labels, strict=True))
-    return [placed[face] for face in range(faces)]
+    if "label" not in columns:
+        raise ValueError("has no column 'label'")
+    if "face" in columns:
+        numbers = [int(number) for number in columns["face"]]
+        if sorted(numbers) != list(range(len(numbers))):
+            raise ValueError(f"its column 'face' does not name each of 0 to {len(numbers) - 1} once")
+        columns = columns.iloc[np.argsort(numbers)]
+    return columns["label"].tolist()
 
 
 def _label(value: Any) -> str:

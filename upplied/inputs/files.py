@@ -6,8 +6,10 @@ import errno
 import os
 import stat
 import tempfile
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import resources
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
@@ -73,6 +75,11 @@ def file_of(data: bytes, suffix: str) -> Iterator[str]:
         path = Path(folder) / f"file.{suffix}"
         path.write_bytes(data)
         yield str(path)
+
+
+def table(name: str) -> dict[str, Any]:
+    """A TOML file of this package: what is data and no code."""
+    return tomllib.loads(resources.files("upplied.inputs").joinpath(name).read_text("utf-8"))
 
 
 def _size(count: int) -> str:

@@ -51,29 +51,28 @@ class HealthReport(Record):
         return "\n".join(lines)
 
     def _facts(self) -> Iterator[tuple[str, str]]:
-        found, mesh = self.findings, self.structure
-        unit = next((name for name, metres in UNITS.items() if metres == found.unit_m), f"{found.unit_m:g} m")
+        findings, mesh = self.findings, self.structure
+        names = {metres: name for name, metres in UNITS.items()}
+        unit = names.get(findings.unit_m, f"{findings.unit_m:g} m")
         yield "size", " x ".join(f"{side:.2f}" for side in self.size_m) + " m (length x width x height)"
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         yield "box", "  ".join(f"{a} {low[i]:.2f} to {high[i]:.2f}" for i, a in enumerate("xyz"))
-        yield "units", f"{unit} ({found.unit_from}); up {found.up}, forward {found.forward}"
-        if not len(mesh.triangles):
+        yield "units", f"{unit} ({findings.unit_from}); up {findings.up}, forward {findings.forward}"
+        if (topology := findings.topology) is None:
             yield "cloud", f"{len(mesh.vertices)} points"
         else:
-            parts = f"{found.parts} connected part{'s' if found.parts != 1 else ''}"
-            parts += f", {found.hidden_parts} hidden inside" if found.hidden_parts else ""
+            parts = f"{findings.parts} connected part{'s' if findings.parts != 1 else ''}"
+            parts += f", {findings.hidden_parts} hidden inside" if findings.hidden_parts else ""
             yield "mesh", f"{len(mesh.triangles)} triangles, {len(mesh.vertices)} vertices, {parts}"
-            seen = 100 * found.outside_area_m2 / max(found.area_m2, 1e-12)
-            yield (
-                "surface",
-                f"{found.area_m2:.1f} m², {found.outside_area_m2:.1f} m² seen from outside ({seen:.0f} %)",
+            seen = 100 * findings.outside_area_m2 / max(findings.area_m2, 1e-12)
+            outside = f"{findings.outside_area_m2:.1f} m² seen from outside ({seen:.0f} %)"
+            yield "surface", f"{findings.area_m2:.1f} m², {outside}"
+            edges = (
+                f"{topology.boundary_edges} open edges, {topology.nonmanifold_edges} of three and more faces"
             )
-            holes = (
-                f"no: {found.boundary_edges} open edges, {found.nonmanifold_edges} of three and more faces"
-            )
-            yield "watertight", "yes" if found.watertight else holes
+            yield "watertight", "yes" if topology.watertight else f"no: {edges}"
         yield "known to", _known(mesh)
-        yield "repaired", "; ".join(found.done) or "nothing"
+        yield "repaired", "; ".join(findings.done) or "nothing"
 
 
 def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:
@@ -105,9 +104,8 @@ def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:
 def _assumed(path: Path, raw: RawMesh) -> tuple[StructureEntry, tuple[str, ...]]:
     """An entry for a file that no manifest declares, and what was assumed, in words."""
     up = raw.up or "z"
-    entry = StructureEntry(
-        "unnamed", "unknown", path, raw.unit_m if raw.unit_m is not None else 1.0, up, _FORWARD[up]
-    )
+    unit_m = 1.0 if raw.unit_m is None else raw.unit_m
+    entry = StructureEntry("unnamed", "unknown", path, unit_m, up, _FORWARD[up])
     assumed = []
     if raw.unit_m is None:
         assumed.append("the file declares no unit: metres assumed; declare `units` in the manifest")

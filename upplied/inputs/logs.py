@@ -25,10 +25,10 @@ from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.conventions import converted
 from upplied.inputs.passport.measured import SEEN, Reading
-from upplied.inputs.passport.passport import passport_of
-from upplied.inputs.passport.rules import RULES
+from upplied.inputs.passport.rules import RULES, passport_of
 from upplied.inputs.rules import Verdict, broken
-from upplied.inputs.schemas import cameras, geodetic, gimbal, px4, ros, tf, wind
+from upplied.inputs.schemas import cameras, geodetic, gimbal, ros, tf, wind
+from upplied.inputs.schemas.fields import FIELDS
 from upplied.inputs.sidecar import LogOptions, inspection, placed, stated
 from upplied.inputs.sources import door
 from upplied.inputs.sources.source import Source
@@ -37,13 +37,9 @@ from upplied.poses import normalised
 from upplied.records import Demonstration, Placement, Structure
 from upplied.scene import scene_of
 
-__all__ = ["LogOptions", "fingerprint", "read_demonstration"]
+__all__ = ["FIELDS", "LogOptions", "fingerprint", "read_demonstration"]
 
-FIELDS = {
-    schema: paths
-    for family in (ros, px4, geodetic, tf, gimbal, cameras, inspections, wind)
-    for schema, paths in family.FIELDS.items()
-}
+_OF_FACTS = ("demonstration_id", "structure_id", "operator", "site", "about")
 
 
 def read_demonstration(
@@ -164,8 +160,8 @@ def _demonstration(
     if structure is not None:
         of_reader: dict[str, Callable[[LogOptions], object]] = {
             "zoom-untimed": through,
-            "several-publishers": lambda asked: _one_body(tables, track, asked, what),
-            "frame-unconnected": lambda asked: in_frame(track, asked, tree, what),
+            "several-publishers": lambda options: _one_body(tables, track, options, what),
+            "frame-unconnected": lambda options: in_frame(track, options, tree, what),
         }
         reading = Reading(
             source, track, flown, shortened, pace, camera, to_camera, gap_s, tuple(notes),
@@ -174,16 +170,12 @@ def _demonstration(
         )  # fmt: skip
         passport = passport_of(reading, structure, facts, what)
     demonstration = Demonstration(
-        demonstration_id=facts.demonstration_id,
-        structure_id=facts.structure_id,
+        **{name: getattr(facts, name) for name in _OF_FACTS},
         t_ns=shortened.t_ns,
         positions=shortened.positions,
         quat_xyzw=normalised(shortened.quat_xyzw),
         camera=camera,
         fov_deg=shortened.fov_deg,
-        operator=facts.operator,
-        site=facts.site,
-        about=facts.about,
         breaks=first_after,
         degraded=bool(source.losses),
         dropped=dict(sorted(shortened.dropped.items())),
@@ -222,10 +214,10 @@ def _overruled(facts: LogOptions, rules: Mapping[str, Callable[[LogOptions], obj
 def _in_context(error: InputError, path: Path, source: Source) -> InputError:
     """The error with the name of the file, and with what was lost of it before."""
     what = error.what if str(path) in error.what else f"{path}, {error.what}"
-    found = "; ".join([error.found, *source.losses])
+    finding = "; ".join([error.found, *source.losses])
     if error.found.startswith(NOTHING):
-        found += f"; its topics: {source.topics or 'none'}"
-    return InputError(what, found, error.rule, error.remedy)
+        finding += f"; its topics: {source.topics or 'none'}"
+    return InputError(what, finding, error.rule, error.remedy)
 
 
 def _source(
@@ -244,8 +236,8 @@ def _check_flown(metadata: Sequence[tuple[str, Mapping[str, str]]], what: str) -
     for name, values in metadata:
         plan = name == "plan" and "structure_id" in values
         if plan or (name == "inspection" and values.get("simulated", "").lower() == "true"):
-            found = "is an export of a plan" if plan else "is the log of a simulated flight"
-            raise InputError(what, f"{found}: its metadata say so", "the log of a vehicle that flew")
+            finding = "is an export of a plan" if plan else "is the log of a simulated flight"
+            raise InputError(what, f"{finding}: its metadata say so", "the log of a vehicle that flew")
 
 
 def _in_metres(track: Track, facts: LogOptions, what: str) -> Track:
@@ -253,10 +245,8 @@ def _in_metres(track: Track, facts: LogOptions, what: str) -> Track:
     if facts.unit_m is None or track.parent == geodetic.STRUCTURE:
         return track
     if not facts.unit_m > 0:
-        found, rule = "has the scale of a reconstruction, which has no unit", "unit_m: metres per unit of it"
-        raise InputError(
-            what, found, rule, "write unit_m into the side-car, as the mesh of the project has it"
-        )
+        remedy = "write unit_m of the project's mesh into the side-car"
+        raise InputError(what, "is a reconstruction without unit", "unit_m: metres per unit of it", remedy)
     return replace(track, positions=track.positions * facts.unit_m)
 
 
@@ -264,7 +254,5 @@ def _check_length(track: Track, facts: LogOptions, what: str) -> None:
     seconds = float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0
     if len(track) < 2 or seconds < facts.min_duration_s:
         dropped = f" ({reasons(track)} dropped)" if track.dropped else ""
-        found, rule = f"holds {len(track)} poses over {seconds:.2f} s{dropped}", f"{facts.min_duration_s} s"
-        raise InputError(
-            what, found, f"at least 2 poses and {rule}", "lower min_duration_s if this is all of it"
-        )
+        finding, rule = f"holds {len(track)} poses over {seconds:.2f} s{dropped}", f"{facts.min_duration_s} s"
+        raise InputError(what, finding, f"at least 2 poses and {rule}", "lower min_duration_s if this is all")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,12 +12,12 @@ import numpy as np
 
 from upplied.checks import check_id
 from upplied.errors import InputError
+from upplied.inputs.files import table
 from upplied.inputs.structure_rules import RULES
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "file": None}
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 DATUMS = ("ellipsoid", "amsl")
-SURFACES = ("drawn", "scanned")
 
 Parser = Callable[[Any, str], Any]
 
@@ -49,9 +49,9 @@ def axes(given: Mapping[str, Any], what: str) -> tuple[str, str]:
     if forward is None and given.get("symmetric"):
         forward = next(axis for axis in AXES if axis[-1] != up[-1])
     if forward is None:
-        found = "has no 'forward'"
+        finding = "has no 'forward'"
         rule = "the axis of the file that points to the nose, bow, rotor hub or along the structure"
-        raise InputError(what, found, rule, "declare it, or symmetric = true where no such direction exists")
+        raise InputError(what, finding, rule, "declare it, or symmetric = true where there is none")
     if forward[-1] == up[-1]:
         raise InputError(what, f"forward {forward!r} and up {up!r} lie on one axis", "two different axes")
     return up, forward
@@ -75,22 +75,22 @@ def number(low: float = -1e12, high: float = 1e12, above: float = -math.inf, who
 
     def parse_number(value: Any, what: str) -> float:
         try:
-            found = float("nan") if isinstance(value, bool) else (int if whole else float)(value)
+            parsed = float("nan") if isinstance(value, bool) else (int if whole else float)(value)
         except (ValueError, TypeError, OverflowError):
-            found = float("nan")
-        if not low <= found <= high or found <= above:
+            parsed = float("nan")
+        if not low <= parsed <= high or parsed <= above:
             raise InputError(what, f"got {_shown(value)}", rule)
-        return found
+        return parsed
 
     return parse_number
 
 
-def choice(allowed: tuple[str, ...]) -> Parser:
+def choice(allowed: Sequence[str]) -> Parser:
     """A parser of one of these words."""
 
     def parse_choice(value: Any, what: str) -> str:
         word = value.strip().lower().removeprefix("+") if isinstance(value, str) else None
-        if word not in allowed:
+        if word is None or word not in allowed:
             raise InputError(what, f"got {_shown(value)}", f"one of {', '.join(allowed)}")
         return word
 
@@ -115,7 +115,7 @@ def _flag(value: Any, what: str) -> bool:
     raise InputError(what, f"got {_shown(value)}", "true or false")
 
 
-def array(shape: tuple[int, ...], rule: str) -> Parser:
+def array(shape: Sequence[int], rule: str) -> Parser:
     """A parser of nested lists of numbers, typed, as JSON or by spaces; 0 in the shape is any length."""
 
     def parse_array(value: Any, what: str) -> Any:
@@ -124,9 +124,8 @@ def array(shape: tuple[int, ...], rule: str) -> Parser:
             values = np.array(value.split() if spaced else _decoded(value), float)
         except (ValueError, TypeError, OverflowError):
             values = np.empty(0)
-        fits = values.ndim == len(shape) and all(
-            map(lambda want, have: want in (0, have), shape, values.shape)
-        )
+        sizes = [have if want == 0 else want for want, have in zip(shape, values.shape, strict=False)]
+        fits = values.shape == tuple(sizes) and values.ndim == len(shape)
         if not fits or not np.isfinite(values).all():
             raise InputError(what, f"got {_shown(value)}", rule)
         return tuple(values.tolist()) if len(shape) == 1 else values
@@ -151,13 +150,13 @@ def _polygon(value: Any, what: str) -> Any:
 def points(value: Any, what: str) -> dict[str, tuple[float, float, float]]:
     """A table of names and three numbers each, m."""
     try:
-        table = _decoded(value)
+        places = _decoded(value)
     except ValueError:
-        table = None
-    if not isinstance(table, dict):
+        places = None
+    if not isinstance(places, dict):
         raise InputError(what, f"got {_shown(value)}", "name = [x, y, z], m, structure frame")
     point = array((3,), "[x, y, z], m, structure frame")
-    return {check_id(name, what): point(xyz, f"{what} {name}") for name, xyz in table.items()}
+    return {check_id(name, what): point(xyz, f"{what} {name}") for name, xyz in places.items()}
 
 
 def _rules(value: Any, what: str) -> tuple[str, ...]:
@@ -182,46 +181,16 @@ def _shown(value: Any) -> str:
     return repr(value)[:80]
 
 
-_LENGTH = number(above=0.0, high=1e5)
-_NOMINAL = "real size along {}, m: the mesh is checked against it within 7 %"
+_TYPES: dict[str, Callable[..., Parser]] = {"text": text, "number": number, "choice": choice, "array": array}
+_PARSERS: dict[str, Parser] = {
+    "id": check_id, "units": _units, "boxes": _boxes, "polygon": _polygon, "points": points, "flag": _flag,
+    "rules": _rules,
+}  # fmt: skip
+
+
+def _key(type: str, meaning: str, required: bool = False, **bounds: Any) -> Key:
+    return Key(_TYPES[type](**bounds) if bounds else _PARSERS[type], meaning, required)
+
 
 #: Every key of a manifest entry, in the order of the documentation.
-KEYS: dict[str, Key] = {
-    "id": Key(check_id, "names the structure: letters, digits, _ and -", required=True),
-    "kind": Key(check_id, "what it is: airplane, wind_turbine, ship, bridge, ...", required=True),
-    "path": Key(text(4096), "its file, relative to the manifest", required=True),
-    "units": Key(_units, "m, cm, mm, in, ft, file (as it declares itself) or metres per unit", required=True),
-    "up": Key(choice(AXES), "the axis of the file that points up: x, y, z, -x, -y or -z", required=True),
-    "forward": Key(choice(AXES), "the axis of the file that points to the nose, bow or rotor hub"),
-    "scale": Key(number(above=0.0, high=1e6), "of the whole, besides the units"),
-    "local_origin": Key(
-        array((3,), "[x, y, z] in the file's units"), "subtracted first: projected coordinates"
-    ),
-    "site": Key(text(4096), "where it stands"),
-    "lat": Key(number(-90, 90), "of the structure's origin, deg, WGS 84"),
-    "lon": Key(number(-180, 180), "of the structure's origin, deg, WGS 84"),
-    "alt": Key(number(-1000, 10000), "of the structure's origin, m"),
-    "datum": Key(choice(DATUMS), "of alt: ellipsoid (WGS 84) or amsl"),
-    "heading": Key(number(-360, 360), "of +X, deg clockwise from true north"),
-    "nominal_length_m": Key(_LENGTH, _NOMINAL.format("+X")),
-    "nominal_width_m": Key(_LENGTH, _NOMINAL.format("Y")),
-    "nominal_height_m": Key(_LENGTH, _NOMINAL.format("Z")),
-    "ground_z": Key(number(-1e5, 1e5), "height of level ground, m, structure frame"),
-    "keep_out": Key(_boxes, "boxes no path may enter, m, structure frame"),
-    "geofence": Key(_polygon, "polygon no path may leave, m, structure frame"),
-    "ceiling_z": Key(number(-1e5, 1e5), "highest allowed z, m, structure frame"),
-    "rally": Key(
-        array((0, 3), "points [x, y, z], m"), "where it may land instead of home, m, structure frame"
-    ),
-    "landmarks": Key(points, "named points, m, structure frame"),
-    "symmetric": Key(_flag, "no heading can be told from the shape"),
-    "surface": Key(choice(SURFACES), "drawn or scanned; left out: a cloud is scanned, a mesh drawn"),
-    "surface_error_m": Key(
-        number(0, 1e4), "how far its surface may lie from where the file has it, m; left out: measured"
-    ),
-    "drop_hidden": Key(_flag, "drop parts that cannot be seen from outside"),
-    "drop_outliers": Key(_flag, "drop parts far off the rest: billboards, wakes"),
-    "clip_ground": Key(_flag, "cut off what lies below ground_z"),
-    "notes": Key(text(4096), "anything else"),
-    "allow": Key(_rules, 'rules that are overruled for it, as in docs/checks.md: ["odd-size"]'),
-}
+KEYS: dict[str, Key] = {name: _key(**row) for name, row in table("manifest.toml").items()}

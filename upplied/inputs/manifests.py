@@ -21,7 +21,7 @@ from upplied.errors import InputError
 from upplied.inputs import manifest_keys as keys
 from upplied.inputs.files import read_regular
 from upplied.inputs.structure_rules import StructureSettings
-from upplied.records import Floats, Placement, Surroundings
+from upplied.records import Placement, Surroundings
 
 MAX_BYTES = 16 << 20  # a row is some 200 bytes: 80 000 structures
 _AS_DECLARED = (  # keys of a manifest that are fields of an entry
@@ -98,9 +98,7 @@ def _text(path: Path) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(
-            str(path), f"byte {error.start} is not UTF-8", "UTF-8 text", "save it as UTF-8"
-        ) from None
+        raise InputError(str(path), f"byte {error.start} is not UTF-8", "text in UTF-8") from None
 
 
 def _toml_rows(path: Path, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -113,9 +111,7 @@ def _toml_rows(path: Path, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]
             raise InputError(str(path), f"unknown top-level key {key[:60]!r}", "[[structure]] tables only")
     tables = document.get("structure", [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise InputError(
-            str(path), "`structure` is not an array of tables", "[[structure]], with two brackets"
-        )
+        raise InputError(str(path), "`structure` is no array of tables", "[[structure]], with two brackets")
     for number, table in enumerate(tables, 1):
         yield f"{path}, structure {number} ({str(table.get('id', 'without id'))[:64]!r})", table
 
@@ -158,9 +154,9 @@ def _inside(folder: Path, name: str, what: str, allow_outside: bool) -> Path:
         return folder / path
     root = folder.resolve()
     if path.is_absolute() or not (root / path).resolve().is_relative_to(root):
-        found = f"the path {name[:120]!r} leaves the manifest's folder"
+        finding = f"the path {name[:120]!r} leaves the manifest's folder"
         rule = "paths relative to the manifest, inside its folder"
-        raise InputError(what, found, rule, "move the file there, or allow outside paths explicitly")
+        raise InputError(what, finding, rule, "move the file there, or allow outside paths explicitly")
     return folder / path
 
 
@@ -177,13 +173,6 @@ def _placement(given: Mapping[str, Any], what: str) -> Placement | None:
 
 
 def _surroundings(given: Mapping[str, Any]) -> Surroundings:
-    def array(key: str, empty: tuple[int, ...]) -> Floats:
-        return np.asarray(given[key], float) if key in given else np.empty(empty)
-
-    return Surroundings(
-        ground_z_m=given.get("ground_z"),
-        keep_out_m=array("keep_out", (0, 2, 3)),
-        geofence_m=array("geofence", (0, 2)),
-        ceiling_z_m=given.get("ceiling_z"),
-        rally_m=array("rally", (0, 3)),
-    )
+    shapes = {"keep_out": (0, 2, 3), "geofence": (0, 2), "rally": (0, 3)}
+    areas = {f"{key}_m": np.asarray(given.get(key, np.empty(shape)), float) for key, shape in shapes.items()}
+    return Surroundings(ground_z_m=given.get("ground_z"), ceiling_z_m=given.get("ceiling_z"), **areas)

@@ -114,8 +114,8 @@ def structure_frame(raw: RawMesh, entry: StructureEntry) -> Floats:
     used = used_vertices(raw.triangles, len(near)) if len(raw.triangles) else slice(None)
     far = raw.vertices[used][~near[used] & np.isfinite(raw.vertices[used])]
     if len(far):
-        found, rule = f"has a coordinate of {far[0]:.3g} units", f"at most {_FARTHEST_M:g} m"
-        raise InputError(str(entry.path), found, rule, "check the units, or export it again")
+        finding, rule = f"has a coordinate of {far[0]:.3g} units", f"at most {_FARTHEST_M:g} m"
+        raise InputError(str(entry.path), finding, rule, "check the units, or export it again")
     local = np.where(near, raw.vertices, np.nan) - np.asarray(entry.local_origin)
     return (local @ turn(entry.up, entry.forward).T) * (unit * entry.scale)
 
@@ -154,8 +154,8 @@ def _mesh(
     drop: Bools = outside.hidden & entry.drop_hidden
     verdicts = []
     if outside.hidden.any() and not entry.drop_hidden:
-        found = f"{outside.hidden.sum()} of {len(triangles)} triangles lie in parts that nobody sees"
-        verdicts.append(broken(RULES["hidden"], f"{found} from outside (drop_hidden = true drops them)"))
+        finding = f"{outside.hidden.sum()} of {len(triangles)} triangles lie in parts that nobody sees"
+        verdicts.append(broken(RULES["hidden"], f"{finding} from outside (drop_hidden = true drops them)"))
     for outlier in outliers:
         drop[outlier.triangles] |= entry.drop_outliers
         if not entry.drop_outliers:
@@ -165,8 +165,8 @@ def _mesh(
         vertices, triangles = compact(vertices, triangles[~drop])
         _check_left(triangles, entry)
     if looks_scanned(Structure(entry.structure_id, entry.kind, vertices, triangles, surface=entry.surface)):
-        found = 'it looks like a reconstruction of a scan (then declare surface = "scanned")'
-        verdicts.append(broken(RULES["looks-scanned"], found))
+        finding = 'it looks like a reconstruction of a scan (then declare surface = "scanned")'
+        verdicts.append(broken(RULES["looks-scanned"], finding))
     hidden = np.unique(topology.component[outside.hidden])
     final = topology_of(triangles) if drop.any() else topology
     verdicts += cut_off(vertices, final.rim)
@@ -178,9 +178,7 @@ def _mesh(
         hidden_triangles=int(outside.hidden.sum()),
         area_m2=_area(vertices, triangles),
         outside_area_m2=outside.area_m2,
-        watertight=final.watertight,
-        boundary_edges=final.boundary_edges,
-        nonmanifold_edges=final.nonmanifold_edges,
+        topology=final,
         outliers=outliers,
         done=tuple(done),
         verdicts=tuple(verdicts),
@@ -215,9 +213,7 @@ def _cloud(
 
 def _check_left(triangles: Ints, entry: StructureEntry) -> None:
     if not len(triangles):
-        raise InputError(
-            str(entry.path), "holds no triangle that has an area and is kept", "a mesh", "export it again"
-        )
+        raise InputError(str(entry.path), "holds no triangle that has an area", "a mesh", "export it again")
 
 
 def _check_surface(structure: Structure, entry: StructureEntry) -> None:
@@ -227,9 +223,9 @@ def _check_surface(structure: Structure, entry: StructureEntry) -> None:
         raise InputError(what, "is a point cloud and declared to be drawn", "a cloud is a scan", remedy)
     stated, most = structure.surface_error_m, _COARSEST * structure.diagonal_m
     if stated is not None and stated > most:
-        found = f"surface_error_m is {stated:g} m, of a structure of {structure.diagonal_m:.3g} m"
+        finding = f"surface_error_m is {stated:g} m, of a structure of {structure.diagonal_m:.3g} m"
         rule = f"at most {most:.3g} m, a tenth of its size"
-        raise InputError(what, found, rule, "give it in metres, or leave it out")
+        raise InputError(what, finding, rule, "give it in metres, or leave it out")
 
 
 def _declared(raw: RawMesh, entry: StructureEntry) -> dict:
@@ -248,7 +244,8 @@ def _area(vertices: Floats, triangles: Ints) -> float:
 
 def _sha256(file: str, entry: StructureEntry) -> str:
     """Of the bytes of the file and of all that the manifest says and a plan may depend on."""
-    surroundings, placement = entry.surroundings, entry.placement
+    area, placement = entry.surroundings, entry.placement
+    walls = area.keep_out_m, area.geofence_m
     declared: dict[str, object] = {
         "file": file,
         "id": entry.structure_id,
@@ -256,16 +253,11 @@ def _sha256(file: str, entry: StructureEntry) -> str:
         "geometry": [entry.unit_m, entry.up, entry.forward, entry.scale, *map(float, entry.local_origin)],
         "repair": [entry.drop_hidden, entry.drop_outliers, entry.clip_ground],
         "placement": None if placement is None else astuple(placement),
-        "surroundings": [
-            surroundings.ground_z_m,
-            surroundings.keep_out_m.tolist(),
-            surroundings.geofence_m.tolist(),
-            surroundings.ceiling_z_m,
-        ],
+        "surroundings": [area.ground_z_m, *(each.tolist() for each in walls), area.ceiling_z_m],
         "landmarks": {name: list(xyz) for name, xyz in entry.landmarks.items()},
         "symmetric": entry.symmetric,
     }
     stated = {"surface": entry.surface, "surface_error_m": entry.surface_error_m}
-    stated["rally"] = surroundings.rally_m.tolist() or None
+    stated["rally"] = area.rally_m.tolist() or None
     declared |= {key: value for key, value in stated.items() if value is not None}  # else as before
     return digest(declared)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from upplied.inputs.compiled import boxes, longest_edges
 from upplied.inputs.repair import Topology, used_vertices
 from upplied.records import Bools, Floats, Ints, Record
 
@@ -48,12 +47,12 @@ def find_outliers(vertices: Floats, triangles: Ints, topology: Topology) -> list
     component = topology.component
     planes = _planes(vertices, triangles, component)
     rest = np.flatnonzero(~np.isin(component, planes))
-    found = [
+    outliers = [
         _outlier("a plane that sticks out (a wake, a light, a billboard?)", vertices, triangles, which)
         for which in (np.flatnonzero(component == label) for label in planes)
     ]
     cluster = _clusters(vertices, triangles[rest])
-    return found + [
+    return outliers + [
         _outlier("a part far off the rest", vertices, triangles, rest[cluster == label])
         for label in _far(vertices, triangles[rest], cluster)
     ]
@@ -65,7 +64,7 @@ def _planes(vertices: Floats, triangles: Ints, component: Ints) -> Ints:
     if flat.all():
         return np.empty(0, np.int64)
     low, high = _box(vertices, triangles[~flat[component]])
-    lows, highs = boxes(vertices, triangles, component)
+    lows, highs = _boxes(vertices, triangles, component)
     beyond = np.maximum(low - lows, highs - high).max(axis=1)
     return np.flatnonzero(flat & (beyond > _STICKS_OUT * np.linalg.norm(high - low)))
 
@@ -73,7 +72,7 @@ def _planes(vertices: Floats, triangles: Ints, component: Ints) -> Ints:
 def _far(vertices: Floats, triangles: Ints, cluster: Ints) -> Ints:
     """Clusters that are small against the main one and stick out of its box."""
     labels = np.unique(cluster)
-    low, high = boxes(vertices, triangles, np.searchsorted(labels, cluster))
+    low, high = _boxes(vertices, triangles, np.searchsorted(labels, cluster))
     side = high - low
     volume = np.prod(np.maximum(side, 1e-3 * side.max(axis=1, keepdims=True)), axis=1)
     main = int(np.argmax(volume))
@@ -100,8 +99,9 @@ def _clusters(vertices: Floats, triangles: Ints) -> Ints:
 
 def _spread(vertices: Floats, triangles: Ints, edge: float) -> Iterator[Floats]:
     """Points on the triangles longer than a voxel, close enough that no voxel between them is missed."""
-    length = longest_edges(vertices, triangles)
-    large = vertices[triangles[length > edge]]
+    corners = vertices[triangles]
+    length = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1, initial=0)
+    large = corners[length > edge]
     steps = np.ceil(2 * length[length > edge] / edge)
     steps *= min(1.0, np.sqrt(2 * _SAMPLES / max((steps**2).sum(), 1)))  # bounded for meshes of giants alone
     steps = np.maximum(steps, 1).astype(np.int64)
@@ -129,9 +129,17 @@ def _flat(vertices: Floats, triangles: Ints, component: Ints) -> Bools:
     return flat & (spread[:, 0] <= _FLAT**2 * spread[:, 2])
 
 
+def _boxes(vertices: Floats, triangles: Ints, label: Ints) -> tuple[Floats, Floats]:
+    """Corners (L, 3), low and high, of the box of the triangles of each label from 0, all of which occur."""
+    order = np.argsort(label, kind="stable")
+    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
+    corners = vertices[triangles[order]]
+    return np.minimum.reduceat(corners.min(axis=1), starts), np.maximum.reduceat(corners.max(axis=1), starts)
+
+
 def _box(vertices: Floats, triangles: Ints) -> tuple[Floats, Floats]:
-    low, high = boxes(vertices, triangles, np.zeros(len(triangles), np.int64))
-    return low[0], high[0]
+    points = vertices[triangles].reshape(-1, 3)
+    return points.min(axis=0), points.max(axis=0)
 
 
 def _outlier(reason: str, vertices: Floats, triangles: Ints, which: Ints) -> Outlier:

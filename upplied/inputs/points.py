@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.discs import surfels
+from upplied.discs import Discs
 from upplied.records import Bools, Floats, Ints
 from upplied.scene import Scene
 from upplied.vectors import neighbour_spacing, plane_normals, sphere
@@ -35,7 +35,7 @@ def outward_normals(points: Floats, given: Floats | None = None, seed: int = 0) 
         inwards = bool(clear.any()) and float((vote[clear] < 0).mean()) > 0.6
         return (-normals, "all normals turned outwards") if inwards else (normals, "")
     if not clear.any():
-        return normals, "normals estimated; which side is out could not be told"
+        return normals, "normals estimated; which side faces out is not known"
     sign = np.sign(vote[clear])
     return _follow(points, normals, judged[clear], sign), "normals estimated and turned outwards"
 
@@ -65,7 +65,7 @@ def _votes(points: Floats, normals: Floats) -> Floats:
     """For each point how much more its front sees of the outside than its back, from -1 to 1."""
     # Discs as wide as the sixth neighbour overlap; smaller ones let rays through.
     spacing = neighbour_spacing(points)
-    scene = Scene(*surfels(points, normals))
+    scene = Scene(*Discs.of(points, normals).mesh())
     reach = 2 * float(np.linalg.norm(np.ptp(points, axis=0)))
     directions = sphere(48)
     escaped = np.zeros((2, len(points)))

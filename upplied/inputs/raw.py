@@ -55,15 +55,15 @@ class Source:
         folder = self.path.parent.resolve()
         name = unquote(uri)
         if "://" in name or "\0" in name or not (folder / name).resolve().is_relative_to(folder):
-            found, remedy = f"refers to {name[:120]!r}, outside its folder", "export it as one file (.glb)"
-            raise self.error(found, "buffers in the file itself or in its folder", remedy)
+            finding, remedy = f"refers to {name[:120]!r}, outside its folder", "export it as one file (.glb)"
+            raise self.error(finding, "buffers in the file itself or in its folder", remedy)
         data = read_regular(folder / name, MAX_BYTES, f"{self.path}, its buffer {name[:120]!r}")
         self._hash.update(data)
         return data
 
-    def error(self, found: str, rule: str = "", remedy: str = "export the file again") -> InputError:
+    def error(self, finding: str, rule: str = "", remedy: str = "export the file again") -> InputError:
         """An error about this file."""
-        return InputError(str(self.path), found, rule, remedy)
+        return InputError(str(self.path), finding, rule, remedy)
 
     def most(self, count: int, what: str, per_byte: float, least: int) -> None:
         """Refuse a count that no file of this size holds in honesty: packed formats count on trust."""
@@ -76,8 +76,8 @@ class Source:
             rule = f"{first} to {len(vertices) - 1 + first}"
             raise self.error("its faces refer to vertices that do not exist", rule)
         if sizes.max(initial=0) > MAX_CORNERS:
-            found, rule = f"has a polygon of {sizes.max()} corners", f"at most {MAX_CORNERS}"
-            raise self.error(found, rule, "triangulate it on export")
+            finding, rule = f"has a polygon of {sizes.max()} corners", f"at most {MAX_CORNERS}"
+            raise self.error(finding, rule, "triangulate it on export")
         return triangulate(vertices, corners, sizes)
 
 
@@ -103,8 +103,8 @@ class Assembly:
             rule = "at most a million triangles, or one per four bytes of the file"
             raise self._source.error(problem, rule, "export it flattened")
         if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
-            found = f"part {name[:60]!r}: triangles refer to vertices that do not exist"
-            raise self._source.error(found, f"indices from 0 to {len(vertices) - 1}")
+            finding = f"part {name[:60]!r}: triangles refer to vertices that do not exist"
+            raise self._source.error(finding, f"indices from 0 to {len(vertices) - 1}")
         if np.linalg.det(matrix[:3, :3]) < 0:
             triangles = triangles[:, ::-1]
         placed = vertices @ matrix[:3, :3].T + matrix[:3, 3]
@@ -148,9 +148,9 @@ def flatten(
     raise source.error("its scene refers to itself or has too many nodes", rule, "export it flattened")
 
 
-def counted(*found: tuple[int, str]) -> tuple[str, ...]:
+def counted(*counts: tuple[int, str]) -> tuple[str, ...]:
     """Remarks in words of what occurred."""
-    return tuple(f"{count} {what}" for count, what in found if count)
+    return tuple(f"{count} {what}" for count, what in counts if count)
 
 
 MAX_CORNERS = 10_000  # of one polygon; cutting ears takes their square at worst: a second for this many

@@ -7,12 +7,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from upplied.inputs.compiled import faults, first_near
 from upplied.records import Bools, Floats, Ints, Record
 
+_CELLS = 8  # a cell's edge over the welding distance: most points need to look into one or two cells
 WELD_M = 1e-4  # a tenth of a millimetre: far below any detail that is flown, far above rounding
 
 
@@ -27,13 +28,13 @@ class Repairs:
 
     def texts(self) -> tuple[str, ...]:
         """Each kind that occurred, in words."""
-        found = (
+        kinds = (
             (self.welded, "vertices welded"),
             (self.degenerate, "triangles without area removed"),
             (self.duplicate, "repeated triangles removed"),
             (self.unused, "unused vertices dropped"),
         )
-        return tuple(f"{count} {what}" for count, what in found if count)
+        return tuple(f"{count} {what}" for count, what in kinds if count)
 
 
 def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, Repairs]:
@@ -48,7 +49,7 @@ def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, Repair
     first = np.arange(len(vertices))
     first[chosen] = chosen[near]
     joined = first[triangles]
-    fault = faults(np.ascontiguousarray(vertices), joined)
+    fault = _faults(vertices, joined)
     intact = np.flatnonzero(fault == 0)
     repairs = Repairs(
         welded=int((near != np.arange(len(near))).sum()),
@@ -63,7 +64,76 @@ def weld(vertices: Floats) -> Ints:
     """For each vertex the first kept one that it lies on, (V,); itself where it stands alone."""
     if not len(vertices):
         return np.empty(0, np.int64)
-    return first_near(np.ascontiguousarray(vertices - vertices.min(axis=0)), WELD_M)
+    return _first_near(np.ascontiguousarray(vertices - vertices.min(axis=0)), WELD_M)
+
+
+@njit(cache=True)
+def _first_near(points: np.ndarray, reach: float) -> np.ndarray:  # pragma: no cover - compiled
+    """For each point (N, 3) the first kept one within reach, itself where there is none.
+
+    Kept points lie farther than `reach` from each other, so doing it twice changes nothing. They are
+    hung up in chains by the hash of their cell; distances decide, whatever else shares the chain.
+    """
+    number = len(points)
+    size = 1
+    while size < 2 * number:
+        size *= 2
+    head = np.full(size, -1, np.int64)
+    after = np.full(number, -1, np.int64)
+    first = np.arange(number)
+    cell = np.empty(3, np.int64)
+    low = np.empty(3, np.int64)
+    high = np.empty(3, np.int64)
+    edge = _CELLS * reach
+    for i in range(number):
+        for axis in range(3):
+            scaled = points[i, axis] / edge
+            cell[axis] = np.int64(np.floor(scaled))
+            low[axis] = np.int64(np.floor(scaled - 1.0 / _CELLS))
+            high[axis] = np.int64(np.floor(scaled + 1.0 / _CELLS))
+        best = number
+        for x in range(low[0], high[0] + 1):
+            for y in range(low[1], high[1] + 1):
+                for z in range(low[2], high[2] + 1):
+                    j = head[_slot(x, y, z, size)]
+                    while j >= 0:
+                        apart = 0.0
+                        for axis in range(3):
+                            apart += (points[i, axis] - points[j, axis]) ** 2
+                        if j < best and apart <= reach * reach:
+                            best = j
+                        j = after[j]
+        if best < number:
+            first[i] = best
+        else:
+            at = _slot(cell[0], cell[1], cell[2], size)
+            after[i] = head[at]
+            head[at] = i
+    return first
+
+
+@njit(cache=True)
+def _slot(x: int, y: int, z: int, size: int) -> int:  # pragma: no cover - compiled
+    """Where a cell or a triangle hangs in a table whose size is a power of two."""
+    mixed = x * 73856093 ^ y * 19349663 ^ z * 83492791
+    mixed ^= mixed >> 17
+    return mixed & (size - 1)
+
+
+def _faults(vertices: Floats, triangles: Ints) -> Ints:
+    """(T,) 1 for triangles as flat as rounding noise, 2 for those with the corners of an earlier one."""
+    corners = vertices[triangles]
+    edges = np.roll(corners, -1, axis=1) - corners
+    normals = np.cross(edges[:, 0], corners[:, 2] - corners[:, 0])
+    longest = (edges**2).sum(axis=2).max(axis=1, initial=0)
+    # The height over the longest edge, in metres, squared; and relative to that edge.
+    fault = np.where((normals**2).sum(axis=1) <= np.maximum(1e-18 * longest, 1e-20 * longest**2), 1, 0)
+    intact = np.flatnonzero(fault == 0)
+    rows = np.sort(triangles[intact], axis=1)
+    order = np.lexsort(rows.T)
+    repeated = (np.diff(rows[order], axis=0) == 0).all(axis=1)
+    fault[intact[order[1:][repeated]]] = 2
+    return fault
 
 
 def used_vertices(triangles: Ints, number: int) -> Bools:
@@ -138,9 +208,8 @@ def topology_of(triangles: Ints) -> Topology:
     pair = first[count == 2]
     one, other = order[pair], order[pair + 1]
     alike = tail[one] != tail[other]
-    of_vertex = _labels(
-        triangles[:, [0, 0]].ravel(), triangles[:, [1, 2]].ravel(), triangles.max(initial=-1) + 1
-    )
+    ends = triangles[:, [0, 0]].ravel(), triangles[:, [1, 2]].ravel()
+    of_vertex = _labels(*ends, triangles.max(initial=-1) + 1)
     return Topology(
         patch=_labels(one[alike] // 3, other[alike] // 3, len(triangles)),
         component=np.unique(of_vertex[triangles[:, 0]], return_inverse=True)[1].reshape(-1),

@@ -1,7 +1,7 @@
 """Rules that what comes in keeps, a verdict on each that is broken, and how a person overrules one by name.
 
-The same for structures and for flights. A rule is data; the code that measures gives a `Verdict` for
-each rule that is broken, with the figure. `decided` says what follows from them, `refuse` refuses.
+The same for structures and for flights: a rule is data (`rules.toml`); the code that measures gives a
+`Verdict` for each rule that is broken, with the figure. `decided` marks what is overruled, `refuse` refuses.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal, TypeVar
 
 from upplied.errors import InputError, SettingsError
+from upplied.inputs.files import table
 
 Severity = Literal["refuse", "warn"]
 Settings = TypeVar("Settings", bound=Any)
@@ -19,13 +20,23 @@ Settings = TypeVar("Settings", bound=Any)
 
 @dataclass(frozen=True)
 class Rule:
-    """Something that every file that is taken in keeps."""
+    """A bound that every imported file keeps."""
 
     name: str  # by which it is overruled
     severity: Severity  # what cannot be right is refused, what is odd is warned of
     reason: str  # why there is this rule
-    remedy: str  # what to do where it is broken
-    limit: str = ""  # the setting that holds its threshold, where there is one
+    remedy: str = ""  # what to do where it is broken
+    bounds: tuple[str, ...] = ()  # the settings that hold its limits
+    broken: str = ""  # figure, sign and bound that break it; empty where code decides
+    finding: str = ""  # in words, to be filled with figures and bounds
+
+
+def rules_of(group: str) -> dict[str, Rule]:
+    """The rules of a group of `rules.toml` (flight, reading, structure) by their names, in order."""
+    return {
+        name: Rule(name, **row | {"bounds": tuple(row.get("bounds", "").split())})
+        for name, row in table("rules.toml")[group].items()
+    }
 
 
 @dataclass(frozen=True)
@@ -44,9 +55,9 @@ class Verdict:
         return f"{self.rule}: {self.found}{allowed}" + (" [overruled]" if self.overruled else "")
 
 
-def broken(rule: Rule, found: str, allowed: str = "", remedy: str = "") -> Verdict:
+def broken(rule: Rule, finding: str, allowed: str = "", remedy: str = "") -> Verdict:
     """The verdict that a rule is broken; its own remedy where no better one is known."""
-    return Verdict(rule.name, rule.severity, found, allowed, remedy or rule.remedy)
+    return Verdict(rule.name, rule.severity, finding, allowed, remedy or rule.remedy)
 
 
 def check_allowed(names: Iterable[str], rules: Mapping[str, Rule]) -> tuple[str, ...]:
@@ -87,12 +98,12 @@ def refuse(what: str, verdicts: Iterable[Verdict]) -> None:
     Raises InputError naming each rule, what was found, what is allowed, the remedy, and how it is
     overruled.
     """
-    found = refusals(verdicts)
-    if found:
-        remedy = "; ".join(dict.fromkeys(filter(None, (verdict.remedy for verdict in found))))
-        names = " ".join(dict.fromkeys(f"--allow {verdict.rule}" for verdict in found))
+    broken_rules = refusals(verdicts)
+    if broken_rules:
+        remedy = "; ".join(dict.fromkeys(filter(None, (verdict.remedy for verdict in broken_rules))))
+        names = " ".join(dict.fromkeys(f"--allow {verdict.rule}" for verdict in broken_rules))
         how = f"{remedy}; or, if it is right as it is, {names}" if remedy else f"if it is right, {names}"
-        raise InputError(what, "; ".join(map(str, found)), remedy=how)
+        raise InputError(what, "; ".join(map(str, broken_rules)), remedy=how)
 
 
 def to_json(verdicts: Iterable[Verdict]) -> str:

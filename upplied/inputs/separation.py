@@ -31,7 +31,7 @@ _WIDTHS = (27.0, 9.0, 2.0)  # cells over which the height of the ground is smoot
 _NOISE = 4.0  # times the spread of the ground: thicker than that is no ground
 _THIN, _THICK = 0.001, 0.01  # of the structure's diagonal: bounds of the layer that is taken away
 _GAP = 0.006  # of the diagonal of what stands on the ground: clusters nearer are one
-_ASKED, _SPACED = 2000, 4.0  # samples asked how far apart they are; clusters nearer than so many times that
+_SAMPLED, _SPACED = 2000, 4.0  # samples whose spacing is measured; clusters nearer than so many times that
 _FRAGMENT = 0.002  # of the largest cluster's area
 _BESIDE = 0.05  # of the largest cluster's diagonal: farther off, and outside its box, stands another
 
@@ -71,12 +71,12 @@ def separated(structure: Structure) -> Separation:
     return Separation(of_all, share, float(np.median(of_ground)) if len(of_ground) else None)
 
 
-def kept(structure: Structure, found: Separation) -> tuple[Floats, Ints, Floats | None]:
+def structure_alone(structure: Structure, separation: Separation) -> tuple[Floats, Ints, Floats | None]:
     """Vertices (V, 3), m, triangles (T, 3) and, of a cloud that has them, normals (V, 3) of the structure."""
     if not len(structure.triangles):
-        mine, normals = found.label == 0, structure.normals
+        mine, normals = separation.label == 0, structure.normals
         return structure.vertices[mine], structure.triangles, None if normals is None else normals[mine]
-    triangles = structure.triangles[found.label == 0]
+    triangles = structure.triangles[separation.label == 0]
     used = np.unique(triangles)
     return structure.vertices[used], np.searchsorted(used, triangles), None
 
@@ -179,12 +179,12 @@ class _Surface:
         cell = np.minimum(np.floor((at - self.low) / self.step), _CELLS - 1).astype(np.int64)
         known, value = np.zeros((_CELLS, _CELLS)), np.zeros((_CELLS, _CELLS))
         known[tuple(cell.T)], value[tuple(cell.T)] = 1.0, rest
-        found = np.zeros((_CELLS, _CELLS))
+        heights = np.zeros((_CELLS, _CELLS))
         for wide in _WIDTHS:  # the narrowest that reaches any ground decides
             weight = ndimage.gaussian_filter(known, wide)
             mean = ndimage.gaussian_filter(value, wide) / np.maximum(weight, 1e-12)
-            found = np.where(weight > 0.1, mean, found)
-        return found
+            heights = np.where(weight > 0.1, mean, heights)
+        return heights
 
     def __call__(self, at: Floats) -> Floats:
         cell = ((at - self.low) / self.step - 0.5).T
@@ -204,12 +204,11 @@ def _surrounds(is_open: Bools, standing: Ints) -> bool:
 
 def _clusters(points: Floats, above: Floats) -> Ints:
     """The class (S,) of samples that are no ground, by the clusters that they fall into."""
-    some = points[:: max(1, len(points) // _ASKED)]
+    some = points[:: max(1, len(points) // _SAMPLED)]
     apart = neighbour_spacing(points, some)
     edge = max(_GAP * float(np.linalg.norm(np.ptp(points, axis=0))), _SPACED * apart)
-    cell, voxel = np.unique(
-        np.floor((points - points.min(axis=0)) / max(edge, 1e-9)), axis=0, return_inverse=True
-    )
+    cells = np.floor((points - points.min(axis=0)) / max(edge, 1e-9))
+    cell, voxel = np.unique(cells, axis=0, return_inverse=True)
     near = cKDTree(cell).query_pairs(1.8, output_type="ndarray")  # voxels that share a corner
     graph = coo_array((np.ones(len(near), bool), tuple(near.T)), (len(cell), len(cell)))
     cluster = connected_components(graph, directed=False)[1][voxel.reshape(-1)]
@@ -239,12 +238,12 @@ def _of_all(structure: Structure, points: Floats, owner: Ints, label: Ints) -> I
     number = len(structure.triangles) or len(structure.vertices)
     votes = np.zeros((number, len(CLASSES)), np.int64)
     np.add.at(votes, (owner, label), 1)
-    found = votes.argmax(axis=1)
+    classes = votes.argmax(axis=1)
     empty = np.flatnonzero(votes.sum(axis=1) == 0)
     if len(empty):
         corners = structure.triangles[empty] if len(structure.triangles) else empty[:, None]
-        found[empty] = label[cKDTree(points).query(structure.vertices[corners].mean(axis=1))[1]]
-    return found
+        classes[empty] = label[cKDTree(points).query(structure.vertices[corners].mean(axis=1))[1]]
+    return classes
 
 
 def _areas(structure: Structure, area: Floats, owner: Ints) -> Floats:

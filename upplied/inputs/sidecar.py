@@ -73,7 +73,7 @@ class LogOptions:
     takeoff_alt_m: Annotated[float | None, number(-1000, 20_000)] = None  # in the structure's datum
     unit_m: Annotated[float | None, number(1e-6, 1e6)] = None  # metres per unit of a reconstruction's lengths
     # What the poses are of, and the camera.
-    convention: Annotated[str, choice(CONVENTIONS)] = ""  # where it is not what the schema says
+    convention: Annotated[str, choice(tuple(CONVENTIONS))] = ""  # where it is not what the schema says
     #: "camera" (x forward), "optical" (z forward) or "body" (x forward, with a mount).
     body_frame: Annotated[str, choice(BODY_FRAMES)] = ""
     body_T_camera_position_m: Place = None
@@ -93,6 +93,11 @@ class LogOptions:
     camera_focus_m: Annotated[float | None, number(0, 1000)] = None  # nearest distance that is in focus
     camera_focal_mm: Annotated[float | None, number(0.1, 10_000)] = None
     camera_f_number: Annotated[float | None, number(0.5, 100)] = None
+    camera_distortion: Annotated[Vector | None, array((0,), "numbers k1 k2 p1 p2 k3 k4 k5 k6")] = None
+    camera_distortion_model: Annotated[str, choice(("brown", "fisheye"))] = ""
+    camera_middle_px: Annotated[Vector | None, array((2,), "x and y, px")] = (
+        None  # where the axis meets the picture
+    )
     # Limits of the reader; options only.
     gap_s: Annotated[float, number(1e-3, 3600)] = 0.5  # a longer silence breaks the flight
     max_dropped: Annotated[float, number(0, 1)] = 0.05  # share of the samples
@@ -151,9 +156,8 @@ def placed(facts: LogOptions, placement: Placement | None) -> LogOptions:
 
 def stated(facts: LogOptions, defaults: Mapping[str, Any]) -> LogOptions:
     """The facts with the defaults of a kind of file, where nothing else is declared."""
-    return replace(
-        facts, **{name: value for name, value in defaults.items() if not _given(getattr(facts, name))}
-    )
+    missing = {name: value for name, value in defaults.items() if not _given(getattr(facts, name))}
+    return replace(facts, **missing)
 
 
 def safe_id(text: str) -> str:
@@ -187,9 +191,8 @@ def _merged(facts: LogOptions, values: Mapping[str, Any], what: str, strict: boo
     unknown = [str(name) for name in values if name not in (*_NAMES, "schema_version")]
     if unknown and strict:
         raise InputError(what, f"has an unknown key {unknown[0][:60]!r}", f"one of {', '.join(_NAMES)}")
-    return replace(
-        facts, **{name: _parsed(name, values[name], what) for name in _NAMES if _given(values.get(name))}
-    )
+    given = {name: _parsed(name, values[name], what) for name in _NAMES if _given(values.get(name))}
+    return replace(facts, **given)
 
 
 def _given(value: Any) -> bool:

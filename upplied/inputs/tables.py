@@ -124,11 +124,11 @@ def stacked(pieces: Sequence[Piece]) -> Piece:
     if not pieces:
         return {}, np.empty((0, 2), np.int64)
     likes = {path: column for columns, _ in reversed(pieces) for path, column in columns.items()}
-    found = {
+    columns_by_path = {
         path: np.concatenate([_like(like, columns.get(path), len(times)) for columns, times in pieces])
         for path, like in sorted(likes.items())
     }
-    return found, np.concatenate([times for _, times in pieces])
+    return columns_by_path, np.concatenate([times for _, times in pieces])
 
 
 def _like(like: Any, column: Any, rows: int) -> Any:

@@ -18,10 +18,12 @@ def fleet_html(
     known: int,
     problems: Collection[str] = (),
     live: bool = False,
+    mapped: Collection[str] = (),
 ) -> str:
-    """The page of the fleet."""
+    """The page of the fleet; `mapped` are the kinds whose findings have a page of their own."""
     fleet = fleet_data(list(pairs), title, problems, known, places(reader.catalog))
-    data = {"fleet": fleet | {"findings": fleet_findings(reader.catalog), "thumbnails": True}}
+    findings = fleet_findings(reader.catalog, mapped)
+    data = {"fleet": fleet | {"findings": findings, "thumbnails": True}}
     tables = "" if live else " The tables are in transfers.parquet."
     return pages.page(
         "fleet", title, data, f"{title}: {known} plans.{tables} This page needs scripts.", live=live

@@ -19,6 +19,7 @@ from upplied.config import digest
 from upplied.errors import CatalogError, RefusedError, SettingsError, UppliedError
 from upplied.outputs import pages
 from upplied.outputs.files import replace_file
+from upplied.outputs.findings_page import MapOf, findings_html
 from upplied.outputs.fleet_page import fleet_data
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
@@ -38,7 +39,17 @@ TITLE = "Inspection fleet"
 PICTURES = 200  # at most, unless asked for more: each takes a second
 PAGES = 10_000  # likewise; a list that a browser still shows at once, and about a gigabyte
 _RECORD = ".published.json"
-_ROOMS = ["transfers", "pictures", "thumbnails", "data", "assets", "demonstrations", "structures", "missions"]
+_ROOMS = [
+    "transfers",
+    "pictures",
+    "thumbnails",
+    "data",
+    "assets",
+    "demonstrations",
+    "structures",
+    "findings",
+    "missions",
+]
 _MAILED = 60  # pairs that one file may hold
 
 #: What lies beside a transfer's page, and how it is called there; other formats by `upplied export`.
@@ -94,6 +105,7 @@ def publish(
     pages: int = PAGES,
     progress: Callable[[str], None] = lambda _: None,
     force: bool = False,
+    map_of: MapOf | None = None,
 ) -> Published:
     """Write tables, pages and pictures of everything in a catalog.
 
@@ -112,6 +124,8 @@ def publish(
         Told the name of each pair when it is done.
     force : bool
         Also replace a publication that is newer, of another catalog, or would shrink to nothing.
+    map_of : callable, optional
+        Of a kind of structure the one that is its map, and its findings there; without it no page shows them.
     """
     catalog.identity.required()
     place = local_folder(folder)
@@ -120,7 +134,9 @@ def publish(
             left.unlink(missing_ok=True)  # of a publisher that was stopped
         publish_generation(catalog, place, force)
         try:
-            return publish_pages(catalog, place, pictures=pictures, most=pages, progress=progress)
+            return publish_pages(
+                catalog, place, pictures=pictures, most=pages, progress=progress, map_of=map_of
+            )
         except OSError as error:
             remedy = "free space or correct the permissions, then publish again; existing files are intact"
             raise CatalogError(str(place), f"cannot be written: {error}", "", remedy) from None
@@ -133,6 +149,7 @@ def publish_pages(
     pictures: int = PICTURES,
     most: int = PAGES,
     progress: Callable[[str], None] = lambda _: None,
+    map_of: MapOf | None = None,
 ) -> Published:
     """The pages and pictures alone, as `publish` writes them, without its tables."""
     reader = Reader(catalog)
@@ -151,7 +168,8 @@ def publish_pages(
         progress(pair.name)
     _put_passports(place, reader, pairs, code, problems)
     _put_structures(place, reader, pairs, code, problems)
-    html = fleet_html(reader, pairs, TITLE, known, problems)
+    mapped = _put_maps(place, reader, code, map_of, problems)
+    html = fleet_html(reader, pairs, TITLE, known, problems, mapped=mapped)
     place.put("index.html", digest(html), lambda: html)
     removed = place.remove_others()
     replace_file(place.root / _RECORD, json.dumps(place.now, indent=0, sort_keys=True) + "\n")
@@ -290,6 +308,26 @@ def _put_structures(
             place.put(f"structures/{name}.html", key, partial(structure_html, reader, name, plans, place.now))
         except UppliedError as error:
             problems[name] = f"{name}: {error}"
+
+
+def _put_maps(
+    place: _Folder, reader: Reader, code: str, map_of: MapOf | None, problems: dict[str, str]
+) -> list[str]:
+    """A page for each kind that has findings: the findings of all its structures on one; those kinds."""
+    mapped: list[str] = []
+    if map_of is None:
+        return mapped
+    for kind in sorted(set(reader.catalog.findings()["kind"])):
+        try:
+            name, rows = map_of(reader.catalog, check_id(kind, "kind"))
+            sha256 = reader.sha256("structures", name)
+            place.put(f"data/{name}.js", digest([code, name, sha256]), partial(_script, reader, name))
+            key, make = digest([code, name, rows.to_csv()]), partial(findings_html, name, rows, "../")
+            place.put(f"findings/{kind}.html", key, make)
+            mapped.append(kind)
+        except UppliedError as error:
+            problems[f"findings {kind}"] = f"findings of {kind}: {error}"
+    return mapped
 
 
 def _plain(rows: Any) -> dict[str, dict[str, str]]:

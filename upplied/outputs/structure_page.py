@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import pandas as pd
@@ -78,13 +78,14 @@ def mark(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def fleet_findings(catalog: Catalog) -> list[dict[str, Any]]:
-    """How many findings of each kind of structure and class are in each state."""
+def fleet_findings(catalog: Catalog, mapped: Collection[str] = ()) -> list[dict[str, Any]]:
+    """How many findings of each kind and class are in each state; whether there is a map of the kind."""
     rows = catalog.findings()
     count = Counter(zip(rows["kind"], rows["class"], rows["state"], strict=True))
     classes: dict[tuple[str, str], dict[str, Any]] = {}
     for (kind, name, state), number_of in sorted(count.items()):
-        classes.setdefault((kind, name), {"kind": kind, "class": name})[state] = number_of
+        row = classes.setdefault((kind, name), {"kind": kind, "class": name, "map": kind in mapped})
+        row[state] = number_of
     return list(classes.values())
 
 

@@ -14,9 +14,10 @@ MAJORITY = 0.6  # share from which most of something is so
 COMPACT = 0.2  # longest edge over the structure's diagonal, of parts of which there may be others: engines
 SLENDER = 4.0  # length over width from which a part may point anywhere: blades
 SAME_SIZE = 1.5  # ratio up to which parts of one structure are of one kind: decks 1.3, abutments 1.8
-SIDE = 0.05  # of the width: nearer to the middle a part lies on neither side
 # Two structures.
-TOLERANCE = 0.05  # of a size: what lies farther off does not correspond, smaller extents are not compared
+TOLERANCE = (
+    0.05  # of a size: what is less is nothing: no distance, no extent to compare, no side of the middle
+)
 MOST_RATIO = 3.0  # of extents or areas of parts that may correspond, and by which a path may be stretched
 FACING = 0.03  # of the diagonal: what turning a normal by a right angle counts beside distance
 CLEARLY_BETTER = 0.8  # share to which a misfit must fall for another registration to be taken

@@ -14,7 +14,7 @@ from upplied.polylines import arc_length, chosen_evenly
 from upplied.poses import interpolate
 from upplied.proof.align import Alignment, silence_s, silences
 from upplied.proof.findings import PASSED_S, findings, without_photo
-from upplied.proof.inspected import planned_looks, views_from
+from upplied.proof.inspected import CORRECTED_RIM_DEG, planned_looks, views_from
 from upplied.proof.looks import Looks, certain_looks, looks_of, pieces, recorded
 from upplied.proof.matching import projected
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
@@ -80,6 +80,8 @@ def as_flown(
     wanted = planned_looks(
         plan, surface, planned_with or camera, scene, rule or InspectionSettings(), planned_photos
     )
+    if aligned.corrected:
+        wanted = replace(wanted, rim_deg=CORRECTED_RIM_DEG)
     looks = looks_of(flown, surface, camera, scene, photo_s, passed, wanted=wanted)
     if aligned.corrected:
         looks = certain_looks(looks, looks_of(logged, surface, camera, scene, photo_s, passed, wanted=wanted))
@@ -105,13 +107,13 @@ def as_flown(
 
 
 def _clearance(scene: Scene, aligned: Alignment, logged: Trajectory) -> float:
-    """The lesser of both paths; where positions were corrected, less what the correction may be off by."""
+    """The lesser of both paths, less what the error that is stated may add to how far they lie apart."""
     flown = aligned.flown
-    kept = clearance_kept(scene, replace(flown, positions=logged.positions))
+    kept = [clearance_kept(scene, replace(flown, positions=logged.positions))]
     moved_m = float(np.linalg.norm(flown.positions - logged.positions, axis=1).max())
-    if not moved_m:
-        return kept
-    return max(min(kept, clearance_kept(scene, flown)) - (aligned.place_error_m - moved_m), 0.0)
+    if moved_m:
+        kept.append(clearance_kept(scene, flown))
+    return max(min(kept) - max(aligned.place_error_m - moved_m, 0.0), 0.0)
 
 
 def clearance_kept(scene: Scene, flown: Trajectory) -> float:

@@ -13,6 +13,7 @@ from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.observations import TRULY
 from upplied.polylines import chosen_evenly
 from upplied.poses import from_yaw_pitch, look_at, yaw_pitch
+from upplied.proof.inspected import narrowed
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 
 _AT_A_TIME = 60  # patches that poses are set before; what those show as well needs none of its own
@@ -26,23 +27,23 @@ class Part(Record):
     cloud: Cloud  # M samples with normals
     camera: Camera  # its range is no farther than is asked for
     asked: VisibilitySettings = TRULY
+    farthest_m: float = np.inf  # distance over the cosine of the incidence, for the detail that is asked
 
     def seen(self, poses: Trajectory, graph: Roadmap, camera: Camera | None = None) -> Bools:
         """Which poses (P, M) show each sample; none does where the camera is not sharp so near."""
         if self.camera.max_range_m <= self.camera.min_range_m:
             return np.zeros((len(poses), len(self.cloud)), bool)
         where = poses.positions, poses.quat_xyzw, self.cloud, camera or self.camera
-        return visible(*where, self.asked, graph.airspace.scene).seen
+        seen = visible(*where, self.asked, graph.airspace.scene).seen
+        pose, sample = np.nonzero(seen) if np.isfinite(self.farthest_m) else (np.zeros(0, np.int64),) * 2
+        ray = poses.positions[pose] - self.cloud.points[sample]
+        away2, frontal = (ray**2).sum(axis=1), (ray * self.cloud.outward[sample]).sum(axis=1)
+        seen[pose, sample] = away2 <= self.farthest_m * frontal
+        return seen
 
     def well(self, poses: Trajectory, graph: Roadmap) -> Bools:
         """Which poses (P, M) show each sample well inside the picture; at its rim what is nowhere else."""
-        camera = self.camera
-        narrow = replace(
-            camera,
-            hfov_deg=max(camera.hfov_deg - 2 * _MARGIN_DEG, camera.hfov_deg / 2),
-            vfov_deg=max(camera.vfov_deg - 2 * _MARGIN_DEG, camera.vfov_deg / 2),
-        )
-        well = self.seen(poses, graph, narrow)
+        well = self.seen(poses, graph, narrowed(self.camera, _MARGIN_DEG))
         if not (rim := ~well.any(axis=0)).any():
             return well
         return well | (self.seen(poses, graph) & rim)
@@ -54,14 +55,14 @@ class ZoneGap(Record):
 
     zone: str  # its name
     cloud: Cloud  # M samples with normals and areas
-    farthest_m: float = np.inf  # that a look may be from, for the detail that is asked
+    farthest_m: float = np.inf  # that a frontal look may be from, for the detail that is asked
     incidence_deg: float = 90.0  # from the normal, at most
 
     def part(self, camera: Camera) -> Part:
         """The samples with the looks that count; a zone never asks for less than what counts as seen."""
         most = min(self.incidence_deg, TRULY.max_incidence_deg)
         near = replace(camera, max_range_m=min(camera.max_range_m, self.farthest_m))
-        return Part(self.cloud, near, replace(TRULY, max_incidence_deg=most))
+        return Part(self.cloud, near, replace(TRULY, max_incidence_deg=most), self.farthest_m)
 
 
 def poses_for(

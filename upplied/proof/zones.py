@@ -101,7 +101,8 @@ def _steps(demand: Demand, count: int, looks: Sequence[Looked]) -> tuple[Bools, 
         there = np.isfinite(look.distance_m)
         fine, level = np.zeros(count, bool), np.zeros(count, bool)
         for distance, incidence in look.each:
-            near = np.isfinite(distance) & _fine(demand, look.camera, distance)
+            frontal_m = distance / np.maximum(np.cos(np.radians(incidence)), 1e-9)
+            near = np.isfinite(distance) & _fine(demand, look.camera, frontal_m)
             fine |= near
             level |= near & (demand.incidence_deg is None or incidence <= demand.incidence_deg)
         young = demand.max_age_days is None or look.age_days <= demand.max_age_days
@@ -113,7 +114,10 @@ def _steps(demand: Demand, count: int, looks: Sequence[Looked]) -> tuple[Bools, 
 
 
 def _fine(demand: Demand, camera: Camera, distance_m: Floats) -> Bools:
-    """Patches (N,) of which a pixel covers little enough; none where the camera's pixels are not known."""
+    """Patches (N,) of which a pixel covers little enough; none where the camera's pixels are not known.
+
+    `distance_m` (N,) is over the cosine of the incidence: a pixel covers more of what is seen obliquely.
+    """
     if demand.gsd_mm is None:
         return np.ones(len(distance_m), bool)
     if not camera.width_px:

@@ -8,7 +8,7 @@ long axis). A camera pose is a position and a quaternion ``x y z w`` that turns 
 from __future__ import annotations
 
 from upplied.records.base import Bools, Floats, Ints, Record, Rows
-from upplied.records.flights import Camera, Demonstration, Trajectory
+from upplied.records.flights import Camera, Demonstration, Lens, Trajectory
 from upplied.records.planning import (
     Cloud,
     Correspondences,
@@ -41,6 +41,7 @@ __all__ = [
     "Floats",
     "Frame",
     "Ints",
+    "Lens",
     "Measures",
     "Photos",
     "Placement",

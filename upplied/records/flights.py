@@ -10,6 +10,15 @@ import numpy as np
 from upplied.records.base import Bools, Floats, Ints, Record
 
 
+@dataclass(frozen=True)
+class Lens(Record):
+    """How a lens departs from a pinhole, by the models of OpenCV."""
+
+    model: str = "brown"  # or "fisheye": of it angles from the axis grow evenly, but for its coefficients
+    coefficients: tuple[float, ...] = ()  # k1 k2 p1 p2 k3 k4 k5 k6; of a fisheye k1 k2 k3 k4
+    middle: tuple[float, float] = (0.5, 0.5)  # where the axis meets the picture, shares of width and height
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Camera(Record):
     """Field of view and useful range of the camera (paper, Sec. IV-A: 75 x 75 deg, 2 to 50 m)."""
@@ -26,6 +35,9 @@ class Camera(Record):
     focus_m: float = field(default=0.0, metadata={"later": True})  # nearest distance that is in focus
     focal_mm: float = field(default=0.0, metadata={"later": True})
     f_number: float = field(default=0.0, metadata={"later": True})
+    lens: Lens | None = field(
+        default=None, metadata={"later": True}
+    )  # None: a pinhole; plans take it for one
 
     def zoomed(self, fov_deg: Floats) -> list[Camera]:
         """The camera at each field of view (N, 2), horizontal and vertical, through which it zooms."""

@@ -89,7 +89,7 @@ class _Web:
         known = {"": ".html", "data": ".js", "pictures": ".png", "thumbnails": ".png", "studio": ""}
         if room == "studio":
             stem = name
-        elif room not in (*known, "transfers", "structures", "demonstrations") or (
+        elif room not in (*known, "transfers", "structures", "demonstrations", "findings") or (
             dot + ending != known.get(room, ".html")
         ):
             raise HTTPException(404, "This page does not exist.")

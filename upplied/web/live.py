@@ -14,6 +14,8 @@ import numpy as np
 from upplied.catalog import Catalog
 from upplied.config import settings_for
 from upplied.errors import CatalogError
+from upplied.findings.queries import kind_map
+from upplied.outputs.findings_page import findings_html
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
 from upplied.outputs.page_html import fleet_html, pair_html, passport_html, structure_html
@@ -101,7 +103,10 @@ class LivePages:
     def _new_content(self, room: str, name: str) -> str | bytes:
         reader, pairs = self._reader, list(self._pairs.values())
         if room == "":
-            return fleet_html(reader, pairs, TITLE, self._count, live=True)
+            kinds = set(self.catalog.findings()["kind"])
+            return fleet_html(reader, pairs, TITLE, self._count, live=True, mapped=kinds)
+        if room == "findings":
+            return findings_html(*kind_map(self.catalog, name), "../", live=True)
         if room == "data":
             return structure_script(reader.structure_data(name))
         if room == "structures":

@@ -122,6 +122,18 @@ def test_an_engine_that_was_modelled_as_one_with_its_wing_is_not_flown_as_a_wing
     assert one.twins > 0 and "part of its own" in refused
 
 
+def test_wings_that_were_modelled_as_one_with_the_fuselage_are_found_on_the_target(a320):
+    """Engines are pieces of their own, so pieces tell parts there; the wings' boxes are the fuselage's."""
+    of = member("b777-v1")
+    body, *wings = (of.triangles_of(part)[0] for part in ("fuselage", "wing_left", "wing_right"))
+    corner = of.structure.triangles[:, 0]
+    edges = [[corner[body], corner[wing], corner[wing]] for wing in wings]
+    target = replace(of.structure, triangles=np.vstack([of.structure.triangles, edges]), sha256="")
+    _, found, refused = answers(fly(a320, "wings", seed=2), a320, target)
+    assert not refused and min(one.probability for one in found[:2]) > 0.9
+    assert len({part for one in found[:2] for part in one.flown}) == 2
+
+
 def test_what_has_no_like_is_flown_with_a_warning_that_names_it(a320, scan):
     source = one_piece(a320)
     plan = plan_transfer(fly(source, "fuselage", seed=2), source, scan, settings_for("recommended"))

@@ -13,11 +13,12 @@ from made_clouds import boxes
 from upplied.config import settings_for
 from upplied.planning.correspondence import fit as pair_fits
 from upplied.planning.correspondence import pair, registration
-from upplied.planning.correspondence.fit import Fit, surface_settings, voxel_settings
+from upplied.planning.correspondence.fit import Fit, named_by_displacement, surface_settings, voxel_settings
 from upplied.planning.correspondence.memo import content_key, no_memo, remembering, surface_key
 from upplied.planning.correspondence.pair import Task, study_pair
 from upplied.planning.correspondence.registration import Declared
 from upplied.planning.geometry.clouds import in_source_frame
+from upplied.planning.surface.parts import labels_of
 from upplied.records import Cloud, Correspondences, Floats, Frame, Registration, Structure
 
 RECOMMENDED, PAPER = settings_for("recommended"), settings_for("paper")
@@ -224,7 +225,7 @@ def fitted(
         calls.append(("inferred", one))
         return Fit(*task.clouds, registration, inferred=one)
 
-    def matched(task: Task, fit: Fit) -> Fit:
+    def matched(task: Task, fit: Fit, named: Any = None) -> Fit:
         calls.append(("matched", task.settings.correspondence.counterparts, len(task.names)))
         return fit
 
@@ -246,16 +247,9 @@ def test_pieces_that_explain_most_are_believed(monkeypatch: pytest.MonkeyPatch) 
     assert calls == [PLAIN] and fit.inferred == -1 and fit.carried is not None
 
 
-def test_pieces_of_what_was_drawn_are_believed_however_little_they_explain(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    fit, calls = fitted((True, True), [0.0], monkeypatch)
-    assert calls == [PLAIN] and fit.inferred == -1 and fit.carried is not None
-
-
-@pytest.mark.parametrize("scans", [(True, False), (False, True)])
+@pytest.mark.parametrize("scans", [(True, False), (False, True), (False, False)])
 @pytest.mark.parametrize(("inferred", "taken"), [(0.61, False), (0.62, True)])
-def test_parts_of_a_scan_told_by_geometry_must_explain_clearly_more(
+def test_inferred_parts_must_explain_clearly_more_than_pieces_whether_drawn_or_scanned(
     inferred: float, taken: bool, scans: tuple[bool, bool], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fit, calls = fitted((True, True), [0.49, inferred, 0.49], monkeypatch, scans)
@@ -269,6 +263,17 @@ def test_a_surface_of_one_piece_has_its_parts_told_by_the_other(
     fit, calls = fitted(known, [0.0], monkeypatch, counterparts=(("a", "b"),))
     assert calls == [("inferred", one), ("matched", (("a", "b"),), 2)]
     assert fit.inferred == one and fit.carried is None
+
+
+@pytest.mark.parametrize(("brought", "name"), [(0, -1), (2, 2), (-1, -1)])
+def test_a_part_that_boxes_left_is_named_by_what_is_brought_there(brought: int, name: int) -> None:
+    """If that was left too: a nacelle that was drawn with its pylon here, and without it there."""
+    cloud = boxes(HULL, FIN, POD)
+    label = labels_of(cloud)
+    fit = fit_of(cloud, cloud, [0, 1, -1], [0, 1, -1])
+    named = named_by_displacement(replace(fit, carried=np.where(label == 2, brought, label)))
+    assert (named == np.where(label == 2, name, -1)).all()
+    assert (named_by_displacement(fit) == -1).all()
 
 
 def test_two_surfaces_of_one_piece_have_no_parts(monkeypatch: pytest.MonkeyPatch) -> None:

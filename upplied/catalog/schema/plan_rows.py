@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass
 from datetime import UTC, datetime
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,9 @@ PROVENANCE = (
     "siblings", "purpose",
 )  # fmt: skip
 ID_DIGITS = 20  # of the key in `transfer_id`: 80 bits, still short enough to type
+
+_ORIGINS = np.array(ORIGINS, object)
+_OF_PLAN = same_named(Plan, "transfers")
 
 #: What `imported_from` ends with: whether what a dataset says of a plan was measured here.
 AS_IT_SAYS = "measures as it says"
@@ -75,7 +79,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         **about,
         "transfer_id": transfer_id(key),
         "key": key,
-        **{name: getattr(plan, name) for name in same_named(plan, "transfers")},
+        **{name: getattr(plan, name) for name in _OF_PLAN},
         **_values(plan.measures),
         "standoff_mode": standoff_mode(settings),
         "n_viewpoints": plan.n_viewpoints,
@@ -91,17 +95,19 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
     }
 
 
-def waypoint_table(name: str, plan: Plan) -> pa.Table:
-    """The rows of `waypoints` of one plan that has a trajectory, without their commit."""
-    assert plan.trajectory is not None
+def waypoint_table(plans: Mapping[str, Plan]) -> pa.Table:
+    """The rows of `waypoints` of plans by their ids, those that have a trajectory, without their commit."""
+    flown = [(name, plan) for name, plan in plans.items() if plan.trajectory is not None]
+    paths = [(name, plan.trajectory) for name, plan in flown if plan.trajectory is not None]
     columns = {
-        "transfer_id": name,
-        "commit_id": "",
-        "t_s": np.asarray(plan.trajectory.t_s, float),
-        "is_viewpoint": _viewpoint_flags(plan),
-        "origin": None if plan.added is None else np.array(ORIGINS)[plan.added.astype(int)],
+        "t_s": [np.asarray(path.t_s, float) for _, path in paths],
+        "is_viewpoint": [_viewpoint_flags(plan) for _, plan in flown],
+        "origin": [
+            np.full(len(path), None) if plan.added is None else _ORIGINS[plan.added.astype(int)]
+            for (_, plan), (_, path) in zip(flown, paths, strict=True)
+        ],
     }
-    return step_table(TABLES["waypoints"], columns, plan.trajectory)
+    return step_table(TABLES["waypoints"], paths, columns)
 
 
 def plan_of(row: Row, waypoints: pa.Table) -> Plan:
@@ -161,6 +167,7 @@ def standoff_mode(settings: Settings) -> str:
     return settings.transfer.standoff
 
 
+@lru_cache(maxsize=64)
 def settings_text(settings: Settings) -> str:
     """The JSON of all settings."""
     stages = _values(settings).items()

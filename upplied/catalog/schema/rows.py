@@ -13,7 +13,7 @@ import pyarrow as pa
 from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table, zoom_of
 from upplied.catalog.schema.tables import TABLES, Table
 from upplied.polylines import leg_lengths
-from upplied.records import Camera, Demonstration, Placement, Record, Structure, Surroundings
+from upplied.records import Camera, Demonstration, Lens, Placement, Record, Structure, Surroundings
 
 Row = dict[str, Any]
 
@@ -114,6 +114,9 @@ def demonstration_row(demonstration: Demonstration) -> Row:
         "path_length_m": float(steps.sum()),
         **asdict(demonstration.camera),
         **{name: None for name in _OPTICS if not getattr(demonstration.camera, name)},
+        "lens_json": ""
+        if demonstration.camera.lens is None
+        else json_text(asdict(demonstration.camera.lens)),
         "stills": demonstration.stills or None,
         "breaks_json": json_text(demonstration.breaks.tolist()),
         "dropped_json": json_text(dict(demonstration.dropped)),
@@ -137,14 +140,10 @@ def _passport_columns(passport: Mapping[str, Any]) -> Row:
     }
 
 
-def pose_table(demonstration: Demonstration) -> pa.Table:
-    """The rows of `poses` of one demonstration, without their commit."""
-    columns = {
-        "demonstration_id": demonstration.demonstration_id,
-        "commit_id": "",
-        "t_ns": np.asarray(demonstration.t_ns, np.int64),
-    }
-    return step_table(TABLES["poses"], columns, demonstration)
+def pose_table(*flown: Demonstration) -> pa.Table:
+    """The rows of `poses` of demonstrations, without their commit."""
+    t_ns = [np.asarray(one.t_ns, np.int64) for one in flown]
+    return step_table(TABLES["poses"], [(one.demonstration_id, one) for one in flown], {"t_ns": t_ns})
 
 
 def demonstration_of(row: Row, poses: pa.Table) -> Demonstration:
@@ -152,7 +151,7 @@ def demonstration_of(row: Row, poses: pa.Table) -> Demonstration:
     positions, quats = pose_arrays(poses)
     values: Row = {name: row[name] for name in same_named(Demonstration, "demonstrations")}
     values |= {
-        "camera": Camera(**{f.name: row[f.name] for f in fields(Camera) if row[f.name] is not None}),
+        "camera": camera_of(row),
         "stills": bool(row["stills"]),
         "breaks": np.array(json.loads(row["breaks_json"] or "[]"), np.int64),
         "dropped": json.loads(row["dropped_json"] or "{}"),
@@ -161,6 +160,15 @@ def demonstration_of(row: Row, poses: pa.Table) -> Demonstration:
     }
     t_ns = np.array(poses["t_ns"])
     return Demonstration(t_ns=t_ns, positions=positions, quat_xyzw=quats, fov_deg=zoom_of(poses), **values)
+
+
+def camera_of(row: Row) -> Camera:
+    """The camera of a row of `demonstrations`, null or NaN where something is not known."""
+    known = {item.name: row.get(item.name) for item in fields(Camera)}
+    if isinstance(text := row["lens_json"], str) and text:
+        lens = json.loads(text)
+        known["lens"] = Lens(lens["model"], tuple(lens["coefficients"]), tuple(lens["middle"]))
+    return Camera(**{name: value for name, value in known.items() if value is not None and value == value})
 
 
 # --- all of them -------------------------------------------------------------------------------
@@ -173,7 +181,7 @@ def table_of(table: Table, rows: list[Row]) -> pa.Table:
         empty = "" if pa.types.is_string(column.type) else None
         values = [row.get(column.name, empty) for row in rows]
         if pa.types.is_floating(column.type):
-            values = [None if value is None or np.isnan(value) else float(value) for value in values]
+            values = [None if value is None or value != value else float(value) for value in values]
         columns.append(pa.array(values, column.type))
     return pa.table(columns, schema=table.schema)
 

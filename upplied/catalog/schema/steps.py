@@ -18,27 +18,34 @@ _QUATERNION = ("qx", "qy", "qz", "qw")
 _ZOOM = ("hfov_deg", "vfov_deg")
 
 
-def step_table(table: Table, columns: dict[str, Any], path: Trajectory | Demonstration) -> pa.Table:
-    """Rows of a table of steps: columns by name (a text stands for every row), and the poses of a path.
+def step_table(
+    table: Table,
+    paths: Sequence[tuple[str, Trajectory | Demonstration]],
+    columns: Mapping[str, Sequence[Any]],
+) -> pa.Table:
+    """Rows of a table of steps without their commit: paths, each with the id of its owner, and more columns.
 
-    Fields of view are those of a camera that zooms; null where there is none.
+    Of those there is an array for each path. Fields of view are those of a camera that zooms, else null.
     """
-    count, fov_deg = len(path.positions), path.fov_deg
-    columns = {
-        **columns,
-        "seq": np.arange(count),
-        **dict(zip(_POSITION, np.asarray(path.positions, float).T, strict=True)),
-        **dict(zip(_QUATERNION, stored_quats(path.quat_xyzw).T, strict=True)),
-        **(dict.fromkeys(_ZOOM) if fov_deg is None else dict(zip(_ZOOM, fov_deg.T, strict=True))),
-    }
-    arrays = [_column(columns[each.name], count, each.type) for each in table.columns]
-    return pa.table(arrays, schema=table.schema)
-
-
-def _column(values: Any, count: int, type_: pa.DataType) -> pa.Array:
-    if values is None:
-        return pa.nulls(count, type_)
-    return pa.repeat(values, count) if isinstance(values, str) else pa.array(np.ascontiguousarray(values))
+    if not paths:
+        return table.schema.empty_table()
+    names, flown = zip(*paths, strict=True)
+    counts = [len(path.positions) for path in flown]
+    unzoomed = np.full((max(counts), 2), np.nan)
+    zooms = [
+        unzoomed[:n] if one.fov_deg is None else one.fov_deg for one, n in zip(flown, counts, strict=True)
+    ]
+    values: dict[str, Any] = {name: np.concatenate(parts) for name, parts in columns.items()}
+    positions = np.concatenate([path.positions for path in flown]).astype(float, copy=False)
+    quats = stored_quats(np.concatenate([path.quat_xyzw for path in flown]))
+    for several, array in ((_POSITION, positions), (_QUATERNION, quats)):
+        values |= dict(zip(several, np.ascontiguousarray(array.T), strict=True))
+    for name, angles in zip(_ZOOM, np.concatenate(zooms).T, strict=True):
+        values[name] = pa.array(np.ascontiguousarray(angles), from_pandas=True)
+    values["seq"] = np.concatenate([np.arange(count) for count in counts])
+    values["commit_id"] = pa.repeat("", sum(counts))
+    values[table.names[0]] = pa.array(names).take(pa.array(np.repeat(np.arange(len(counts)), counts)))
+    return pa.table([pa.array(values[name]) for name in table.names], schema=table.schema)
 
 
 def zoom_of(steps: pa.Table) -> Floats | None:

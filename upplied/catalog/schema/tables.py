@@ -72,10 +72,16 @@ class Table:
             [pa.field(c.name, c.type, metadata={"unit": c.unit, "meaning": c.meaning}) for c in self.columns]
         )
 
-    @property
+    @cached_property
     def names(self) -> list[str]:
         """The names of the columns, in order."""
         return [column.name for column in self.columns]
+
+    @cached_property
+    def sought(self) -> list[str]:
+        """The columns that rows are looked for by: files are skipped by the ranges of these alone."""
+        others = ("kind", "commit_version", "added_at")
+        return [name for name in self.names if name.endswith("_id") or name in others]
 
     @property
     def is_chained(self) -> bool:

@@ -124,8 +124,8 @@ def _texts(rows: pa.Table) -> list[bytes]:
     """What is hashed of each row: its fields by name, each with its length, so that none runs on."""
     parts = []
     for name in rows.column_names:
-        values = _text(rows[name].combine_chunks())
-        if values.null_count < len(values):
+        column = rows[name].combine_chunks()
+        if column.null_count < len(column) and (values := _text(column)).null_count < len(values):
             length = pc.binary_length(values).cast(_TEXT)
             parts.append(pc.binary_join_element_wise(pa.scalar(name, _TEXT), length, values, _COLON))
     if not parts:
@@ -148,4 +148,5 @@ def _text(values: pa.Array) -> pa.Array:
     elif pa.types.is_nested(kind):  # of a newer program; we have none
         values = pa.array([None if value is None else repr(value) for value in values.to_pylist()])
     texts = values.cast(_TEXT)
-    return pc.if_else(pc.equal(texts, ""), None, texts)
+    textual = pa.types.is_string(kind) or pa.types.is_large_string(kind)
+    return pc.if_else(pc.equal(texts, ""), None, texts) if textual else texts

@@ -9,6 +9,7 @@ import hashlib
 import json
 import secrets
 import time
+from collections.abc import Sequence
 from datetime import datetime, timedelta
 from io import BytesIO
 
@@ -24,17 +25,17 @@ _LONGEST_STATISTIC = 64
 _NAMES = ("transfer_id", "key", "waypoints_sha256")  # hardly one twice
 
 
-def new_file(files: FileStore, rows: pa.Table) -> AddAction:
-    """Write a data file that no commit names yet."""
+def new_file(files: FileStore, rows: pa.Table, sought: Sequence[str]) -> AddAction:
+    """Write a data file that no commit names yet; readers may skip it by the columns that are sought."""
     sink = BytesIO()
     pq.write_table(rows, sink, row_group_size=ROW_GROUP, compression="zstd")
     name = f"part-{hashlib.sha256(sink.getbuffer()).hexdigest()}-{secrets.token_hex(4)}.parquet"
     files.write(name, sink.getvalue())
-    return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, statistics(rows))
+    return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, statistics(rows.select(sought)))
 
 
 def statistics(rows: pa.Table) -> str:
-    """What readers may skip the file by: the range of each column, and its nulls.
+    """What readers may skip a file by: the range of each column, and its nulls.
 
     Long texts have no range; moments are stated to the millisecond, so theirs is a little wider. A
     column that is filtered by must have one (ids are short enough): pyarrow takes a missing range
@@ -42,8 +43,6 @@ def statistics(rows: pa.Table) -> str:
     """
     low, high = {}, {}
     for name in rows.column_names:
-        if pa.types.is_nested(rows.schema.field(name).type):
-            continue  # of a newer program; we have none
         ends = pc.min_max(rows[name]).as_py()
         least, most = ends["min"], ends["max"]
         if most is None or len(str(most)) > _LONGEST_STATISTIC or most != most:

@@ -28,11 +28,10 @@ from deltalake.exceptions import CommitFailedError
 from upplied.catalog.schema.migrations import SCHEMA_VERSION, in_schema, needed, upgraded
 from upplied.catalog.schema.tables import BEFORE_SHA256, ROW_SHA256, Table
 from upplied.catalog.store.chain import sealed
-from upplied.catalog.store.clock import Clock
 from upplied.catalog.store.data_files import ROW_GROUP, encoded, new_file
 from upplied.catalog.store.errors import explained
 from upplied.catalog.store.files import FileStore, sync_path
-from upplied.catalog.store.identity import Identity
+from upplied.catalog.store.identity import Clock, Identity
 from upplied.catalog.store.locking import turn
 from upplied.catalog.store.log import HASHED_KEY, VERSION_KEY, TableLog
 from upplied.catalog.store.log_hashes import STATED, unstated
@@ -168,12 +167,15 @@ class StoredTable(TableLog):
         with self._lock:
             delta = self._refreshed()
             files = [] if delta is None else [uri.rsplit("/", 1)[-1] for uri in delta.file_uris()]
-            read = partial(
-                pq.read_table, columns=self.declared.names[:1], filesystem=self._files.filesystem()
-            )
-            new = {name: explained(self.uri, partial(read, name))[0] for name in {*files} - {*self._names}}
+            new = {
+                name: explained(self.uri, partial(self._names_in, name)) for name in {*files} - {*self._names}
+            }
             self._names = {name: new.get(name, self._names.get(name)) for name in files}
             return names.filter(pc.is_in(names, pa.chunked_array(self._names.values(), pa.string())))
+
+    def _names_in(self, file: str) -> pa.ChunkedArray:
+        with pq.ParquetFile(file, filesystem=self._files.filesystem()) as parquet:
+            return parquet.read(self.declared.names[:1], use_threads=False)[0]
 
     def append(self, rows: pa.Table) -> int:
         """Commit rows, all or none; returns the version that has them when they are there to stay.
@@ -233,13 +235,15 @@ class StoredTable(TableLog):
         self._identity.made()
         with self._lock:
             delta = self._refreshed() or self._created()
-            known = {field.name for field in delta.schema().fields}
-            new = [field for field in self.declared.schema if field.name not in known]
+            columns = {field.name for field in delta.schema().fields}
+            new = [field for field in self.declared.schema if field.name not in columns]
             if new:
                 delta.alter.add_columns(list(DeltaSchema.from_arrow(pa.schema(new)).fields))
-            if int(delta.metadata().configuration[VERSION_KEY]) < SCHEMA_VERSION:
-                raised = {VERSION_KEY: str(SCHEMA_VERSION), HASHED_KEY: str(delta.version() + 1)}
-                delta.alter.set_table_properties(raised, raise_if_not_exists=False)
+            known, changed = delta.metadata().configuration, dict(self._skipping)
+            if int(known[VERSION_KEY]) < SCHEMA_VERSION:
+                changed |= {VERSION_KEY: str(SCHEMA_VERSION), HASHED_KEY: str(delta.version() + 1)}
+            if not changed.items() <= known.items():
+                delta.alter.set_table_properties(changed, raise_if_not_exists=False)
 
     def _append_next(self, rows: pa.Table) -> int:
         """Commit rows as the next in order; where another writer was faster, they are numbered anew.
@@ -258,7 +262,7 @@ class StoredTable(TableLog):
                 stamp = pa.array([value], pa.int64()).cast(field.type)[0]
                 numbered = numbered.set_column(at, field, pa.repeat(stamp, len(rows)))
             numbered = sealed(numbered, self._chain(delta) if self.declared.is_chained else None)
-            added = new_file(self._files, numbered)
+            added = new_file(self._files, numbered, self.declared.sought)
             properties = {"rows": str(len(rows)), STATED: self._unstated(delta.version())}
             turns = [Transaction(_ORDER, now)]
             commit = CommitProperties(properties, max_commit_retries=30, app_transactions=turns)
@@ -267,6 +271,8 @@ class StoredTable(TableLog):
             except CommitFailedError:
                 self._files.remove(added.path)
                 raise
+            if self._names:  # which asks for all of them
+                self._names[added.path] = numbered[0]
             return self._committed(delta.version() + 1, added.path)
 
     def _committed(self, version: int, name: str) -> int:

@@ -10,9 +10,10 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import time
 import uuid
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import pyarrow as pa
 
@@ -23,6 +24,9 @@ from upplied.errors import CatalogError
 _FILE = "catalog.json"
 _FORMAT = "upplied catalog"
 _TRIED = (OSError, pa.ArrowException)
+_CLOCK = "clock"
+_TRUSTED = timedelta(seconds=2)  # apart by less, the clock of this machine is right: it has finer steps
+_ASKED_AGAIN_S = 600.0  # an object store: each look costs two requests
 
 
 class Identity:
@@ -139,3 +143,34 @@ class Heads:
             if name.startswith(self._prefix) and len(number) == 20 and number.isdigit():
                 found[int(number)] = name
         return found
+
+
+class Clock:
+    """What time it is at the root of a catalog, whatever the clock of this machine says.
+
+    Machines that fill one catalog disagree about the time. The place itself does not: a file that is
+    written there is stamped by one clock, that of the disk's machine or of the object store.
+    """
+
+    def __init__(self, root: str) -> None:
+        self._files = FileStore(f"{root.rstrip('/')}/heads")
+        self._ahead = timedelta()  # of the place, before this machine
+        self._looked: float | None = None
+
+    def now(self) -> datetime:
+        """The time there, UTC."""
+        if self._files.local or self._looked is None or time.monotonic() - self._looked > _ASKED_AGAIN_S:
+            there = self._there()
+            ahead = timedelta() if there is None else there - datetime.now(UTC)
+            self._ahead = ahead if abs(ahead) > _TRUSTED else timedelta()
+            self._looked = time.monotonic()
+        return datetime.now(UTC) + self._ahead
+
+    def _there(self) -> datetime | None:
+        """The stamp of a file that is written now; None where nothing may be written."""
+        try:
+            self._files.write(_CLOCK, b"", lasting=False)
+            stamp: datetime | None = self._files.filesystem().get_file_info(_CLOCK).mtime
+        except _TRIED:
+            return None
+        return stamp

@@ -38,6 +38,8 @@ class TableLog:
         self._files = FileStore(self.uri)
         self._lock = threading.Lock()
         self._delta: DeltaTable | None = None
+        # Else delta-rs states the range of each of the first 32 columns to pyarrow, and of no other one.
+        self._skipping = {"delta.dataSkippingStatsColumns": ",".join(declared.sought)}
 
     def rows_of(self, delta: DeltaTable) -> ds.Dataset:
         """The rows of one version, read by pyarrow itself.
@@ -88,7 +90,12 @@ class TableLog:
             mode="ignore",
             name=self.declared.name,
             description=self.declared.meaning,
-            configuration={VERSION_KEY: str(SCHEMA_VERSION), HASHED_KEY: "0", **_PROPERTIES},
+            configuration={
+                VERSION_KEY: str(SCHEMA_VERSION),
+                HASHED_KEY: "0",
+                **_PROPERTIES,
+                **self._skipping,
+            },
             raise_if_key_not_exists=False,
         )
         return self._delta

@@ -71,7 +71,7 @@ def _merged(table: StoredTable, delta: DeltaTable, chosen: list[File]) -> int:
     rows = table.rows_in(delta, [file["path"] for file in chosen]).to_table()
     rows = rows.sort_by([(name, "ascending") for name in table.declared.order])
     now = int(time.time() * 1000)
-    added = replace(new_file(FileStore(table.uri), rows), data_change=False)
+    added = replace(new_file(FileStore(table.uri), rows, table.declared.sought), data_change=False)
     removed = [RemoveAction(file["path"], False, now, file["size_bytes"], {}) for file in chosen]
     turns = [Transaction("upplied.maintenance", time.time_ns())]
     commit = CommitProperties({"doing": "maintenance"}, max_commit_retries=30, app_transactions=turns)

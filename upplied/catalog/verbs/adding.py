@@ -60,7 +60,7 @@ class Adding(Reading):
             row, stored = rows.demonstration_row(item), current.get(item.demonstration_id)
             if stored is None or not rows.says_same(TABLES["demonstrations"], stored, row):
                 new[item.demonstration_id] = row, item
-        commit = self._add_steps("poses", [rows.pose_table(item) for _, item in new.values()])
+        commit = self._add_steps("poses", rows.pose_table(*(item for _, item in new.values())))
         return self.add_rows("demonstrations", [{**row, "commit_id": commit} for row, _ in new.values()])
 
     def add_plans(self, plans: Sequence[Planned]) -> int:
@@ -86,10 +86,8 @@ class Adding(Reading):
         }
         again = ordering.superseded(table, [row for key, row in stored.items() if key not in new])
         new = {key: (self.keep_surface(plan), provenance) for key, (plan, provenance) in new.items()}
-        named = {plan_rows.transfer_id(key): plan for key, (plan, _) in new.items()}
-        paths = {name: plan for name, plan in named.items() if plan.trajectory is not None}
-        steps = [plan_rows.waypoint_table(name, paths[name]) for name in sorted(paths)]
-        commit = self._add_steps("waypoints", steps)
+        named = {plan_rows.transfer_id(key): plan for key, (plan, _) in sorted(new.items())}
+        commit = self._add_steps("waypoints", plan_rows.waypoint_table(named))
         own = [{**row, "commit_id": commit} for row in self._transfer_rows(new)]
         return self.add_rows("transfers", own, _repeated(table, again, {"planned_at": self.clock.now()}))
 
@@ -155,7 +153,7 @@ class Adding(Reading):
             or _makes_way(stored[row["key"]], row["status"], foreign=plan_rows.is_foreign(row))
         ]
         owned = [waypoints[row["transfer_id"], row["commit_id"]] for row in new if row["n_waypoints"]]
-        commit = self._add_steps("waypoints", owned)
+        commit = self._add_steps("waypoints", *owned)
         undecided = dict.fromkeys(DERIVED)  # what was decided about them elsewhere is not decided here
         return self.add_rows("transfers", [{**row, **undecided, "commit_id": commit} for row in new])
 
@@ -234,9 +232,9 @@ class Adding(Reading):
         plans = ordering.in_order(self.tables["transfers"].narrow(list(dict.fromkeys(read))), newest=True)
         return plans.filter(pc.equal(plans["purpose"], "")).select(["transfer_id", *columns])
 
-    def _add_steps(self, name: str, steps: list[pa.Table]) -> str:
+    def _add_steps(self, name: str, *steps: pa.Table) -> str:
         """Keep steps, where there are any; returns the commit that the rows owning them must carry."""
-        if not steps:
+        if not any(map(len, steps)):
             return self.new_commit_id()
         table = self.tables[name]
         assert isinstance(table, StepTable)

@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import pandas as pd
-import pyarrow.compute as pc
 
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs import custody, ordering, queries
 from upplied.catalog.verbs.belonging import OwnSettings
-from upplied.catalog.verbs.roster import check_name, roster_of, signature
+from upplied.catalog.verbs.roster import author, roster_of, signature
 from upplied.catalog.verbs.standing import Standing, standing_of, unit_of
 from upplied.errors import RefusedError, SettingsError
 from upplied.provenance import code_version
@@ -36,8 +35,7 @@ class Deciding(OwnSettings):
 
     def decisions(self, transfer_id: str | None = None) -> pd.DataFrame:
         """What was decided about plans, in the order of commits; about one, or all."""
-        where = None if transfer_id is None else pc.field("transfer_id") == transfer_id
-        return self.by_commit("decisions", where)
+        return self.by_commit("decisions", queries.matching({"transfer_id": transfer_id}))
 
     def standing(self) -> Standing:
         """What follows from all decisions."""
@@ -202,15 +200,13 @@ class Deciding(OwnSettings):
             if len(text) > _LONGEST:
                 found = f"has {len(text)} letters"
                 raise SettingsError(f"{what} of a decision", found, f"at most {_LONGEST}")
-        if not by.strip():
-            raise SettingsError("a decision", "has nobody who decides it", "a name", "say --by NAME")
-        check_name(by.strip())
+        who = author(by, "a decision")
         name = self.new_commit_id()
         decision = {
             "decision_id": name,
             **{key: row[key] or "" for key in ("transfer_id", "demonstration_id", "target_id", "purpose")},
             "state": state,
-            "by": by.strip(),
+            "by": who,
             "note": note,
             "plan_sha256": row["waypoints_sha256"],
             "plan_row_sha256": custody.seals(self, [row["transfer_id"]])[row["transfer_id"]],

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import pyarrow.compute as pc
-
 from upplied.catalog.schema.rows import Row
+from upplied.catalog.verbs import queries
 from upplied.catalog.verbs.adding import Adding
-from upplied.catalog.verbs.queries import When, moment
-from upplied.catalog.verbs.roster import check_name
-from upplied.errors import CatalogError, SettingsError
+from upplied.catalog.verbs.queries import When, matching, moment
+from upplied.catalog.verbs.roster import author
+from upplied.errors import SettingsError
 from upplied.provenance import code_version
 
 if TYPE_CHECKING:
@@ -48,12 +47,7 @@ class Finding(Adding):
         history : bool
             Every change of state as well, in the order of commits.
         """
-        where = None
-        for column, value in (("target_id", structure), ("kind", kind)):
-            if value is not None:
-                mine = pc.field(column) == value
-                where = mine if where is None else where & mine
-        rows = self.by_commit("findings", where)
+        rows = self.by_commit("findings", matching({"target_id": structure, "kind": kind}))
         first = rows.drop_duplicates("finding_id")
         newest = rows.drop_duplicates("finding_id", keep="last").set_index("finding_id", drop=False)
         newest = newest.loc[list(first["finding_id"])]
@@ -68,22 +62,8 @@ class Finding(Adding):
         return found.reset_index(drop=True)
 
     def finding(self, start: str) -> Row:
-        """The newest row of the one finding whose id begins so.
-
-        Raises
-        ------
-        CatalogError
-            If there is none, or more than one.
-        """
-        rows = self.findings()
-        found = rows[rows["finding_id"].str.startswith(start)]
-        if len(found) != 1:
-            what = "is not in the catalog" if found.empty else f"may be {len(found)}"
-            known = ", ".join(rows["finding_id"].tail(5)) or "none"
-            raise CatalogError(
-                f"finding {start}", what, f"the last ones: {known}", "see: upplied findings list"
-            )
-        return {str(name): value for name, value in found.iloc[0].items()}
+        """The newest row of the one finding whose id begins so; none, or more than one, is an error."""
+        return queries.beginning(self.findings(), "finding", start)
 
     def add_findings(self, found: Sequence[Mapping[str, Any]], by: str) -> list[str]:
         """Add findings in one commit; the ids of those that are new.
@@ -95,26 +75,23 @@ class Finding(Adding):
         by : str
             Who found them.
         """
-        author = _author(by)
+        who = author(by, "a finding")
         known = set(self.findings()["finding_id"])
         new = {str(row["finding_id"]): row for row in found if row["finding_id"] not in known}
-        self.add_rows("findings", [self._entry(row, author) for row in new.values()])
+        self.add_rows("findings", [self._entry(row, who) for row in new.values()])
         return list(new)
 
     def set_finding(self, start: str, state: str, by: str, note: str = "") -> Row:
         """Change the state of a finding: one more row, which counts from then on; that row."""
         if state not in STATES:
             raise SettingsError(f"state {state!r}", "is unknown", f"one of {', '.join(STATES)}")
-        row = self._entry({**self.finding(start), "state": state, "note": note}, _author(by))
+        row = self._entry({**self.finding(start), "state": state, "note": note}, author(by, "a finding"))
         self.add_rows("findings", [row])
         return row
 
     def flight_photos(self, flight_id: str | None = None, *, structure: str | None = None) -> pd.DataFrame:
         """Photos of flights that were registered, of one flight, of one structure, or all."""
-        where = None if flight_id is None else pc.field("flight_id") == flight_id
-        if structure is not None:
-            mine = pc.field("target_id") == structure
-            where = mine if where is None else where & mine
+        where = matching({"flight_id": flight_id, "target_id": structure})
         return self.by_commit("flight_photos", where)
 
     def add_flight_photos(self, photos: Sequence[Mapping[str, Any]], by: str = "") -> int:
@@ -131,9 +108,3 @@ class Finding(Adding):
         drop = ("commit_id", "added_at", "commit_version", "row_sha256", "before_sha256")
         kept = {name: value for name, value in row.items() if name not in drop and value == value}
         return kept | {"entry_id": self.new_commit_id(), "by": by, "code_version": code_version()}
-
-
-def _author(by: str) -> str:
-    if not by.strip():
-        raise SettingsError("a finding", "has nobody who found it", "a name", "say --by NAME")
-    return check_name(by.strip())

@@ -23,6 +23,7 @@ COMPARED = 250_000  # steps that are compared at a time
 
 def checked_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
     """The steps that the given rows own, in order, a bounded number at a time; as `checked`."""
+    owners = owners.sort_values([TABLES[name].names[0], "commit_id"])
     for chunk, steps in _chunks(catalog, name, owners, CHUNK):
         yield checked(name, steps, chunk)
 
@@ -35,6 +36,7 @@ def step_faults(catalog: Reading, name: str, rows: pa.Table) -> Iterator[tuple[s
     texts = pa.schema([TABLES[name].schema.field(column) for column in (key, "commit_id")])
     texts = pa.schema([*texts, (count, pa.int64()), (f"{name}_sha256", pa.string())])
     owners = as_frame(owning.cast(texts)).drop_duplicates([key, "commit_id"])
+    owners = owners.sort_values(["commit_id", key])  # each commit is a file, which is then read once
     for chunk, steps in _chunks(catalog, name, owners, COMPARED):
         grouped = steps.group_by([key, "commit_id"]).aggregate([([], "count_all")])
         counts = {(row[key], row["commit_id"]): row["count_all"] for row in grouped.to_pylist()}
@@ -52,7 +54,6 @@ def _chunks(
     catalog: Reading, name: str, owners: pd.DataFrame, most: int
 ) -> Iterator[tuple[pd.DataFrame, pa.Table]]:
     """Some of the given rows at a time, with what is stored of their steps."""
-    owners = owners.sort_values([TABLES[name].names[0], "commit_id"])
     for _, chunk in owners.groupby(owners[f"n_{name}"].cumsum() // most, sort=True):
         yield chunk, stored_steps(catalog, name, chunk)
 

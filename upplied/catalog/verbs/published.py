@@ -111,18 +111,10 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
     versions = {name: -1 if (d := t.delta()) is None else d.version() for name, t in catalog.tables.items()}
     transfers, demonstrations = catalog.foremost(_OF_PLANS), catalog.demonstrations()
     structures = catalog.structures()
-    whole: dict[str, Callable[[], pd.DataFrame]] = {
-        "demonstrations": lambda: demonstrations,
-        "structures": lambda: structures,
-        "flights": catalog.flights,
-        "decisions": catalog.decisions,
-        "overruled": catalog.overruled,
-        "settings": catalog.declared_settings,
-        "requirements": catalog.requirements,
-        "edits": catalog.edits,
-        "flight_photos": catalog.flight_photos,
-        "findings": catalog.findings,
-    }
+    others = ("flights", "decisions", "overruled", "requirements", "edits", "flight_photos", "findings")
+    whole: dict[str, Callable[[], pd.DataFrame]] = {name: getattr(catalog, name) for name in others}
+    whole |= {"demonstrations": lambda: demonstrations, "structures": lambda: structures}
+    whole["settings"] = catalog.declared_settings
     now = Generation(catalog.identity.required(), versions, columns=_COLUMNS)
     if before is not None and not force:
         check(place, before, now, len(transfers))

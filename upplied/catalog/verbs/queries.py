@@ -89,11 +89,11 @@ class PlannedTrajectory(Trajectory):
 
 
 def matching(
-    equal: Mapping[str, str | None], among: Mapping[str, Iterable[str] | None]
+    equal: Mapping[str, str | None], among: Mapping[str, Iterable[str] | None] | None = None
 ) -> ds.Expression | None:
     """The rows whose columns are equal to these texts, or among these, where any are asked for."""
     parts = [pc.field(name) == value for name, value in equal.items() if value is not None]
-    for name, values in among.items():
+    for name, values in (among or {}).items():
         parts += [] if values is None else [pc.field(name).isin(pa.array(list(values), pa.string()))]
     return reduce(and_, parts) if parts else None
 
@@ -127,6 +127,23 @@ def completed(
     first = ~names.duplicated().to_numpy()  # one commit of an older program might bring a row twice
     place = pd.MultiIndex.from_frame(names[first]).get_indexer(pd.MultiIndex.from_frame(found[NAMED]))
     return more.select(wanted).take(pa.array(np.flatnonzero(first)[place]))
+
+
+def beginning(rows: pd.DataFrame, what: str, start: str) -> Row:
+    """The newest row of the one flight or finding whose id begins so.
+
+    Raises
+    ------
+    CatalogError
+        If there is none, or more than one.
+    """
+    ids = rows[f"{what}_id"]
+    found = rows[ids.str.startswith(start)].drop_duplicates(f"{what}_id", keep="last")
+    if len(found) != 1:
+        known = ", ".join(ids.drop_duplicates().tail(5).str[:12]) or "none"
+        words = "is not in the catalog" if found.empty else f"may be {len(found)}"
+        raise CatalogError(f"{what} {start}", words, f"the last ones: {known}", f"see: upplied {what}s list")
+    return {str(name): value for name, value in found.iloc[0].items()}
 
 
 def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from upplied.catalog.schema.rows import Row, json_text
-from upplied.catalog.store.labels import labelled
+from upplied.catalog.store.contents import labelled
 from upplied.catalog.verbs.findings import Finding
+from upplied.catalog.verbs.roster import author
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import CatalogError, SettingsError
@@ -72,13 +73,12 @@ class Requiring(Finding):
 
     def _owned(self, what: str, scope: str, owner: str, by: str, note: str) -> Row:
         """What rows that belong to a kind or a structure say alike; one that is not there is refused."""
-        if not by.strip():
-            raise SettingsError(what, "has nobody who says so", "a name", "say --by NAME")
+        who = author(by, what)
         known = set(self.structures()["kind" if scope == "kind" else "structure_id"])
         if scope not in ("kind", "structure") or owner not in known:
             some = ", ".join(sorted(known)[:8])
             raise CatalogError(f"{scope} {owner}", "is not in the catalog", f"such as {some}" if some else "")
-        return {"scope": scope, "owner": owner, "by": by.strip(), "note": note}
+        return {"scope": scope, "owner": owner, "by": who, "note": note}
 
     def add_labels(self, structure_id: str, labels: Sequence[str]) -> str:
         """Keep the label of each face of a structure's mesh, in their order; returns the hash.

@@ -146,6 +146,13 @@ class Roster:
         return "" if _verifies(person.key, decision) else f"it is not signed by {person.name}"
 
 
+def author(by: str, what: str) -> str:
+    """The name of whoever says, decides or finds something; nobody, or a misleading name, is refused."""
+    if not by.strip():
+        raise SettingsError(what, "has nobody who says so", "a name", "say --by NAME")
+    return check_name(by.strip())
+
+
 def check_name(name: str) -> str:
     """A person's name; one that could be taken for another, or hides something, is refused."""
     what, remedy = f"name {ascii(name)[:100]}", "write it in letters of one script, composed (NFKC)"

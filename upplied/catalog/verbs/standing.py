@@ -12,10 +12,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from upplied.catalog.schema.rows import Row
+
 if TYPE_CHECKING:
     import pandas as pd
 
-Row = dict[str, Any]
 Unit = tuple[str, str, str]  # demonstration, target, purpose: of each, one plan is in force
 
 #: Columns of `transfers` that follow from the decisions whenever they are read, and are never stored.

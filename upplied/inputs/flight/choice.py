@@ -28,9 +28,7 @@ READERS: dict[str, Samples] = {
 
 # What was asked of the aircraft, and what went into its estimate: neither is where it flew.
 _COMMANDED = re.compile(r"setpoint|goal|target|cmd|command|desired|reference|plan|initialpose", re.IGNORECASE)
-_INPUTS = re.compile(
-    r"visual|vision|mocap_odometry|mocap/pose|fake_gps|raw|estimator_|groundtruth|/in$", re.IGNORECASE
-)
+_INPUTS = re.compile(r"(?i)visual|vision|mocap_odometry|mocap/pose|fake_gps|raw|estimator_|groundtruth|/in$")
 _MOST = 8  # sources that are compared
 NOTHING = "holds no poses"
 SAME_M, SAME_RAD = 0.05, np.radians(3.0)  # sources of one estimate differ by their stamps alone
@@ -50,9 +48,7 @@ def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table
     """
     sources = _by_topic([table for table in tables if table.schema in READERS])
     if facts.topic and not any(table.channel.topic == facts.topic for table in tables):
-        raise InputError(
-            what, f"has no poses on topic {facts.topic!r}", listed(_all(tables)), "name one of these"
-        )
+        raise InputError(what, f"has no poses on topic {facts.topic!r}", listed(_all(tables)), "name one")
     if facts.topic:
         sources = [table for table in sources if table.channel.topic == facts.topic]
     if facts.schema:
@@ -65,9 +61,9 @@ def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table
     if 1 < len(usable) <= _MOST:
         usable = _agreeing(usable, tables, facts)
     if len(usable) > 1:
-        found = f"holds {len(usable)} sources of poses that differ: {listed(_all(tables))}"
+        finding = f"holds {len(usable)} sources of poses that differ: {listed(_all(tables))}"
         remedy = "choose one by topic, and by schema where a topic has several"
-        raise InputError(what, found, "one source", remedy)
+        raise InputError(what, finding, "one source", remedy)
     if not usable:
         return None, []
     others = len(sources) > 1 and not facts.topic
@@ -98,7 +94,7 @@ def nothing(tables: Sequence[Table], what: str) -> InputError:
 
 
 def _all(tables: Sequence[Table]) -> list[Table]:
-    return _by_topic([table for table in tables if table.schema in READERS or table.schema in tf.FIELDS])
+    return _by_topic([table for table in tables if table.schema in READERS or table.schema in tf.SCHEMAS])
 
 
 def _by_topic(tables: Sequence[Table]) -> list[Table]:
@@ -160,8 +156,8 @@ def one_publisher(tables: Sequence[Table], facts: LogOptions, what: str) -> Tabl
     both = [min(end, other) - start for (_, end), (start, other) in pairwise(spans)]
     if any(overlap > 1e9 for overlap in both) and "several-publishers" not in facts.allow:
         listed = ", ".join(f"#{table.channel.channel_id} ({len(table)} messages)" for table in full)
-        found = f"{len(full)} publishers at the same time: channels {listed}"
-        raise InputError(f"{what}, {full[0].channel.topic}", found, _ONE_BODY, _NAME_ONE)
+        finding = f"{len(full)} publishers at the same time: channels {listed}"
+        raise InputError(f"{what}, {full[0].channel.topic}", finding, _ONE_BODY, _NAME_ONE)
     return joined(list(tables))
 
 
@@ -175,8 +171,8 @@ def check_one(track: Track, facts: LogOptions, what: str) -> None:
     starts = np.linspace(0, max(len(track) - _LOOK, 0), _PLACES).astype(int)
     tangled = [_tangled(track.positions[start : start + _LOOK]) for start in np.unique(starts)]
     if np.mean(tangled) >= 0.4:
-        found = "holds the poses of several bodies in turn: the path jumps to and fro between them"
-        raise InputError(what, found, _ONE_BODY, f"{_NAME_ONE}; else record them on topics of their own")
+        finding = "holds the poses of several bodies in turn: the path jumps to and fro between them"
+        raise InputError(what, finding, _ONE_BODY, f"{_NAME_ONE}; else record them on topics of their own")
 
 
 def _tangled(path: Floats) -> bool:

@@ -73,9 +73,9 @@ def check_dropped(track: Track, limits: LogOptions, what: str) -> None:
     if not len(track):
         raise InputError(what, f"holds no usable pose ({reasons(track) or 'no message'})", "at least 2 poses")
     if lost > limits.max_dropped * (lost + len(track)):
-        found = f"{lost} of {lost + len(track)} samples are unusable ({reasons(track)})"
+        finding = f"{lost} of {lost + len(track)} samples are unusable ({reasons(track)})"
         remedy = "record the flight again, or raise max_dropped if the rest is good"
-        raise InputError(what, found, f"at most {limits.max_dropped:.0%}", remedy)
+        raise InputError(what, finding, f"at most {limits.max_dropped:.0%}", remedy)
 
 
 def reasons(track: Track) -> str:
@@ -95,11 +95,8 @@ def breaks(track: Track, gap_s: float) -> tuple[Ints, list[str]]:
     gaps = step_s > gap_s
     resets = np.zeros(len(step_s), bool) if track.epoch is None else np.diff(track.epoch) != 0
     jumps = _jumps(track) & ~gaps & ~resets
-    counts = {
-        "gap": gaps.sum(),
-        "jump": jumps.sum(),
-        "estimator reset": resets.sum() - min(track.clock_steps, resets.sum()),
-    }
+    counts = {"gap": gaps.sum(), "jump": jumps.sum()}
+    counts["estimator reset"] = resets.sum() - min(track.clock_steps, resets.sum())
     words = [f"{number} {kind}{'s' if number > 1 else ''}" for kind, number in counts.items() if number]
     return np.flatnonzero(gaps | jumps | resets) + 1, words
 
@@ -181,12 +178,12 @@ def steady(track: Track) -> Track:
 def _backwards(t_ns: Ints) -> Ints:
     """Last sample before each step back from which the stamps run on: late messages jump ahead again."""
     step = np.diff(t_ns)
-    found: list[int] = []
+    steps: list[int] = []
     for at in np.flatnonzero(step < -_TOLERANCE_NS):
         soon = step[at + 1 : at + 1 + _LATE]
-        if not (soon > -step[at] / 2).any() and at + 1 - (found[-1] if found else -2) > 1:
-            found.append(int(at))
-    return np.array(found, np.int64)
+        if not (soon > -step[at] / 2).any() and at + 1 - (steps[-1] if steps else -2) > 1:
+            steps.append(int(at))
+    return np.array(steps, np.int64)
 
 
 def _ahead(t_ns: Ints, log_ns: Ints) -> Ints:
@@ -194,11 +191,11 @@ def _ahead(t_ns: Ints, log_ns: Ints) -> Ints:
     if len(t_ns) < 2 * _AROUND or not np.ptp(log_ns):
         return np.empty(0, np.int64)
     off = t_ns - log_ns
-    found = []
+    steps = []
     for at in np.flatnonzero((np.abs(np.diff(off)) > 10 * _TOLERANCE_NS) & (np.diff(t_ns) > 0)):
         before, after = off[max(at + 1 - _AROUND, 0) : at + 1], off[at + 1 : at + 1 + _AROUND]
         jump = float(np.median(after) - np.median(before))
         spread = max(np.ptp(np.percentile(part, [10, 90])) for part in (before, after))
         if min(len(before), len(after)) >= 10 and jump > 10 * _TOLERANCE_NS and spread < 0.1 * jump:
-            found.append(at)
-    return np.array(found, np.int64)
+            steps.append(at)
+    return np.array(steps, np.int64)

@@ -23,14 +23,6 @@ from upplied.scene import Scene
 
 _EVENT = "foxglove.Event"
 _NAMES = ("metadata", "event_type.name")
-FIELDS = {
-    _EVENT: (
-        "start_time.sec", "start_time.nanosec", "end_time.sec", "end_time.nanosec",
-        "timestamp.sec", "timestamp.nanosec", "duration.sec", "duration.nanosec",
-        *_NAMES,
-    ),
-}  # fmt: skip
-
 Span = tuple[int, int]
 _STEP_S = 0.5  # of the stations that are looked at
 _STILL_M, _STILL_S = 0.5, 4.0  # on the ground: no farther, no shorter

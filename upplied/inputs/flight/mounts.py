@@ -60,9 +60,9 @@ def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
     if not tree.path(track.parent, wanted):
         if "frame-unconnected" in facts.allow:
             return _noted(track, f"no transform from {track.parent} to {wanted}: allowed")
-        found = f"gives poses in the frame {track.parent!r}, the structure is placed in {wanted!r}"
+        finding = f"gives poses in the frame {track.parent!r}, the structure is placed in {wanted!r}"
         rule = "frame-unconnected: one frame, or transforms between them"
-        raise InputError(what, found, rule, "place the structure in the frame of the poses")
+        raise InputError(what, finding, rule, "place the structure in the frame of the poses")
     fixed = tree.fixed(track.parent, wanted)
     if fixed is not None:
         return _under(track, np.tile(fixed[0], (len(track), 1)), fixed[1], wanted)
@@ -88,9 +88,8 @@ def in_structure_frame(track: Track, facts: LogOptions) -> Track:
 def mounted(track: Track, position: Floats, rotation: Rotation) -> Track:
     """Poses of something at `position` (m) and `rotation` on the tracked body; (3,) or (N, 3)."""
     body = Rotation.from_quat(track.quat_xyzw)
-    return replace(
-        track, positions=track.positions + body.apply(position), quat_xyzw=(body * rotation).as_quat()
-    )
+    positions = track.positions + body.apply(position)
+    return replace(track, positions=positions, quat_xyzw=(body * rotation).as_quat())
 
 
 def _frame_of(tracked: str, camera_frame: str, facts: LogOptions) -> str:
@@ -187,10 +186,10 @@ def registered(
     names = [name for name, _ in facts.points]
     unknown = [name for name in names if name not in structure.landmarks]
     if unknown or len(names) < _LEAST:
-        found = f"no landmark {', '.join(unknown)}" if unknown else f"{len(names)} points"
+        finding = f"no landmark {', '.join(unknown)}" if unknown else f"{len(names)} points"
         known = ", ".join(sorted(structure.landmarks)) or "it has none"
         rule = f"at least {_LEAST} landmarks of the structure: {known}"
-        raise InputError(what, f"registers by {found}", rule)
+        raise InputError(what, f"registers by {finding}", rule)
     logged = np.array([place for _, place in facts.points], float)
     wanted = np.array([structure.landmarks[name] for name in names], float)
     spread = np.linalg.svd(logged - logged.mean(axis=0), compute_uv=False)
@@ -198,16 +197,15 @@ def registered(
         rule = "points that span a plane"
         raise InputError(what, "registers by points on one line", rule, "add one beside the line")
     free = facts.unit_m is not None and not facts.unit_m > 0
-    scale, turn, shift = _similarity(
-        logged * (1.0 if free or facts.unit_m is None else facts.unit_m), wanted, free
-    )
+    unit_m = 1.0 if free or facts.unit_m is None else facts.unit_m
+    scale, turn, shift = _similarity(logged * unit_m, wanted, free)
     unit = scale if free else facts.unit_m
     off_m = np.linalg.norm((unit or 1.0) * logged @ turn.T + shift - wanted, axis=1)
     listed = ", ".join(f"{name} {off:.2f} m" for name, off in zip(names, off_m, strict=True))
     if off_m.max() > facts.passport.register_m:
         rule = f"at most {facts.passport.register_m:g} m"
-        found = f"misses its points after registration: {listed}"
-        raise InputError(what, found, rule, "correct the points, or raise register_m")
+        finding = f"misses its points after registration: {listed}"
+        raise InputError(what, finding, rule, "correct the points, or raise register_m")
     quat = Rotation.from_matrix(turn.T).as_quat()
     placed = replace(
         facts, unit_m=unit, structure_position_m=tuple((-turn.T @ shift).tolist()),

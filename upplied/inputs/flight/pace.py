@@ -61,7 +61,7 @@ def paced(track: Track, gap_s: float, settings: PassportSettings) -> tuple[Track
     keep, hover_s = _hovers(track, gap, settings.hover_cap_s)
     frozen = (step_m == 0) & (np.diff(track.quat_xyzw, axis=0) == 0).all(axis=1) & ~gap
     cut = np.where(keep[1:], 0, shorter)  # the time that goes with the samples that are cut
-    found = Pace(
+    pace = Pace(
         span_s=float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0,
         recorded_s=float(step_ns[~gap].sum()) * 1e-9,
         gaps=int(gap.sum()),
@@ -73,11 +73,11 @@ def paced(track: Track, gap_s: float, settings: PassportSettings) -> tuple[Track
         cut_hover_s=float(cut.sum()) * 1e-9,
         frozen_s=float(step_ns[frozen].sum()) * 1e-9,
     )
-    if not found.words:
-        return track, found
+    if not pace.words:
+        return track, pace
     t_ns = track.t_ns[0] + np.concatenate([[0], np.cumsum(shorter - cut)])
     after = np.unique(np.cumsum(keep)[np.flatnonzero(long) + 1] - 1)  # among the samples that are kept
-    return replace(replace(track, t_ns=t_ns).take(keep), long_gaps=after), found
+    return replace(replace(track, t_ns=t_ns).take(keep), long_gaps=after), pace
 
 
 def _hovers(track: Track, gap: Bools, cap_s: float) -> tuple[Bools, float]:

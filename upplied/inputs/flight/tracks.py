@@ -173,8 +173,8 @@ def pose_track(table: Table, shape: PoseShape, only: str = "") -> Track:
         bodies[pair[1]] += len(rows)
     if sum(number > _FEW_POSES_SHARE * len(table) for number in bodies.values()) > 1:
         listed = ", ".join(f"{name or 'without a name'} ({number})" for name, number in bodies.most_common(8))
-        found, rule = f"holds the poses of several bodies: {listed}", "several-publishers: one body"
-        raise InputError(table.channel.topic, found, rule, "name one by publisher")
+        finding, rule = f"holds the poses of several bodies: {listed}", "several-publishers: one body"
+        raise InputError(table.channel.topic, finding, rule, "name one by publisher")
     if len(groups) > 1:
         track = track.keep(np.isin(np.arange(len(table)), groups[most]), "other frame")
     return replace(track, parent=most[0], child=most[1])

@@ -31,7 +31,7 @@ def read_las(source: Source) -> RawMesh:
     if len(data) < 227 or struct.unpack_from("<I", data, 100)[0] > len(data) // 54:
         raise source.error("ends before its header and its records do", "a complete LAS or LAZ")
     with laspy.open(io.BytesIO(data), read_evlrs=False) as reader:
-        header, found = reader.header, []
+        header, pieces = reader.header, []
         count, start, width = header.point_count, header.offset_to_point_data, header.point_format.size
         if header.are_points_compressed:
             source.most(count, "points", *_PACKED)
@@ -41,8 +41,8 @@ def read_las(source: Source) -> RawMesh:
             if held != count and not (held > count and not any(data[start + count * width : end])):
                 raise source.error(f"says it has {count} points, it holds {held}", "a complete LAS")
         for points in reader.chunk_iterator(_CHUNK):
-            found.append(np.column_stack([points.X, points.Y, points.Z]) * header.scales + header.offsets)
-    return _counted(source, np.concatenate([np.empty((0, 3)), *found]), count, up="z")
+            pieces.append(np.column_stack([points.X, points.Y, points.Z]) * header.scales + header.offsets)
+    return _counted(source, np.concatenate([np.empty((0, 3)), *pieces]), count, up="z")
 
 
 def read_e57(source: Source) -> RawMesh:
@@ -55,16 +55,14 @@ def read_e57(source: Source) -> RawMesh:
         count, scans = count + int(points.get("recordCount", "0")), scans + 1
         source.most(int(points.get("recordCount", "0")), "points", *_PACKED)
     source.most(count, "points", *_PACKED)
-    found = [np.empty((0, 3))]
+    pieces = [np.empty((0, 3))]
     with file_of(source.data, "e57") as path, pye57.E57(path) as file:
         if file.scan_count != scans:
             raise source.error(f"lists {scans} scans, it holds {file.scan_count}", "a complete E57")
         for scan in range(scans):
             read = file.read_scan(scan, ignore_missing_fields=True)
-            found.append(np.column_stack([read[f"cartesian{axis}"] for axis in "XYZ"]))
-    return RawMesh(
-        np.concatenate(found), unit_m=1.0, up="z"
-    )  # metres by specification; points marked bad are not there
+            pieces.append(np.column_stack([read[f"cartesian{axis}"] for axis in "XYZ"]))
+    return RawMesh(np.concatenate(pieces), unit_m=1.0, up="z")  # metres by specification
 
 
 def _e57_xml(source: Source) -> Any:
@@ -74,19 +72,17 @@ def _e57_xml(source: Source) -> Any:
         remedy = "export it again, or save it as PLY in double precision (e.g. with CloudCompare)"
         raise source.error("its header points beyond its end", "a complete E57", remedy)
     first, last = start // page, (start + length) // page + length // page + 2
-    pages = [
-        source.data[at * page : (at + 1) * page - 4] for at in range(first, last)
-    ]  # each ends with its CRC
+    pages = [source.data[at * page : (at + 1) * page - 4] for at in range(first, last)]  # then a CRC
     text = b"".join(pages)[start % page :][:length]
     return plain_xml(text)
 
 
 def read_pcd(source: Source) -> RawMesh:
     """The points of a PCD file, double precision kept, and their normals where it has them."""
-    found = _PCD.search(source.data, 0, 1 << 16)
-    if found is None:
+    data_line = _PCD.search(source.data, 0, 1 << 16)
+    if data_line is None:
         raise source.error("its header has no DATA line", "a complete PCD")
-    lines = [line.split() for line in source.data[: found.start()].decode("latin-1").splitlines()]
+    lines = [line.split() for line in source.data[: data_line.start()].decode("latin-1").splitlines()]
     header = {words[0]: words[1:] for words in lines if words}
     try:
         names, kinds = header["FIELDS"], [kind.upper() for kind in header["TYPE"]]
@@ -102,7 +98,7 @@ def read_pcd(source: Source) -> RawMesh:
     except (KeyError, ValueError, IndexError):
         rule = "FIELDS with x y z, SIZE, TYPE, POINTS, DATA"
         raise source.error("its header cannot be understood", rule) from None
-    body, mode = source.data[found.end() :], found[1].decode()
+    body, mode = source.data[data_line.end() :], data_line[1].decode()
     width = int(np.dot(sizes, counts))
     if mode == "ascii":
         held = len(numbers(body)) / sum(counts)
@@ -117,15 +113,9 @@ def read_pcd(source: Source) -> RawMesh:
     if held < number or held >= number + 1:
         raise source.error(f"says it has {number} points, it holds {int(held)}", "a complete file")
     # Open3D is given the header that was understood here.
-    rows: dict[str, list] = {
-        "VERSION": ["0.7"],
-        "FIELDS": names,
-        "SIZE": sizes,
-        "TYPE": kinds,
-        "COUNT": counts,
-    }
-    rows |= {"WIDTH": [number], "HEIGHT": [1], "POINTS": [number], "DATA": [mode]}
-    text = "".join(f"{key} {' '.join(str(word) for word in words)}\n" for key, words in rows.items())
+    columns: dict[str, list[Any]] = {"FIELDS": names, "SIZE": sizes, "TYPE": kinds, "COUNT": counts}
+    lists = "".join(f"{key} {' '.join(map(str, words))}\n" for key, words in columns.items())
+    text = f"VERSION 0.7\n{lists}WIDTH {number}\nHEIGHT 1\nPOINTS {number}\nDATA {mode}\n"
     with file_of(text.encode() + body, "pcd") as path:
         cloud = open3d().t.io.read_point_cloud(path).point  # its older call takes doubles for 0
     normals = cloud["normals"].numpy().astype(float) if "normals" in cloud else None

@@ -64,23 +64,21 @@ class _Reader:
 
     def _children(self, element: Any) -> list[tuple[Any, Floats]]:
         """Nodes, and what a node or a controller stands for."""
-        found = []
+        children = []
         for child in element:
             if child.tag == "node":
-                found.append(child)
+                children.append(child)
             elif child.tag in ("instance_geometry", "instance_node", "instance_controller"):
-                found.append(self._target(child))
+                children.append(self._target(child))
             elif child.tag in ("skin", "morph") and element.tag == "controller":
                 self._count("skinned meshes taken in their pose of rest", 1)
-                found.append(self._target(child, "source"))
-        return [(child, self._placed(child)) for child in found]
+                children.append(self._target(child, "source"))
+        return [(child, self._placed(child)) for child in children]
 
     def _target(self, element: Any, attribute: str = "url") -> Any:
         url = element.get(attribute, "")
         if not url.startswith("#") or url[1:] not in self._by_id:
-            raise self._source.error(
-                f"refers to {url[:80]!r}, which it does not hold", "a file complete in itself"
-            )
+            raise self._source.error(f"refers to {url[:80]!r}, which is not in it", "a complete file")
         return self._by_id[url[1:]]
 
     def _placed(self, element: Any) -> Floats:
@@ -98,9 +96,7 @@ class _Reader:
         if id(element) not in self._geometries:
             mesh = element.find("mesh")
             if mesh is None:
-                raise self._source.error(
-                    "holds a geometry that is no mesh", "polygon meshes", "tessellate it on export"
-                )
+                raise self._source.error("holds a geometry that is no mesh", "polygons", "tessellate it")
             self._geometries[id(element)] = self._mesh(mesh)
         return self._geometries[id(element)]
 
@@ -180,13 +176,13 @@ class _Reader:
 
 
 def _strips(corners: Ints, sizes: Ints, tag: str) -> Ints:
-    found = [np.empty((0, 3), np.int64)]
+    triangles = [np.empty((0, 3), np.int64)]
     for ring in np.split(corners, np.cumsum(sizes)[:-1]):
         step = np.arange(max(len(ring) - 2, 0))
         odd = step % 2 if tag == "tristrips" else 0 * step
         first = ring[step] if tag == "tristrips" else np.broadcast_to(ring[:1], len(step))
-        found.append(np.stack([first, ring[step + 1 + odd], ring[step + 2 - odd]], axis=1))
-    return np.concatenate(found)
+        triangles.append(np.stack([first, ring[step + 1 + odd], ring[step + 2 - odd]], axis=1))
+    return np.concatenate(triangles)
 
 
 def _translate(values: Floats) -> Floats:

@@ -66,15 +66,15 @@ def _chunks(source: Source) -> tuple[bytes, bytes]:
     if version != 2 or length > len(data) or length < 20:
         stated = f"says it is version {version} and {length} bytes long, it has {len(data)}"
         raise source.error(stated, "a complete GLB 2")
-    found: dict[bytes, bytes] = {}
+    chunks: dict[bytes, bytes] = {}
     at = 12
     while at + 8 <= length:
         size, kind = int.from_bytes(data[at : at + 4], "little"), data[at + 4 : at + 8]
         if at + 8 + size > length:
             raise source.error("a chunk reaches beyond its end", "a complete GLB 2")
-        found.setdefault(kind, data[at + 8 : at + 8 + size])
+        chunks.setdefault(kind, data[at + 8 : at + 8 + size])
         at += 8 + size
-    return found.get(b"JSON", b""), found.get(b"BIN\0", b"")
+    return chunks.get(b"JSON", b""), chunks.get(b"BIN\0", b"")
 
 
 def _check_version(source: Source, document: Any) -> None:
@@ -94,15 +94,15 @@ def _too_old(source: Source) -> Exception:
 
 
 def _buffers(source: Source, document: dict, binary: bytes) -> list[bytes]:
-    found = []
+    buffers = []
     for uri in (buffer.get("uri") for buffer in document.get("buffers", [])):
         if uri is None:
-            found.append(binary)
+            buffers.append(binary)
         elif uri.startswith("data:"):
-            found.append(base64.b64decode(uri.partition(",")[2], validate=True))
+            buffers.append(base64.b64decode(uri.partition(",")[2], validate=True))
         else:
-            found.append(source.sibling(uri))
-    return found
+            buffers.append(source.sibling(uri))
+    return buffers
 
 
 def _check_accessors(source: Source, document: dict, buffers: list[bytes]) -> None:
@@ -126,8 +126,8 @@ def _check_accessors(source: Source, document: dict, buffers: list[bytes]) -> No
     for index, (end, step) in used.items():
         left = views[index]["byteLength"] - end
         if left >= max(step, 16):
-            found = f"its accessors leave {left} of {left + end} bytes of a view unused"
-            raise source.error(found, "counts that cover all data")
+            finding = f"its accessors leave {left} of {left + end} bytes of a view unused"
+            raise source.error(finding, "counts that cover all data")
 
 
 def _plain_tree(source: Source, document: dict) -> int:
@@ -143,8 +143,8 @@ def _plain_tree(source: Source, document: dict) -> int:
         document.pop("scene", None)
     roots = document["scenes"][document.get("scene", 0)].get("nodes", [])
     if len(set(inner)) < len(inner) or not set(inner).isdisjoint(roots) or len(set(roots)) < len(roots):
-        found = "its scene refers to itself, or to a node twice"
-        raise source.error(found, "a tree of nodes", "export it flattened")
+        finding = "its scene refers to itself, or to a node twice"
+        raise source.error(finding, "a tree of nodes", "export it flattened")
     for index in (*inner, *roots):
         if not 0 <= index < len(nodes):
             raise source.error(f"refers to nodes {str(index)[:20]}, of {len(nodes)}", "a complete file")
@@ -170,23 +170,17 @@ def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
             if primitive.get("mode") == _FAN:
                 raise source.error("holds triangle fans", "triangles or strips", "export it as triangles")
             if "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
-                raise source.error(
-                    "is compressed with Draco", "plain glTF 2.0", "export it without compression"
-                )
+                raise source.error("is compressed with Draco", "plain glTF 2.0", "export it uncompressed")
         for primitive in surfaces:
-            named = [
-                primitive["attributes"]["POSITION"],
-                *(primitive[key] for key in ("indices",) if key in primitive),
-            ]
+            named = [primitive["attributes"]["POSITION"]]
+            named += [primitive["indices"]] if "indices" in primitive else []
             if (
                 any(not 0 <= number < len(accessors) for number in named)
                 or accessors[named[0]]["type"] != "VEC3"
             ):
                 raise source.error("a primitive has no positions", "a complete file")
             if any("sparse" in accessors[n] or "bufferView" not in accessors[n] for n in named):
-                raise source.error(
-                    "uses sparse accessors", "plain accessors", "export it again without sparse"
-                )
+                raise source.error("uses sparse accessors", "plain accessors", "export it without sparse")
             used.update(named)
             corners = sum(accessors[number]["count"] for number in named)
             copies = int(placements[index]) if index < len(placements) else 0

@@ -114,8 +114,8 @@ def read_off(source: Source) -> RawMesh:
         n_vertices, n_faces = (int(word) for word in lines[0].split()[:2])
         if min(n_vertices, n_faces) < 0 or len(lines) != 1 + n_vertices + n_faces:
             held = f"it holds {len(lines) - 1} lines"
-            found = f"its header says {n_vertices} vertices and {n_faces} faces, {held}"
-            raise source.error(found, "a complete file, one vertex or face a line")
+            finding = f"its header says {n_vertices} vertices and {n_faces} faces, {held}"
+            raise source.error(finding, "a complete file, one vertex or face a line")
         vertices = first_three(source, b"\n".join([*lines[1 : 1 + n_vertices], b""]), "x y z")
         faces = [line.split() for line in lines[1 + n_vertices : 1 + n_vertices + n_faces]]
         sizes = np.array([int(words[0]) for words in faces], np.int64)

@@ -60,16 +60,14 @@ def read_ply(source: Source) -> RawMesh:
         wanted = next((i for i, name in enumerate(names) if name in _INDICES), -1)
         if element.name == "face" and (wanted < 0 or element.properties[wanted][2] is None):
             raise source.error("its faces have no list 'vertex_indices'", "faces as lists of vertices")
-        found, lengths, used = _lists(source, body, element, wanted)
+        indices, lengths, used = _lists(source, body, element, wanted)
         body = body[used:]
         if element.name == "face":
-            corners, sizes = found, lengths
+            corners, sizes = indices, lengths
     if vertices is None:
         raise source.error("has no element 'vertex'", "vertices with x, y, z")
     if any(body.tobytes().strip(b"\0 \t\r\n")):
-        raise source.error(
-            f"goes on for {len(body)} bytes after all that its header counts", "a complete file"
-        )
+        raise source.error(f"goes on for {len(body)} bytes after what its header counts", "a complete file")
     triangles, _ = source.triangulated(vertices, corners, sizes)
     remarks = counted((int((sizes > 3).sum()), "polygons triangulated"))
     return RawMesh(vertices, triangles, normals=None if len(sizes) else normals, remarks=remarks)
@@ -177,10 +175,10 @@ def _gathered(
     data: np.ndarray, starts: np.ndarray, lengths: np.ndarray
 ) -> np.ndarray:  # pragma: no cover - compiled
     """The pieces of data that start so, one after the other."""
-    found = np.empty(lengths.sum(), np.uint8)
+    pieces = np.empty(lengths.sum(), np.uint8)
     at = 0
     for start, length in zip(starts, lengths):  # noqa: B905 - numba knows no strict
         for k in range(length):
-            found[at + k] = data[start + k]
+            pieces[at + k] = data[start + k]
         at += length
-    return found
+    return pieces

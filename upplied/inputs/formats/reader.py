@@ -38,8 +38,8 @@ def read_raw(path: Path | str) -> tuple[RawMesh, str]:
     except UppliedError:
         raise
     except Exception as error:  # whatever a damaged file provokes leaves as one kind of error
-        found = f"cannot be understood as {suffix.upper()} ({type(error).__name__}: {str(error)[:120]})"
-        raise source.error(found, "a complete file of its format") from None
+        finding = f"cannot be understood as {suffix.upper()} ({type(error).__name__}: {str(error)[:120]})"
+        raise source.error(finding, "a complete file of its format") from None
     return _checked(source, raw), source.sha256
 
 
@@ -50,9 +50,7 @@ def _check_content(source: Source, suffix: str) -> None:
     if suffix in READERS and content in ("", suffix):
         return
     if {suffix, content} <= {"glb", "gltf"} or {suffix, content} <= {"las", "laz"}:
-        raise source.error(
-            f"is {content.upper()} by its content", "a suffix that says so", f"name it .{content}"
-        )
+        raise source.error(f"is {content.upper()} by its content", "the suffix of it", f"name it .{content}")
     refused = content if content in REFUSED else suffix
     if refused in REFUSED:
         raise source.error(f"is {refused.upper()}, which is not read", _known(), REFUSED[refused])

@@ -1,4 +1,4 @@
-"""STL: triangles and nothing else, in binary or in text, by trimesh; here what it must be told or asked."""
+"""STL: triangles and nothing else, in binary or in text, by trimesh; here, the checks that it lacks."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def _text(source: Source) -> list[dict]:
     facets, rows = len(re.findall(rb"\bendfacet\b", text)), len(re.findall(rb"\bvertex\b", text))
     loaded = load_stl_ascii(io.BytesIO(text))
     solids = list(loaded["geometry"].values()) if "geometry" in loaded else [loaded]
-    found = sum(len(solid["vertices"]) for solid in solids)
-    if not rows == found == 3 * facets:
-        raise source.error(f"has {found} good vertices for {facets} facets", "three vertices per facet")
+    good = sum(len(solid["vertices"]) for solid in solids)
+    if not rows == good == 3 * facets:
+        raise source.error(f"has {good} good vertices for {facets} facets", "three vertices per facet")
     return solids
 
 

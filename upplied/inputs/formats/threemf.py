@@ -55,9 +55,7 @@ def read_threemf(source: Source) -> RawMesh:
     def resolved(items: list[tuple[tuple[str, str], Floats]]) -> list[tuple[_Object, Floats]]:
         missing = [key for key, _ in items if key not in objects]
         if missing:
-            raise source.error(
-                f"refers to object {missing[0][1][:20]!r}, which it does not hold", "a complete file"
-            )
+            raise source.error(f"refers to object {missing[0][1][:20]!r}, not in it", "a complete file")
         return [(objects[key], matrix) for key, matrix in items]
 
     assembly = Assembly(source)
@@ -71,7 +69,7 @@ def read_threemf(source: Source) -> RawMesh:
 def _models(source: Source) -> dict[str, bytes]:
     """The model parts of the archive; together no larger than XML of that size can be in honesty."""
     left = max(32 << 20, 40 * len(source.data))
-    found = {}
+    models = {}
     try:
         with zipfile.ZipFile(io.BytesIO(source.data)) as archive:
             for info in archive.infolist():
@@ -81,15 +79,13 @@ def _models(source: Source) -> dict[str, bytes]:
                     text = file.read(left + 1)
                 left -= len(text)
                 if left < 0:
-                    raise source.error(
-                        "unpacks to far more than its size", "at most 40 times", "export it again"
-                    )
-                found["/" + info.filename.lstrip("/")] = text
+                    raise source.error("unpacks to far more than its size", "40 times", "export it again")
+                models["/" + info.filename.lstrip("/")] = text
     except (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError, OSError) as error:
         raise source.error(f"its archive cannot be unpacked: {str(error)[:80]}", "a complete 3MF") from None
-    if not found:
+    if not models:
         raise source.error("its archive holds no model", "a .model part, as 3MF says")
-    return found
+    return models
 
 
 class _Handler(ContentHandler):
@@ -124,9 +120,7 @@ class _Handler(ContentHandler):
         for prefix in attrs.get("requiredextensions", "").split():
             uri = attrs.get(f"xmlns:{prefix}", "")
             if not uri.endswith(_HARMLESS):
-                raise self._source.error(
-                    f"requires the extension {uri[:80]!r}", "meshes", "export plain meshes"
-                )
+                raise self._source.error(f"requires the extension {uri[:80]!r}", "meshes", "export meshes")
 
 
 def _matrix(text: str) -> Floats:

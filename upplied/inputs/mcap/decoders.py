@@ -72,14 +72,15 @@ class Decoder:
         for row, payload in enumerate(payloads):
             try:
                 message = self._decode(payload)
-                found = [get(message)]
+                row_values = [get(message)]
                 if many:
-                    found = [found[0] + get_inner(element) for element in get_elements(message)[0] or ()]
+                    inner_values = (get_inner(element) for element in get_elements(message)[0] or ())
+                    row_values = [row_values[0] + each for each in inner_values]
             except Exception:  # whatever the bytes of one message do to a library
                 unreadable += 1
                 continue
-            rows += [row] * len(found)
-            values += found
+            rows += [row] * len(row_values)
+            values += row_values
             if len(values) > most:
                 break
         paths = plain + inner
@@ -134,7 +135,8 @@ def _column(values: Sequence[Any]) -> Any:
         column = np.array(values) if whole else None
         fits = column is not None and column.dtype.kind in "iu"
         return column if fits else np.array([_float(value) for value in values])
-    if all(isinstance(value, np.ndarray) for value in values):
+    shapes = {value.shape if isinstance(value, np.ndarray) else None for value in values}
+    if len(shapes) == 1 and None not in shapes:
         return np.stack(values)
     rows = [_row(value) for value in values]
     if any(row is None for row in rows):

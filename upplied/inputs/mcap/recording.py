@@ -142,9 +142,9 @@ class Recording:
         for reason, number in lost.items():
             self.losses.append(f"{number} of {len(self.chunks)} chunks lost: {reason}")
 
-    def compare(self, found: Mapping[int, int]) -> None:
+    def compare(self, messages: Mapping[int, int]) -> None:
         """Note it where fewer messages of these channels were found than the log's statistics count."""
-        missing = sum(max(self.counts.get(channel_id, 0) - number, 0) for channel_id, number in found.items())
+        missing = sum(max(self.counts.get(number, 0) - read, 0) for number, read in messages.items())
         if missing and not self.losses:
             self.losses.append(f"{missing} messages that the log counts are not in it")
 
@@ -160,10 +160,8 @@ class Recording:
         InputError
         """
         if number > self.limit(bound):
-            found = f"holds more than {self.limit(bound)} {what}"
-            raise InputError(
-                str(self.path), found, "what an honest log of its size can hold", "check where it is from"
-            )
+            finding = f"holds more than {self.limit(bound)} {what}"
+            raise InputError(str(self.path), finding, "what a log of its size can hold", "check its origin")
 
 
 class _Sinks(dict[int, "Sink | None"]):
@@ -188,8 +186,8 @@ def open_recording(path: Path) -> Recording:
         with path.open("rb") as stream:
             start = stream.read(len(MAGIC))
             if start != MAGIC:
-                found = "does not start as an MCAP file" if start else "is empty"
-                raise InputError(str(path), found, "an MCAP log", "copy it again from the recorder")
+                finding = "does not start as an MCAP file" if start else "is empty"
+                raise InputError(str(path), finding, "an MCAP log", "copy it again from the recorder")
             size = path.stat().st_size
             recording = Recording(path, size, read_to=size)
             _walk(stream, recording)

@@ -20,6 +20,7 @@ from rosbags.typesys.store import Typestore
 
 MAX_DEPTH = 16  # of messages in messages
 MAX_PATHS = 10_000  # fields of one message, with those of the messages in it
+_LISTS = ("d", "D")  # of a calibration: how its lens distorts
 MAX_DEFINITION = 2**18  # characters
 _LINE = re.compile(r"\s*([\w/]+(?:<=\d+)?(?:\[(?:<=)?\d*\])?)\s+([A-Za-z]\w*)\s*(=?)", re.ASCII)
 _HEADER = re.compile(r"\s*MSG:\s*([\w/]+)\s*", re.ASCII)
@@ -109,8 +110,9 @@ class _Shape:
             else:
                 numeric = kind[0] != "string"
                 parts, width = 1, SIZEMAP[kind[0]] if numeric else 4
-                # A sequence of numbers or strings has no width that a column could have.
-                if prefix.count("[]") < 2 and (not many or (fixed and numeric)):
+                # A sequence has no width that a column could have, but for that of coefficients.
+                listed = prefix + name in _LISTS and kind[0] == "float64"
+                if prefix.count("[]") < 2 and (not many or (fixed and numeric) or listed):
                     self._paths.add(prefix + name)
             number += parts * (length if fixed and (inner == Nodetype.NAME or not numeric) else 1)
             size += 4 if node == Nodetype.SEQUENCE else length * width

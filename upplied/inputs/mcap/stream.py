@@ -64,12 +64,7 @@ class Guard:
 def records_in(data: bytes, budget: Budget) -> Iterator[McapRecord]:
     """The records that these bytes hold, one after the other."""
     limit = 2 * MAX_CHUNK_BYTES
-    reader = StreamReader(
-        Guard(data, budget),
-        skip_magic=True,
-        emit_chunks=True,
-        record_size_limit=limit,
-    )
+    reader = StreamReader(Guard(data, budget), skip_magic=True, emit_chunks=True, record_size_limit=limit)
     try:
         yield from reader.records
     except EndOfFile:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track, are_unit
-from upplied.inputs.schemas.px4 import FRD_R_FLU, NED_R_ENU
+from upplied.inputs.passport.settings import CONVENTIONS
 from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Floats
 from upplied.scene import Scene
@@ -61,16 +61,17 @@ def _drifting(positions: Floats, quats: Floats, degrees: float, whole: bool) -> 
     return (left.apply(positions) if whole else positions), (left * Rotation.from_quat(quats)).as_quat()
 
 
-def _scaled(positions: Floats, quats: Floats, factor: float) -> Poses:
-    return positions * factor, quats
+def _axes(positions: Floats, quats: Floats, world: str, body: str, alone: str) -> Poses:
+    """Positions, and what is seen, by the axes that are ours; or the positions alone."""
+    if alone:
+        return positions @ _matrix(alone).T, quats
+    turns = _matrix(world) @ Rotation.from_quat(quats).as_matrix() @ _matrix(body)
+    return positions @ _matrix(world).T, Rotation.from_matrix(turns).as_quat()
 
 
-def _under(positions: Floats, quats: Floats, matrix: Floats, poses: bool) -> Poses:
-    """Positions mirrored; `poses`: what is seen is mirrored with them."""
-    if not poses:
-        return positions @ matrix.T, quats
-    turns = matrix @ Rotation.from_quat(quats).as_matrix() @ np.diag([1.0, -1.0, 1.0])
-    return positions @ matrix.T, Rotation.from_matrix(turns).as_quat()
+def _matrix(axes: str) -> Floats:
+    """Rows of the axes that are x, y and z."""
+    return np.array([np.eye(3)["xyz".index(axis[-1])] * (1 - 2 * ("-" in axis)) for axis in axes.split()])
 
 
 def _moved(positions: Floats, quats: Floats, offset: Floats) -> Poses:
@@ -87,54 +88,26 @@ def _inverse(positions: Floats, quats: Floats) -> Poses:
     return -turns.apply(positions), turns.as_quat()
 
 
-_SWAP = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])
-_MIRROR_X, _MIRROR_Y = np.diag([-1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0])
-_Y_UP = Rotation.from_euler("x", 90, degrees=True)
-_CYCLIC = Rotation.from_matrix([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
-_UNITS = {
-    "feet": 0.3048, "inches": 0.0254, "centimetres": 0.01, "millimetres": 0.001, "kilometres": 1000.0,
-    "metres read as feet": 1 / 0.3048
-}  # fmt: skip
+_SPECIAL: dict[str, Change] = {
+    "w-first": lambda p, q: (p, q[:, [1, 2, 3, 0]]),
+    "inverse-quaternion": lambda p, q: (p, Rotation.from_quat(q).inv().as_quat()),
+    "inverse-pose": _inverse,
+    "pitch-sign": _pitched,
+}
 
-#: What `convention` in a side-car may say, in the order of how often it is met.
-NAMED: dict[str, Convention] = {
-    item.name: item
-    for item in (
-        Convention(
-            "ned",
-            "north, east, down and forward, right, down",
-            lambda p, q: (NED_R_ENU.apply(p), (NED_R_ENU * Rotation.from_quat(q) * FRD_R_FLU).as_quat())
-        ),
-        Convention("ned-flu", "north, east, down, but forward, left, up",
-                   partial(_turned, left=NED_R_ENU)),
-        Convention("nwu-frd", "forward, right, down in world and body",
-                   partial(_turned, left=FRD_R_FLU, right=FRD_R_FLU)),
-        Convention("w-first", "quaternions w x y z",
-                   lambda p, q: (p, q[:, [1, 2, 3, 0]])),
-        Convention("inverse-quaternion", "quaternions from the world to the body",
-                   lambda p, q: (p, Rotation.from_quat(q).inv().as_quat())),
-        Convention("inverse-pose", "the world's pose in the camera", _inverse),
-        Convention("swapped-xy", "x and y of the positions exchanged",
-                   partial(_under, matrix=_SWAP, poses=False)),
-        Convention("swapped-xy-poses", "x and y exchanged, a left-handed frame",
-                   partial(_under, matrix=_SWAP, poses=True)),
-        Convention("mirrored-x", "x of the positions mirrored",
-                   partial(_under, matrix=_MIRROR_X, poses=False)),
-        Convention("mirrored-y", "y of the positions mirrored",
-                   partial(_under, matrix=_MIRROR_Y, poses=False)),
-        Convention("mirrored-x-poses", "x mirrored, a left-handed frame",
-                   partial(_under, matrix=_MIRROR_X, poses=True)),
-        Convention("mirrored-y-poses", "y mirrored, a left-handed frame",
-                   partial(_under, matrix=_MIRROR_Y, poses=True)),
-        Convention("y-up", "y up and z towards the viewer", partial(_turned, left=_Y_UP)),
-        Convention("z-forward", "y up and z forward", partial(_turned, left=_CYCLIC)),
-        Convention("z-down", "heights as depths",
-                   partial(_under, matrix=np.diag([1.0, 1.0, -1.0]), poses=False)),
-        *(Convention(name.replace(" ", "-"), f"lengths in {name}", partial(_scaled, factor=factor))
-          for name, factor in _UNITS.items()),
-        Convention("pitch-sign", "the camera's pitch of the other sign", _pitched, rare=0.03, of_camera=True),
-    )
-}  # fmt: skip
+
+def _named(
+    name: str, words: str, world: str = "", body: str = "x y z", positions: str = "", factor: float = 0.0
+) -> Convention:
+    change: Change = partial(_axes, world=world, body=body, alone=positions)
+    if factor:
+        change = lambda p, q: (p * factor, q)  # noqa: E731
+    of_camera = name == "pitch-sign"
+    return Convention(name, words, _SPECIAL.get(name, change), rare=0.03 * of_camera, of_camera=of_camera)
+
+
+#: What `convention` in a side-car may say.
+NAMED: dict[str, Convention] = {name: _named(name, **row) for name, row in CONVENTIONS.items()}
 
 
 def converted(track: Track, name: str, of_camera: bool = False) -> Track:

@@ -57,9 +57,8 @@ def best_fits(
     of_camera += [*MOUNTS, *turns(), *offsets(given, scene)]
     tried += [(item, item.change(*given)) for item in of_camera]
     whole = [(item, poses) for item, poses in tried if len(poses[0]) == len(given[0])]
-    shares = fits(
-        np.stack([p for _, (p, _) in whole]), np.stack([q for _, (_, q) in whole]), scene, ground_m, reach_m
-    )
+    positions, quats = (np.stack(part) for part in zip(*(poses for _, poses in whole), strict=True))
+    shares = fits(positions, quats, scene, ground_m, reach_m)
     candidates = [Fit(item, float(other)) for (item, _), other in zip(whole, shares, strict=True)]
     return share, sorted(candidates, key=lambda fit: fit.convention.rare - round(fit.share, 2))
 

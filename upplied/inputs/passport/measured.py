@@ -174,7 +174,7 @@ def _best(others: Sequence[Fit]) -> dict[str, Any]:
     second = [fit.convention for fit in others[1:2] if round(fit.share, 2) == share]
     alike = [each for each in second if each.rare == item.rare]
     words = item.words + "".join(f", or as {each.words} ({each.name})" for each in alike)
-    advice = f"which of the two it is cannot be told: {item.advice}" if alike else item.advice
+    advice = f"the poses fit both alike: {item.advice}" if alike else item.advice
     named = {"other": item.name, "other_words": words, "other_advice": advice}
     return {**named, "other_fit_pct": 100 * others[0].share}
 

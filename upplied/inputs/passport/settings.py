@@ -1,18 +1,16 @@
-"""The bounds of the rules that a flight is judged by when it is taken in, each with its default."""
+"""The bounds of the rules that a flight is judged by on import, each with its default."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
+from upplied.inputs.files import table
 from upplied.inputs.rules import with_bounds
 
 #: In which a log may be written, see `upplied.inputs.passport.conventions`.
-CONVENTIONS = (
-    "ned", "ned-flu", "nwu-frd", "w-first", "inverse-quaternion", "inverse-pose", "swapped-xy",
-    "swapped-xy-poses", "mirrored-x", "mirrored-y", "mirrored-x-poses", "mirrored-y-poses", "y-up",
-    "z-forward", "z-down", "feet", "inches", "centimetres", "millimetres", "kilometres",
-    "metres-read-as-feet", "pitch-sign",
-)  # fmt: skip
+CONVENTIONS: Mapping[str, Any] = table("passport/conventions.toml")
 
 #: Bounds that change what is kept of a flight, and so what is planned from it; the others only judge.
 SHAPING = ("long_gap_s", "hover_cap_s")
@@ -20,7 +18,7 @@ SHAPING = ("long_gap_s", "hover_cap_s")
 
 @dataclass(frozen=True)
 class PassportSettings:
-    """What a flight may be measured to be when it is taken in (docs/checks.md).
+    """What a flight may be measured to be on import (docs/checks.md).
 
     Sample flights of 28 structures keep 2.8 m of clearance, look at their structure in 88 % of the poses
     or more, and would fit another convention by 7 % more at most; the bounds leave room beside that.
@@ -37,9 +35,7 @@ class PassportSettings:
     least_shown_pct: float = 50.0  # of the pictures, showing the structure within the camera's range
     fit_gain_pct: float = 15.0  # of the poses that would make sense in another convention alone
     fit_least_pct: float = 75.0  # of the poses, in that convention
-    steadier_ratio: float = (
-        3.0  # of how the stand-off varies; of 96 right flights none would be steadier by 2.5
-    )
+    steadier_ratio: float = 3.0  # of how the stand-off varies; no right flight of 96 is steadier by 2.5
     off_centre_m: float = 3.0  # a stand-off that changes with the side, as if the log lay this far off
     odd_off_centre_m: float = 1.2  # of 150 right flights none is so by more than 0.2 m with as much certainty
     # Of 200 right flights none drifts by more than 10.7 deg or looks aside by more than 9.4.

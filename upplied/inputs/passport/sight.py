@@ -74,11 +74,11 @@ def inside(positions: Floats, scene: Scene) -> Bools:
     Rays in 26 directions: all but two must hit, and of those most must cross the surface an odd
     number of times, which tells the inside of a body from a place between its parts.
     """
-    found = np.zeros(len(positions), bool)
+    surrounded = np.zeros(len(positions), bool)
     low, high = scene.box
     maybe = np.flatnonzero(((positions > low) & (positions < high)).all(axis=1))
     if len(maybe):
         starts = np.repeat(positions[maybe], len(_AROUND), axis=0)
         crossed = scene.hits(starts, np.tile(_AROUND, (len(maybe), 1))).reshape(-1, len(_AROUND))
-        found[maybe] = ((crossed > 0).mean(axis=1) > 0.9) & ((crossed % 2 == 1).mean(axis=1) > 0.6)
-    return found
+        surrounded[maybe] = ((crossed > 0).mean(axis=1) > 0.9) & ((crossed % 2 == 1).mean(axis=1) > 0.6)
+    return surrounded

@@ -12,23 +12,20 @@ import numpy as np
 from upplied.cameras import completed, known_camera, unverified
 from upplied.errors import InputError
 from upplied.inputs.flight.tracks import Track, names, source_times, stamps
+from upplied.inputs.schemas.fields import fields_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
-from upplied.records import Camera, Floats, Ints
+from upplied.records import Camera, Floats, Ints, Lens
 
-_CALIBRATION = ("width", "height", "k", "K", "distortion_model")
-FIELDS = {
-    "sensor_msgs/CameraInfo": (
-        "header.stamp.sec", "header.stamp.nanosec", "header.frame_id", *_CALIBRATION
-    ),
-    "foxglove.CameraCalibration": ("timestamp.sec", "timestamp.nanosec", "frame_id", *_CALIBRATION),
-}  # fmt: skip
+_SCHEMAS = fields_of("cameras")
 _KNOWN = 0.5  # of the poses that come after the first calibration: fewer, and the clocks are two
 ZOOM_UNHEARD = "against a calibration in the log that changes"
 NO_CALIBRATION = "no camera calibration in the log"
 UNVERIFIED = " not verified"  # how a note of figures of the list of cameras ends
 _OPTICS = ("width_px", "height_px", "exposure_s", "trigger_s", "focus_m", "focal_mm", "f_number")
 _FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "fisheye62")
+_BROWN = ("", "plumb_bob", "rational_polynomial", "pinhole", "brown")
+_CENTRED_PX = 1.0  # from the middle of the picture, as where conventions of pixels differ by
 
 
 @dataclass(frozen=True)
@@ -62,8 +59,8 @@ class Zoom:
         return float(100 * (self.hfov_deg.max() / self.hfov_deg.min() - 1)) if len(self.t_ns) else 0.0
 
 
-def calibrated(table: Table) -> tuple[Camera, str, Zoom] | None:
-    """Camera, name of its optical frame, and its field of view in time; None where it is not calibrated.
+def calibrated(table: Table) -> tuple[Camera, str, Zoom, str] | None:
+    """Camera, name of its optical frame, its field of view in time, and a note; None: it is not calibrated.
 
     The pinhole model gives ``fov = 2 atan(w / 2 f)``, the fisheye models ``w / f``.
     """
@@ -86,8 +83,45 @@ def calibrated(table: Table) -> tuple[Camera, str, Zoom] | None:
         width_px=int(min(width, 1e6)),
         height_px=int(min(height, 1e6)),
     )
+    shown = table.columns.get("d", table.columns.get("D"))
+    if shown is None or shown.dtype == object or shown.ndim != 2:
+        shown = np.empty((len(table), 0))
+    values = np.median(shown[good], axis=0)
+    middle = np.median(matrix[good][:, [2, 5]], axis=0)
+    lens, note = lens_of(model, values, middle, np.array([width, height]))
     zoom = Zoom(t_ns, table.log_ns[good], *fields.T)
-    return camera, str(names(table, frame)[good][0]), zoom
+    return replace(camera, lens=lens), str(names(table, frame)[good][0]), zoom, note
+
+
+def lens_of(model: str, values: Floats, middle_px: Floats, size: Floats) -> tuple[Lens | None, str]:
+    """The lens of a calibration, None of a pinhole, and a note on what of it cannot be used.
+
+    Parameters
+    ----------
+    model : str
+        As ROS, Foxglove and OpenCV name it.
+    values : array, shape (K,)
+        Coefficients, in the order of OpenCV.
+    middle_px : array, shape (2,)
+        Where the axis meets the picture; the picture's middle counts where that is in no picture.
+    size : array, shape (2,)
+        Width and height, px.
+    """
+    fisheye, note = any(model.startswith(name) for name in _FISHEYE), ""
+    most = 4 if fisheye else 8
+    count = int(np.flatnonzero(values)[-1]) + 1 if values.any() else 0
+    known = model in (_FISHEYE[:3] if fisheye else _BROWN)
+    if count > most or (count and not (known and np.isfinite(values).all())):
+        note, count = (
+            f"distortion of the camera is not used: {count} coefficients of the model {model[:40]!r}",
+            0,
+        )
+    if not ((middle_px > 0) & (middle_px < size)).all() or (abs(middle_px - size / 2) <= _CENTRED_PX).all():
+        middle_px = size / 2
+    if not (count or fisheye) and (middle_px == size / 2).all():
+        return None, note
+    middle = tuple((middle_px / size).tolist())
+    return Lens("fisheye" if fisheye else "brown", tuple(map(float, values[:count])), middle), note
 
 
 def camera_of(
@@ -99,28 +133,29 @@ def camera_of(
 
     Raises InputError if the log holds several cameras and nothing says which.
     """
-    calibrations = [table for table in tables if table.schema in FIELDS]
-    found = {t.channel.topic: cam for t in calibrations if (cam := calibrated(t)) is not None}
+    calibrations = [table for table in tables if table.schema in _SCHEMAS]
+    by_topic = {t.channel.topic: cam for t in calibrations if (cam := calibrated(t)) is not None}
     if facts.camera_frame_id:
-        found = {topic: cam for topic, cam in found.items() if cam[1] == facts.camera_frame_id.lstrip("/")}
-    if len({(cam.hfov_deg, cam.vfov_deg, frame) for cam, frame, _ in found.values()}) > 1:
-        listed = ", ".join(
-            f"{topic} (frame {frame}, {cam.hfov_deg:.0f} deg)" for topic, (cam, frame, _) in found.items()
-        )
-        raise InputError(
-            what, f"holds several cameras: {listed}", "one camera", "name one by camera_frame_id"
-        )
-    camera, frame, zoom = next(iter(found.values()), (Camera(), "", None))
-    notes = [] if found else [NO_CALIBRATION]
+        frame = facts.camera_frame_id.lstrip("/")
+        by_topic = {topic: each for topic, each in by_topic.items() if each[1] == frame}
+    if len({(cam.hfov_deg, cam.vfov_deg, frame) for cam, frame, *_ in by_topic.values()}) > 1:
+        named = (f"{topic} (frame {of[1]}, {of[0].hfov_deg:.0f} deg)" for topic, of in by_topic.items())
+        listed = ", ".join(named)
+        raise InputError(what, f"holds several cameras: {listed}", "one camera", "give camera_frame_id")
+    camera, frame, zoom, note = next(iter(by_topic.values()), (Camera(), "", None, NO_CALIBRATION))
+    notes = [note] if note else []
     names = ("hfov_deg", "vfov_deg", "min_range_m", "max_range_m", *_OPTICS)
     declared: dict[str, Any] = {name: getattr(facts, f"camera_{name}") for name in names}
     declared = {name: value for name, value in declared.items() if value is not None}
     declared |= {name: int(declared[name]) for name in ("width_px", "height_px") if name in declared}
     if facts.camera_model:
         model = known_camera(facts.camera_model, facts.camera_file_format or "jpeg")
-        camera = completed(camera, model) if found else model
-        notes += filter(None, [unverified(facts.camera_model, [*declared, *(["hfov_deg"] if found else [])])])
+        camera = completed(camera, model) if by_topic else model
+        stated = [*declared, *["hfov_deg"] * bool(by_topic)]
+        notes += filter(None, [unverified(facts.camera_model, stated)])
     camera = replace(camera, **declared)
+    if facts.camera_distortion is not None:
+        camera = replace(camera, lens=_declared_lens(camera, facts, what))
     if camera.focus_m > camera.min_range_m and facts.camera_min_range_m is None:
         camera = replace(camera, min_range_m=camera.focus_m)
     if camera.min_range_m >= camera.max_range_m:
@@ -136,9 +171,8 @@ def lens_ratio(zoom: Zoom | None, facts: LogOptions) -> float:
     """The declared field of view over that of the log's calibration; NaN where one of them is missing."""
     if zoom is None or facts.camera_hfov_deg is None or not len(zoom.hfov_deg):
         return float("nan")
-    return facts.camera_hfov_deg / float(
-        np.clip(facts.camera_hfov_deg, zoom.hfov_deg.min(), zoom.hfov_deg.max())
-    )
+    nearest = np.clip(facts.camera_hfov_deg, zoom.hfov_deg.min(), zoom.hfov_deg.max())
+    return facts.camera_hfov_deg / float(nearest)
 
 
 def through(
@@ -158,12 +192,10 @@ def through(
     if fov_deg is None:
         if zoom.spread_pct > facts.passport.zoom_pct and "zoom-untimed" not in facts.allow:
             change = f"from {zoom.hfov_deg.max():.1f} to {zoom.hfov_deg.min():.1f} deg"
-            found = (
-                f"zoom-untimed: the field of view changes {change}, by another clock than that of the poses"
-            )
+            finding = f"zoom-untimed: the field of view changes {change}, by another clock than the poses"
             rule = f"one field of view, within {facts.passport.zoom_pct:g} %, or one clock"
             remedy = "record with one clock, or --allow zoom-untimed: the narrowest then counts"
-            raise InputError(what, found, rule, remedy)
+            raise InputError(what, finding, rule, remedy)
         fov_deg = np.column_stack([zoom.hfov_deg, zoom.vfov_deg])
     if facts.camera_vfov_deg is not None:
         fov_deg = np.column_stack([fov_deg[:, 0], np.full(len(fov_deg), camera.vfov_deg)])
@@ -171,6 +203,20 @@ def through(
     camera = replace(camera, hfov_deg=float(narrow[0]), vfov_deg=float(narrow[1]))
     widest = narrow[0] * (1 + facts.passport.zoom_pct / 100)
     return camera, fov_deg if len(fov_deg) == len(track) and fov_deg[:, 0].max() > widest else None
+
+
+def _declared_lens(camera: Camera, facts: LogOptions, what: str) -> Lens | None:
+    values, model = np.array(facts.camera_distortion, float), facts.camera_distortion_model
+    size = np.array([camera.width_px, camera.height_px], float)
+    middle = size / 2 if facts.camera_middle_px is None else np.array(facts.camera_middle_px)
+    if facts.camera_middle_px is not None and not size.all():
+        raise InputError(
+            f"{what}, camera_middle_px", "has no size of the picture", "camera_width_px, camera_height_px"
+        )
+    lens, note = lens_of(model, values, middle, np.where(size > 0, size, 1.0))
+    if note:
+        raise InputError(f"{what}, camera_distortion", note, "at most 8 numbers, of a fisheye 4")
+    return lens
 
 
 def _fov_deg(pixels: float, focal_px: float, model: str) -> float:

@@ -19,6 +19,7 @@ from upplied.errors import InputError
 from upplied.inputs.flight.clean import attitude_track
 from upplied.inputs.flight.tracks import Track, are_unit, source_times, stamps
 from upplied.inputs.schemas import gimbal, px4
+from upplied.inputs.schemas.fields import fields_of
 from upplied.inputs.schemas.geoid import undulation_m
 from upplied.inputs.schemas.ros import IMU
 from upplied.inputs.sidecar import LogOptions
@@ -28,15 +29,7 @@ from upplied.records import Bools, Floats, Ints
 
 _PLACE = ("latitude", "longitude", "altitude")
 _TURN = tuple(f"orientation.{axis}" for axis in "xyzw")
-FIELDS = {
-    "sensor_msgs/NavSatFix": ("header.stamp.sec", "header.stamp.nanosec", "status.status", *_PLACE),
-    "foxglove.LocationFix": ("timestamp.sec", "timestamp.nanosec", "heading", *_PLACE),
-    "px4_msgs/VehicleGlobalPosition": (
-        "timestamp", "timestamp_sample", "lat", "lon", "alt", "alt_ellipsoid", "alt_takeoff",
-        "lat_lon_valid", "alt_valid", "lat_lon_reset_counter", "alt_reset_counter",
-    ),
-}  # fmt: skip
-SOURCES = ("sensor_msgs/NavSatFix", "foxglove.LocationFix", "px4_msgs/VehicleGlobalPosition")
+SOURCES = tuple(fields_of("geodetic"))
 TAKEOFF = "takeoff"  # a datum: heights count from there
 _NAMES = {"ellipsoid": "ellipsoid", "amsl": "mean sea level", TAKEOFF: "place of take-off"}
 STRUCTURE = "structure"  # name of the frame of these tracks: no further placing is needed
@@ -86,20 +79,17 @@ def _check_placed(table: Table, facts: LogOptions) -> None:
     wanted = ("structure_lat_deg", "structure_lon_deg", "structure_alt_m", "structure_heading_deg")
     missing = [name for name in wanted if getattr(facts, name) is None]
     if missing:
-        found = f"gives positions on the Earth, but the structure's place is unknown ({', '.join(missing)})"
+        finding = f"gives positions on the Earth, but the structure's place is unknown ({', '.join(missing)})"
         rule = "latitude, longitude, altitude and heading of the structure"
-        raise InputError(table.channel.topic, found, rule, "write them into the side-car")
+        raise InputError(table.channel.topic, finding, rule, "write them into the side-car")
 
 
 def _check_near(enu: Floats, table: Table) -> None:
     distance = np.linalg.norm(enu, axis=1)
     if np.isfinite(distance).any() and np.nanmedian(distance) > MAX_DISTANCE_M:
-        found = f"lies {np.nanmedian(distance) / 1000:.0f} km from the structure"
-        rule, remedy = (
-            f"within {MAX_DISTANCE_M / 1000:.0f} km",
-            "check the structure's latitude and longitude",
-        )
-        raise InputError(table.channel.topic, found, rule, remedy)
+        finding = f"lies {np.nanmedian(distance) / 1000:.0f} km from the structure"
+        rule, remedy = f"within {MAX_DISTANCE_M / 1000:.0f} km", "check the structure's place on the Earth"
+        raise InputError(table.channel.topic, finding, rule, remedy)
 
 
 def _fixes(table: Table, facts: LogOptions) -> tuple[Ints, str, Floats, str]:
@@ -127,18 +117,18 @@ def _lifts(datum: str, facts: LogOptions, table: Table) -> tuple[float, float, t
         return 0.0, 0.0, ()
     if datum == TAKEOFF:
         if facts.takeoff_alt_m is None:
-            found, rule = "gives heights above the place of take-off alone", "the altitude of that place"
+            finding, rule = "gives heights above the place of take-off alone", "the altitude of that place"
             remedy = "write takeoff_alt_m, in the structure's datum, into the side-car"
-            raise InputError(table.channel.topic, found, rule, remedy)
+            raise InputError(table.channel.topic, finding, rule, remedy)
         return facts.takeoff_alt_m, 0.0, ()
     undulation, words = facts.geoid_undulation_m, "as declared"
     if undulation is None:
         assert facts.structure_lat_deg is not None and facts.structure_lon_deg is not None
         undulation, words = undulation_m(facts.structure_lat_deg, facts.structure_lon_deg)
     if undulation is None:
-        found = f"gives altitudes above the {_NAMES[datum]}, the structure stands above the {_NAMES[wanted]}"
+        finding = f"gives altitudes above the {_NAMES[datum]}, the structure's above the {_NAMES[wanted]}"
         rule = "one datum, or the height of mean sea level above the ellipsoid there"
-        raise InputError(table.channel.topic, found, rule, f"give geoid_undulation_m, or a grid: {words}")
+        raise InputError(table.channel.topic, finding, rule, f"give geoid_undulation_m, or a grid: {words}")
     note = (f"mean sea level {undulation:.1f} m above the ellipsoid, {words}",)
     return (0.0, undulation, note) if datum == "ellipsoid" else (undulation, 0.0, note)
 
@@ -155,12 +145,10 @@ def _with_attitude(track: Track, table: Table, tables: Sequence[Table], facts: L
         return _from_antenna(replace(track, quat_xyzw=quats, notes=(*track.notes, note)), facts)
     if gimbal.earth_fixed(tables) and facts.body_T_antenna_position_m is None:
         return replace(track, quat_xyzw=np.tile([0.0, 0, 0, 1], (len(track), 1)))
-    found, rule = (
-        "gives positions, but the log holds no attitude of the vehicle",
-        "an IMU's orientation, a heading",
-    )
-    rule += "" if facts.body_T_antenna_position_m else ", or a gimbal's attitude"
-    raise InputError(table.channel.topic, found, rule, "record the attitude too")
+    finding = "gives positions, but the log holds no attitude of the vehicle"
+    gimbals = "" if facts.body_T_antenna_position_m else ", or a gimbal's attitude"
+    rule = f"an IMU's orientation, a heading{gimbals}"
+    raise InputError(table.channel.topic, finding, rule, "record the attitude too")
 
 
 def _from_antenna(track: Track, facts: LogOptions) -> Track:

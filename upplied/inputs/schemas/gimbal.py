@@ -15,16 +15,13 @@ from scipy.spatial.transform import Rotation
 from upplied.inputs.flight.clean import attitude_track
 from upplied.inputs.flight.tracks import Track, at_times, source_times, stamps
 from upplied.inputs.schemas import px4
+from upplied.inputs.schemas.fields import fields_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.poses import yaw_pitch
 from upplied.records import Bools, Floats
 
-_Q = tuple(f"q.{axis}" for axis in "xyzw")
-FIELDS = {
-    "px4_msgs/GimbalDeviceAttitudeStatus": ("timestamp", "timestamp_sample", "device_flags", "q"),
-    "mavros_msgs/GimbalDeviceAttitudeStatus": ("header.stamp.sec", "header.stamp.nanosec", "flags", *_Q),
-}
+_SCHEMAS = fields_of("gimbal")
 _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 16, 32, 64
 
 
@@ -50,14 +47,15 @@ class Gimbal:
 
 def gimbal(tables: Sequence[Table], facts: LogOptions) -> Gimbal | None:
     """The gimbal of a log; None where it has none. Of several, the one that reports most often."""
-    found = [table for table in tables if table.schema in FIELDS and len(table) > 1]
-    if not found:
+    gimbals = [table for table in tables if table.schema in _SCHEMAS and len(table) > 1]
+    if not gimbals:
         return None
-    table = max(found, key=len)
+    table = max(gimbals, key=len)
     if table.schema.startswith("px4"):
         times, quats = px4.stamps_us(table), px4.xyzw(table)
     else:
-        times, quats = source_times(table, stamps(table, "header.stamp")), table.stack(*_Q)
+        times = source_times(table, stamps(table, "header.stamp"))
+        quats = table.stack("q.x", "q.y", "q.z", "q.w")
     north = _from_north(table)
     most = bool(north.mean() >= 0.5)
     return Gimbal(attitude_track(table, times, quats, facts, north == most), most, table.channel.topic)
@@ -65,7 +63,7 @@ def gimbal(tables: Sequence[Table], facts: LogOptions) -> Gimbal | None:
 
 def earth_fixed(tables: Sequence[Table]) -> bool:
     """Whether a gimbal in the log holds its orientation without the vehicle's."""
-    gimbals = [table for table in tables if table.schema in FIELDS and len(table) > 1]
+    gimbals = [table for table in tables if table.schema in _SCHEMAS and len(table) > 1]
     return any(_from_north(table).mean() >= 0.5 for table in gimbals)
 
 

@@ -20,14 +20,6 @@ from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints
 
-_STAMPS = ("timestamp", "timestamp_sample")
-FIELDS = {
-    "px4_msgs/VehicleOdometry": (*_STAMPS, "pose_frame", "position", "q", "reset_counter"),
-    "px4_msgs/VehicleLocalPosition": (
-        *_STAMPS, "x", "y", "z", "xy_valid", "z_valid", "xy_reset_counter", "z_reset_counter",
-    ),
-    "px4_msgs/VehicleAttitude": (*_STAMPS, "q", "quat_reset_counter"),
-}  # fmt: skip
 SOURCES = ("px4_msgs/VehicleOdometry", "px4_msgs/VehicleLocalPosition")
 
 _HALF = np.sqrt(0.5)
@@ -46,18 +38,18 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
         return _odometry(table)
     track, turns = _local(table), attitude(tables, facts)
     if turns is None:
-        found = "has no attitude, and the log holds no px4_msgs/VehicleAttitude"
+        finding = "has no attitude, and the log holds no px4_msgs/VehicleAttitude"
         remedy = "record vehicle_attitude, or vehicle_odometry, too"
-        raise InputError(table.channel.topic, found, "position and attitude", remedy)
+        raise InputError(table.channel.topic, finding, "position and attitude", remedy)
     return with_attitude(track, turns, facts)
 
 
 def attitude(tables: Sequence[Table], facts: LogOptions) -> Track | None:
     """The attitude of the vehicle, FLU in ENU, clean; None where the log has none."""
-    found = [table for table in tables if table.schema == "px4_msgs/VehicleAttitude" and len(table)]
-    if not found:
+    attitudes = [table for table in tables if table.schema == "px4_msgs/VehicleAttitude" and len(table)]
+    if not attitudes:
         return None
-    table = max(found, key=len)
+    table = max(attitudes, key=len)
     epoch = table.integers("quat_reset_counter")
     return attitude_track(table, stamps_us(table), enu_flu(xyzw(table)), facts, epoch=epoch)
 

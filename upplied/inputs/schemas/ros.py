@@ -12,35 +12,16 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from upplied.inputs.flight.tracks import PoseShape, Track, pose_track, source_times, stamps
+from upplied.inputs.flight.tracks import Track, pose_track, source_times, stamps
+from upplied.inputs.schemas.fields import fields_of, shapes_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Floats, Ints
 
-_HEADER, _FOXGLOVE = ("header.stamp", "header.frame_id"), ("timestamp", "frame_id")
-_POSE, _COVARIANT = ("pose.position", "pose.orientation"), ("pose.pose.position", "pose.pose.orientation")
-_SHAPES = {  # schema -> paths of stamp, position, rotation, parent and child
-    schema: PoseShape(stamp, *place, parent, child)
-    for schema, (stamp, parent), place, child in (
-        ("geometry_msgs/PoseStamped", _HEADER, _POSE, ""),
-        ("geometry_msgs/PoseWithCovarianceStamped", _HEADER, _COVARIANT, ""),
-        ("nav_msgs/Odometry", _HEADER, _COVARIANT, "child_frame_id"),
-        ("geometry_msgs/TransformStamped", _HEADER, ("transform.translation", "transform.rotation"),
-         "child_frame_id"),
-        ("foxglove.PoseInFrame", _FOXGLOVE, _POSE, ""),
-        ("foxglove.Odometry", _FOXGLOVE, _POSE, "child_frame_id"),
-    )
-}  # fmt: skip
+_SHAPES, _FIELDS = shapes_of("ros"), fields_of("ros")
 SOURCES = tuple(_SHAPES)
 IMU = "sensor_msgs/Imu"
-_MOTION = tuple(f"twist.twist.{part}.{axis}" for part in ("linear", "angular") for axis in "xyz")
-_INERTIAL = tuple(f"{part}.{axis}" for part in ("angular_velocity", "linear_acceleration") for axis in "xyz")
-FIELDS = {schema: shape.paths for schema, shape in _SHAPES.items()}
-FIELDS["nav_msgs/Odometry"] += _MOTION
-FIELDS[IMU] = (
-    "header.stamp.sec", "header.stamp.nanosec", "header.frame_id", "orientation_covariance",
-    *(f"orientation.{axis}" for axis in "xyzw"), *_INERTIAL,
-)  # fmt: skip
+_MOTION, _INERTIAL = _FIELDS["nav_msgs/Odometry"][-6:], _FIELDS[IMU][-6:]
 _GRAVITY_MPS2 = (6.0, 14.0)  # mean of an accelerometer: others had it taken out, or are none
 
 

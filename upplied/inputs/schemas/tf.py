@@ -17,28 +17,13 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
-from upplied.inputs.flight.tracks import PoseShape, Track, are_unit, at_times, groups_of
+from upplied.inputs.flight.tracks import Track, are_unit, at_times, groups_of
+from upplied.inputs.schemas.fields import shapes_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints
 
-_ROS = PoseShape(
-    "transforms[].header.stamp", "transforms[].transform.translation", "transforms[].transform.rotation",
-    "transforms[].header.frame_id", "transforms[].child_frame_id",
-)  # fmt: skip
-_MANY = PoseShape(
-    "transforms[].timestamp", "transforms[].translation", "transforms[].rotation",
-    "transforms[].parent_frame_id", "transforms[].child_frame_id",
-)  # fmt: skip
-_SHAPES = {
-    "tf2_msgs/TFMessage": _ROS,
-    "tf/tfMessage": _ROS,
-    "foxglove.FrameTransforms": _MANY,
-    "foxglove.FrameTransform": PoseShape(
-        "timestamp", "translation", "rotation", "parent_frame_id", "child_frame_id"
-    ),
-}
-FIELDS = {schema: shape.paths for schema, shape in _SHAPES.items()}
+SCHEMAS = shapes_of("tf")
 _MAX_FRAMES = 1000
 _BODIES = ("base_link", "body", "fcu", "base_footprint", "imu")
 
@@ -79,8 +64,8 @@ class Tree:
         """The one frame on a static link that is called a camera's; empty where none or several are."""
         named = [child for _, child in self.static if re.search(r"optical|cam", child, re.IGNORECASE)]
         optical = [name for name in named if "optical" in name.lower()]
-        found = optical or named
-        return found[0] if len(found) == 1 else ""
+        candidates = optical or named
+        return candidates[0] if len(candidates) == 1 else ""
 
     def moves(self, frame: str) -> bool:
         """Whether a moving link lies above a frame."""
@@ -107,9 +92,8 @@ class Tree:
             step, turn, there = self._link(link, lead.t_ns, limits)
             positions = positions + rotation.apply(step)
             rotation, known = rotation * turn, known & there
-        chain = replace(
-            lead, positions=positions, quat_xyzw=rotation.as_quat(), parent=links[0][0], child=leaf
-        )
+        chain = replace(lead, positions=positions, quat_xyzw=rotation.as_quat(), parent=links[0][0])
+        chain = replace(chain, child=leaf)
         return chain.during(known, "complete chain of transforms")
 
     def _link(self, link: Link, t_ns: Ints, limits: LogOptions) -> tuple[Floats, Rotation, Bools]:
@@ -129,7 +113,7 @@ def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
 
     Raises InputError if there are too many frames.
     """
-    tables = [table for table in tables if table.schema in FIELDS]
+    tables = [table for table in tables if table.schema in SCHEMAS]
     tree = Tree(topic=tables[0].channel.topic if tables else "")
     loose: dict[Link, list[Track]] = {}
     for table in tables:
@@ -179,14 +163,14 @@ def _leaf(tree: Tree, facts: LogOptions, named: str, what: str) -> str:
             return choice[0]
         if choice:
             break
-    found = f"has several frames that could be the camera: {', '.join((optical or ends)[:20])}"
-    raise InputError(what, found, "one", "name it by camera_frame_id")
+    finding = f"has several frames that could be the camera: {', '.join((optical or ends)[:20])}"
+    raise InputError(what, finding, "one", "name it by camera_frame_id")
 
 
 def _links(table: Table) -> list[tuple[Link, Track]]:
     if not len(table):
         return []
-    shape = _SHAPES[table.schema]
+    shape = SCHEMAS[table.schema]
     whole, groups = shape.track(table), groups_of(table, shape)
     if len(groups) > _MAX_FRAMES:
         raise InputError(table.channel.topic, f"holds {len(groups)} links", f"at most {_MAX_FRAMES}")

@@ -11,17 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from upplied.inputs.flight.tracks import Track
+from upplied.inputs.schemas.fields import fields_of
 from upplied.inputs.tables import Table
 from upplied.records.flights import LoggedWind
 
-_PX4 = ("windspeed_east", "windspeed_north")
-_MAVROS = ("twist.twist.linear.x", "twist.twist.linear.y")
-_EAST_NORTH = {
-    "px4_msgs/Wind": _PX4,
-    "px4_msgs/WindEstimate": _PX4,
-    "geometry_msgs/TwistWithCovarianceStamped": _MAVROS,
-}
-FIELDS = dict(_EAST_NORTH)
+_EAST_NORTH = fields_of("wind")
 _NAMED = "wind"  # in the topic of a twist: others tell of a vehicle
 _MOST_MPS = 60.0  # a hurricane: an estimate beyond has diverged
 

@@ -77,9 +77,9 @@ def read(path: Path, fields: Fields) -> Source:
     source = Source([])
     text = head[:3] == b"FMT"
     rows = _dataflash(path, text, source) if text or head[:2] == b"\xa3\x95" else _telemetry(path, source)
-    for name, found in sorted(rows.items()):
-        t_ns = np.array([t for t, _ in found], np.int64)
-        values = np.array([np.hstack(each) for _, each in found], float)
+    for name, stamped in sorted(rows.items()):
+        t_ns = np.array([t for t, _ in stamped], np.int64)
+        values = np.array([np.hstack(each) for _, each in stamped], float)
         source.tables.append(_MESSAGES[name][1](f"/{name.lower()}", t_ns, values))
     return source
 
@@ -94,8 +94,8 @@ def _dataflash(path: Path, text: bool, source: Source) -> Rows:
             log = log or (DFReader.DFReader_text if text else DFReader.DFReader_binary)(str(path))
             message = log.recv_match(type=list(_MESSAGES))
         except Exception as error:  # the library raises `Exception` itself of damaged logs
-            found = f"cannot be read as ArduPilot log: {str(error)[:200]}"
-            raise refusal(found, "a whole log", "copy it again from the autopilot") from None
+            finding = f"cannot be read as ArduPilot log: {str(error)[:200]}"
+            raise refusal(finding, "a whole log", "copy it again from the autopilot") from None
         if message is None:
             break
         dated &= message._timestamp > _DATE_S
@@ -134,8 +134,8 @@ def _telemetry(path: Path, source: Source) -> Rows:
     start = int(np.median(ahead)) if ahead else 0
     source.notes.append("dates by the clock of the ground station")
     return {
-        name: [(start - (t + 1) * 1_000_000 if t < 0 else t, values) for t, values in found]
-        for name, found in rows.items()
+        name: [(start - (t + 1) * 1_000_000 if t < 0 else t, values) for t, values in stamped]
+        for name, stamped in rows.items()
     }
 
 

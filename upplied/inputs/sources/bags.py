@@ -76,11 +76,8 @@ class _Bag1(_Bag):
         try:
             self._reader.open()
         except Exception as error:  # the library has no class of its own for many kinds of damage
-            found, remedy = (
-                f"cannot be read as a ROS 1 bag ({error})",
-                "repair it: rosbag reindex, or copy it again",
-            )
-            raise refusal(found, "a bag that was closed", remedy) from None
+            finding, remedy = f"cannot be read as a ROS 1 bag ({error})", "rosbag reindex, or copy it again"
+            raise refusal(finding, "a bag that was closed", remedy) from None
         for each in self._reader.connections:
             package, name = each.msgtype.split("/")[0], each.msgtype.split("/")[-1]
             text = str(getattr(each.msgdef, "data", each.msgdef)).encode()
@@ -108,12 +105,10 @@ class _Bag2(_Bag):
         for file in siblings(path):
             numbers: dict[int, int] = {}
             with _opened(file) as database:
-                topics = database.execute(
-                    "SELECT id, name, type, serialization_format FROM topics"
-                ).fetchall()
-                names = {
-                    name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type='table'")
-                }
+                query = "SELECT id, name, type, serialization_format FROM topics"
+                topics = database.execute(query).fetchall()
+                tables = database.execute("SELECT name FROM sqlite_master WHERE type='table'")
+                names = {name for (name,) in tables}
                 if "message_definitions" in names:
                     query = "SELECT topic_type, encoded_message_definition FROM message_definitions"
                     texts |= dict(database.execute(query))

@@ -12,10 +12,17 @@ from scipy.spatial.transform import Rotation
 from upplied.inputs.files import read_regular
 from upplied.inputs.sources.projects import NO_SIZE, Size, reconstructed
 from upplied.inputs.sources.source import Fields, Source, refusal
+from upplied.records import Lens
 
 MAX_BYTES = 2 << 30
-# Number of parameters of each camera model, in the order of COLMAP's numbers; the first is a focal length.
-_PARAMETERS = (3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16)
+# Camera models in the order of their numbers, and how many parameters each has: focal lengths, where the axis
+# meets the picture, and coefficients.
+_MODELS = {
+    "SIMPLE_PINHOLE": 3, "PINHOLE": 4, "SIMPLE_RADIAL": 4, "RADIAL": 5, "OPENCV": 8, "OPENCV_FISHEYE": 8,
+    "FULL_OPENCV": 12, "FOV": 5, "SIMPLE_RADIAL_FISHEYE": 4, "RADIAL_FISHEYE": 5, "THIN_PRISM_FISHEYE": 12,
+    "RAD_TAN_THIN_PRISM_FISHEYE": 16,
+}  # fmt: skip
+_OTHERS = ("FOV", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE")  # than OpenCV's
 _IMAGE = struct.Struct("<I7dI")
 _CAMERA = struct.Struct("<IiQQ")
 Image = tuple[str, tuple[float, ...], int]  # name, quaternion w x y z and shift, camera
@@ -25,11 +32,11 @@ def read(path: Path, fields: Fields) -> Source:
     """The images of a model; `path` is its file of images, that of its cameras lies beside it."""
     data, beside = read_regular(path, MAX_BYTES), path.with_name(f"cameras{path.suffix}")
     lenses = _lenses(read_regular(beside, MAX_BYTES), path.suffix) if beside.is_file() else {}
-    found = sorted(_binary(data) if path.suffix == ".bin" else _text(data.decode("utf-8")))
-    values = np.array([pose for _, pose, _ in found]).reshape(-1, 7)
-    turns = Rotation.from_quat(values[:, [1, 2, 3, 0]]).inv() if len(found) else Rotation.identity(0)
-    centres = -turns.apply(values[:, 4:]) if len(found) else np.empty((0, 3))
-    sizes = [lenses.get(camera, NO_SIZE) for _, _, camera in found]
+    images = sorted(_binary(data) if path.suffix == ".bin" else _text(data.decode("utf-8")))
+    values = np.array([pose for _, pose, _ in images]).reshape(-1, 7)
+    turns = Rotation.from_quat(values[:, [1, 2, 3, 0]]).inv() if len(images) else Rotation.identity(0)
+    centres = -turns.apply(values[:, 4:]) if len(images) else np.empty((0, 3))
+    sizes = [lenses.get(camera, NO_SIZE) for _, _, camera in images]
     return reconstructed(turns.as_matrix(), centres, sizes=sizes)
 
 
@@ -44,8 +51,8 @@ def _text(text: str) -> Iterator[Image]:
 def _binary(data: bytes) -> Iterator[Image]:
     (count,) = struct.unpack_from("<Q", data)
     if count > len(data) // _IMAGE.size:
-        found = f"declares {count} images in {len(data)} bytes"
-        raise refusal(found, "a complete file", "export it again")
+        finding = f"declares {count} images in {len(data)} bytes"
+        raise refusal(finding, "a complete file", "export it again")
     at = 8
     for _ in range(count):
         _, *pose, camera = _IMAGE.unpack_from(data, at)
@@ -58,13 +65,26 @@ def _binary(data: bytes) -> Iterator[Image]:
 def _lenses(data: bytes, suffix: str) -> dict[int, Size]:
     if suffix != ".bin":
         rows = [line.split() for line in data.decode("utf-8").split("\n") if line.strip() and line[0] != "#"]
-        return {int(row[0]): (float(row[2]), float(row[3]), float(row[4])) for row in rows}
+        return {int(row[0]): _size(row[1], *map(float, row[2:])) for row in rows}
     (count,) = struct.unpack_from("<Q", data)
-    found, at = {}, 8
+    lenses, at = {}, 8
     for _ in range(min(count, len(data) // _CAMERA.size)):
         number, model, width, height = _CAMERA.unpack_from(data, at)
-        if not 0 <= model < len(_PARAMETERS):
+        if not 0 <= model < len(_MODELS):
             raise refusal(f"has a camera of the unknown model {model}", "a model of COLMAP", "export as text")
-        found[number] = float(width), float(height), struct.unpack_from("<d", data, at + _CAMERA.size)[0]
-        at += _CAMERA.size + 8 * _PARAMETERS[model]
-    return found
+        name, parameters = tuple(_MODELS.items())[model]
+        values = struct.unpack_from(f"<{parameters}d", data, at + _CAMERA.size)
+        lenses[number] = _size(name, float(width), float(height), *values)
+        at += _CAMERA.size + 8 * parameters
+    return lenses
+
+
+def _size(model: str, width: float, height: float, focal: float, *more: float) -> Size:
+    one = model.startswith(("SIMPLE", "RADIAL"))  # focal length
+    across, down, *values = more if one else more[1:]
+    if model in _OTHERS or model not in _MODELS:
+        return width, height, focal, None
+    if model in ("SIMPLE_RADIAL", "RADIAL", "SIMPLE_PINHOLE", "PINHOLE"):
+        values = [*values, 0.0, 0.0][:2]
+    lens = Lens("fisheye" if "FISHEYE" in model else "brown", tuple(values), (across / width, down / height))
+    return width, height, focal, lens

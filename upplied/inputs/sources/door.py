@@ -21,6 +21,7 @@ from xml.etree.ElementTree import ParseError
 from defusedxml.common import DefusedXmlException
 
 from upplied.errors import InputError
+from upplied.inputs.files import table
 from upplied.inputs.sources import bags, photos, records, trajectories
 from upplied.inputs.sources.source import Fields, Source
 
@@ -43,7 +44,7 @@ class Kind:
 
 
 @dataclass(frozen=True)
-class Found:
+class FileKind:
     """What one file, or folder of photos, is."""
 
     path: Path
@@ -56,52 +57,13 @@ class Found:
         return self.status == _FLIGHT
 
 
-KINDS = {
-    "mcap": Kind("MCAP log", "bags"),
-    "ulog": Kind("PX4 log", "ulog"),
-    "ros1": Kind("ROS 1 bag", "bags"),
-    "ros2": Kind("ROS 2 bag", "bags"),
-    "dataflash": Kind("ArduPilot log", "ardupilot"),
-    "tlog": Kind("MAVLink telemetry log", "ardupilot"),
-    "photos": Kind("drone photos", "photos"),
-    "captions": Kind("captions of a video", "records"),
-    "record": Kind("flight record", "records"),
-    "poses": Kind("poses as text", "trajectories"),
-    "project": Kind("photogrammetry project", "projects"),
-    "placed": Kind("photogrammetry project", "placed_projects"),
-    "colmap": Kind("COLMAP model", "colmap"),
-    "mission": Kind("planned mission", "missions"),
-}
-_MAGIC = {
-    b"\x89MCAP0\r\n": "mcap", b"ULog\x01\x12\x35": "ulog", b"#ROSBAG V2.0": "ros1",
-    b"\xa3\x95\x80": "dataflash", b"FMT, 128": "dataflash", b"FMT,128": "dataflash",
-    b"QGC WPL": "mission", b"# Bundle file": "project", b"NVM_V3": "project",
-    **dict.fromkeys(photos.MAGIC, "photos"),
-}  # fmt: skip
-_UNREAD_MAGIC = {  # looks like a flight and cannot be read -> why, and what to do
-    b"\x28\xb5\x2f\xfd": "it is compressed as a whole: unpack it first (zstd -d)",
-    b"\x1f\x8b": "it is compressed as a whole: unpack it first (gunzip)",
-    b"version https://git-lfs": "it is a pointer of git LFS: fetch the file itself (git lfs pull)",
-    b"#ROSBAG V1": "bags of version 1 are not read: rosbag fix writes version 2",
-}
+_TABLES = table("kinds.toml")["flight"]
+KINDS = {kind: Kind(*row) for kind, row in _TABLES["kinds"].items()}
+_BYTES, _UNREAD = (
+    {name: re.compile(pattern.encode("ascii")) for name, pattern in _TABLES[key].items()}
+    for key in ("bytes", "unread")
+)
 _LOGS = (".mcap", ".ulg", ".bag", ".db3", ".tlog", ".srt", ".plan", ".waypoints")  # by name a flight
-_TEXTS = {  # a pattern in a text -> its kind
-    r'"fileType"\s*:\s*"Plan"': "mission",
-    r'"shots"\s*:\s*\{': "project",
-    r'"transform_matrix"': "project",
-    r"<document\b[\s\S]*<chunks?\b": "placed",
-    r"<kml\b": "mission",
-    r"^#?name,x,y,alt,heading,pitch,roll": "placed",
-    r"^latitude,longitude,altitude\(m\),heading\(deg\),curvesize": "mission",
-    r"^# Image list with two lines of data per image": "colmap",
-}
-_SINGLE = "orientations of single photos are not read: add the project's cameras"
-_UNREAD_TEXTS = {
-    r'"class_name"\s*:\s*"PinholeCameraTrajectory"': "Open3D's camera trajectories are not read: export TUM",
-    r"\A['\"]?filename['\"]?[,\s]['\"]?(latitude|x)\b": _SINGLE,
-    r'"world_crs"': _SINGLE,
-    r"\A\d+\t[\d.]+\t\[\d+\]": "times of photos for RTK: the photos themselves hold their places",
-}
 
 
 def kind_of(path: Path) -> str:
@@ -116,14 +78,14 @@ def kind_of(path: Path) -> str:
             head = stream.read(_HEAD)
     except OSError as error:
         raise InputError(str(path), error.strerror or "cannot be read", "a readable file") from None
-    for magic, reason in _UNREAD_MAGIC.items():
-        if head.startswith(magic) and (magic[0] != 0x1F or ".tar" not in path.name):
+    for reason, pattern in _UNREAD.items():
+        if pattern.match(head) and (head[0] != 0x1F or ".tar" not in path.name):
             raise InputError(str(path), reason)
-    kind = next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), "")
+    kind = next((kind for kind, pattern in _BYTES.items() if pattern.match(head)), "")
     kind = kind or _binary(path, head) or ("" if b"\0" in head[:4096] else _text(path, head))
     if not kind and path.suffix.lower() in _LOGS:
-        found = f"does not begin as a {path.suffix} file does" if head.strip() else "is empty"
-        raise InputError(str(path), found, "a whole file", "copy it again from the recorder")
+        finding = f"does not begin as a {path.suffix} file does" if head.strip() else "is empty"
+        raise InputError(str(path), finding, "a whole file", "copy it again from the recorder")
     return kind
 
 
@@ -142,10 +104,10 @@ def _text(path: Path, head: bytes) -> str:
     text = head.decode("utf-8-sig", "replace").replace("\r\n", "\n")
     if text.lstrip()[:1] in ("{", "[") and len(head) == _HEAD and path.stat().st_size < 1 << 28:
         text = path.read_bytes().decode("utf-8", "replace")  # of JSON all: its keys may follow a long list
-    for pattern, reason in _UNREAD_TEXTS.items():
+    for reason, pattern in _TABLES["unread_texts"].items():
         if re.search(pattern, text):
             raise InputError(str(path), reason)
-    for pattern, kind in _TEXTS.items():
+    for kind, pattern in _TABLES["texts"].items():
         if re.search(pattern, text, re.MULTILINE):
             return kind
     if records.CAPTION.search(text[:4096]):
@@ -193,40 +155,38 @@ def parts_of(path: Path, kind: str) -> list[Path]:
     return [path, *(name for name in names if name != path and name.is_file())]
 
 
-def survey(paths: Iterable[str | Path]) -> list[Found]:
+def survey(paths: Iterable[str | Path]) -> list[FileKind]:
     """What the named files are, or those in the named folders: each of them, in order.
 
     Raises InputError if a name does not exist, or there are too many files.
     """
-    found: list[Found] = []
+    files: list[FileKind] = []
     for name in map(Path, paths):
         if not name.exists():
             raise InputError(str(name), "does not exist", remedy="check the path")
-        found += _folder(name) if name.is_dir() else _file(name, alone=True)
+        files += _folder(name) if name.is_dir() else _file(name, alone=True)
     parts: set[Path] = set()
-    for each in found:
+    for each in files:
         if each.is_flight and each.path.is_file() and each.path not in parts:
             parts |= set(parts_of(each.path, kind_of(each.path))[1:])
-    return [
-        Found(each.path, _PART, "part of a flight beside it") if each.path in parts else each
-        for each in found
-    ]
+    words = "part of a flight beside it"
+    return [FileKind(it.path, _PART, words) if it.path in parts else it for it in files]
 
 
-def _file(path: Path, alone: bool = False) -> list[Found]:
+def _file(path: Path, alone: bool = False) -> list[FileKind]:
     try:
         kind = kind_of(path)
     except InputError as error:
-        return [Found(path, _REFUSED, error.found)]
+        return [FileKind(path, _REFUSED, error.found)]
     if kind == "photos" and not alone:
         return []
     if kind:
-        return [Found(path, _FLIGHT, KINDS[kind].words)]
-    return [Found(path, _OTHER, "side-car of a flight" if path.suffix.lower() == ".toml" else "no flight")]
+        return [FileKind(path, _FLIGHT, KINDS[kind].words)]
+    return [FileKind(path, _OTHER, "side-car of a flight" if path.suffix.lower() == ".toml" else "no flight")]
 
 
-def _folder(folder: Path) -> list[Found]:
-    found: list[Found] = []
+def _folder(folder: Path) -> list[FileKind]:
+    files: list[FileKind] = []
     count = 0
     for place, names in _walked(folder):
         count += len(names)
@@ -236,11 +196,11 @@ def _folder(folder: Path) -> list[Found]:
         images = set(photos.members(place))
         if images:
             words = f"{len(images)} photos" if len(images) > 1 else "one photo: no flight"
-            found.append(Found(place, _FLIGHT if len(images) > 1 else _OTHER, words))
+            files.append(FileKind(place, _FLIGHT if len(images) > 1 else _OTHER, words))
         for name in names:
             if not name.startswith(".") and place / name not in images:
-                found += _file(place / name)
-    return found
+                files += _file(place / name)
+    return files
 
 
 def _walked(folder: Path) -> Iterator[tuple[Path, Sequence[str]]]:

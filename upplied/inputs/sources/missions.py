@@ -104,8 +104,8 @@ def _plan(data: bytes) -> _Route:
     plan = json.loads(data)
     versions = plan.get("version"), plan.get("mission", {}).get("version")
     if versions != (1, 2):
-        found = f"is a plan of version {versions[0]}, mission {versions[1]}"
-        raise refusal(found, "versions 1 and 2", "open it in QGroundControl and save it again")
+        finding = f"is a plan of version {versions[0]}, mission {versions[1]}"
+        raise refusal(finding, "versions 1 and 2", "open it in QGroundControl and save it again")
     items: list[tuple[int, int, list[float]]] = []
     computed = []
     for item in plan["mission"].get("items", []):
@@ -118,8 +118,8 @@ def _plan(data: bytes) -> _Route:
             items.append((int(each["command"]), int(each["frame"]), params))
     route = _commands(items)
     if computed and len(route.rows) < 2:
-        found = f"states no waypoints of {', '.join(computed)}: QGroundControl computes them"
-        raise refusal(found, "waypoints", "upload it, download it from the vehicle, and save that")
+        finding = f"states no waypoints of {', '.join(computed)}: QGroundControl computes them"
+        raise refusal(finding, "waypoints", "upload it, download it from the vehicle, and save that")
     return route
 
 
@@ -161,11 +161,8 @@ def _marks(data: bytes) -> _Route:
     if root.find(".//executeHeight") is None:
         lines = [node.findtext("coordinates") for node in root.iter("LineString")]
         if not lines:
-            found, rule = (
-                "states no path: it is a template, or holds other shapes",
-                "waypoints or one LineString",
-            )
-            raise refusal(found, rule, "take waylines.wpml, or the .kmz")
+            finding = "states no path: it is a template, or holds other shapes"
+            raise refusal(finding, "waypoints or one LineString", "take waylines.wpml, or the .kmz")
         relative = "relativeToGround" in {node.text for node in root.iter("altitudeMode")}
         route.datum = "alt_takeoff" if relative else "alt"
         for place in str(lines[0]).split():
@@ -187,10 +184,8 @@ def _marks(data: bytes) -> _Route:
                 here = ahead = float(pitch)
             if (heading := action.findtext(".//aircraftHeading")) is not None:
                 yaw = float(heading)
-        speed, height = (
-            float(mark.findtext("waypointSpeed") or "nan"),
-            float(str(mark.findtext("executeHeight"))),
-        )
+        speed = float(mark.findtext("waypointSpeed") or "nan")
+        height = float(str(mark.findtext("executeHeight")))
         route.add(lat, lon, height, yaw=yaw, pitch=here, speed=speed)
         route.pitch = ahead
     return route

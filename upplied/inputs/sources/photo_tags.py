@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from pathlib import Path
 from typing import Any
@@ -12,19 +13,15 @@ from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
 from upplied.errors import InputError
-from upplied.inputs.files import open_regular
+from upplied.inputs.files import open_regular, table
 from upplied.inputs.sources.source import dated, focal_of_35mm
 
 _HEAD = 1 << 18  # bytes in which the XMP begins and ends
-_NAMES = {  # content -> the local names that makers use in XMP
-    "gimbal": ("GimbalYawDegree", "CameraYawDegree"), "pitch": ("GimbalPitchDegree", "CameraPitchDegree"),
-    "roll": ("GimbalRollDegree", "CameraRollDegree"), "flight": ("FlightYawDegree", "DroneYawDegree"),
-    "relative": ("RelativeAltitude",), "absolute": ("AbsoluteAltitude",), "lat": ("GpsLatitude",),
-    "lon": ("GpsLongitude", "GpsLongtitude"), "rtk": ("RtkFlag",), "sigma": ("RtkStdHgt",),
-    "focal_px": ("CalibratedFocalLength",), "utc_us": ("CaptureUtime",),
-}  # fmt: skip
+_NAMES: dict[str, list[str]] = table("kinds.toml")["photo"]
 _LENS = {"exposure_s": "ExposureTime", "f_number": "FNumber", "focal_mm": "FocalLength"}
 _NED = re.compile(r"(Camera)OrientationNED", re.IGNORECASE)  # Skydio: yaw, pitch and roll within
+
+logging.getLogger("exifread").setLevel(logging.CRITICAL)  # damaged tags are no news
 
 
 def head_of(path: Path) -> dict[str, Any]:

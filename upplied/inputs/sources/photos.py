@@ -7,7 +7,6 @@ of the others is unknown, but for those of satellites that were fixed to the cen
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -23,12 +22,9 @@ from upplied.inputs.tables import Table
 from upplied.records import Floats, Ints
 
 ENDINGS = (".jpg", ".jpeg", ".dng", ".tif", ".tiff")
-MAGIC = (b"\xff\xd8\xff", b"II*\x00", b"MM\x00*")
 MAX_PHOTOS = 100_000
 _RTK_FIXED = 50
 _NADIR_DEG, _TURN_DEG, _STILL_DEG = 85.0, 60.0, 15.0
-
-logging.getLogger("exifread").setLevel(logging.CRITICAL)  # damaged tags are no news
 
 
 def members(folder: Path) -> list[Path]:
@@ -48,14 +44,14 @@ def read(path: Path, fields: Fields) -> Source:
         head for head in heads if np.isfinite(head["lat"] + head["lon"]) and (head["lat"] or head["lon"])
     ]
     if len(placed) < 2:
-        found = f"{len(placed)} of {len(heads)} photos hold their place"
+        finding = f"{len(placed)} of {len(heads)} photos hold their place"
         remedy = "copy the originals: programs that resize or edit photos drop their tags"
-        raise refusal(found, "at least two", remedy)
+        raise refusal(finding, "at least two", remedy)
     notes = [f"{len(placed)} of {len(heads)} photos have a place"] if len(placed) < len(heads) else []
     models = sorted({head.pop("camera") for head in placed})
     if len(models) > 1:
-        found = f"holds photos of {len(models)} cameras ({', '.join(models[:5])})"
-        raise refusal(found, "one flight", "put the photos of each flight into a folder of its own")
+        finding = f"holds photos of {len(models)} cameras ({', '.join(models[:5])})"
+        raise refusal(finding, "one flight", "put the photos of each flight into a folder of its own")
     at = {name: np.array([head[name] for head in placed], float) for name in placed[0]}
     t_ns = _times(at["t_ms"], notes)
     order = np.argsort(t_ns, kind="stable")
@@ -68,9 +64,9 @@ def _lens(at: dict[str, Floats], model: str) -> dict[str, Any]:
     known = {name: values[np.isfinite(values) & (values > 0)] for name, values in at.items()}
     longest = {name: known[name].max() for name in ("exposure_s",) if len(known[name])}
     usual = {name: np.median(known[name]) for name in ("f_number", "focal_mm") if len(known[name])}
-    found = {f"camera_{name}": float(value) for name, value in (longest | usual).items()}
-    name = named_by_exif(model, found.get("camera_focal_mm", 0.0))
-    return found | ({"camera_model": name} if name else {})
+    facts = {f"camera_{name}": float(value) for name, value in (longest | usual).items()}
+    name = named_by_exif(model, facts.get("camera_focal_mm", 0.0))
+    return facts | ({"camera_model": name} if name else {})
 
 
 def _tables(at: dict[str, Floats], t_ns: Ints, notes: list[str]) -> Iterator[Table]:
@@ -102,15 +98,11 @@ def _yaw(at: dict[str, Floats], notes: list[str]) -> Floats:
     yaw, flight = at["gimbal"], at["flight"]
     known = np.isfinite(yaw) & np.isfinite(flight)
     steep = np.abs(at["pitch"]) > _NADIR_DEG
-    some = (
-        known & ~steep if (known & ~steep).sum() >= 5 else known
-    )  # straight down a yaw may be half a turn off
+    some = known & ~steep if (known & ~steep).sum() >= 5 else known  # of a nadir yaw half a turn may be off
     turns = np.unwrap(np.radians(flight[some])) if some.any() else np.zeros(1)
     relative = np.abs((yaw[some] + 180) % 360 - 180)
     if some.sum() >= 3 and np.degrees(np.ptp(turns)) > _TURN_DEG and np.percentile(relative, 90) < _STILL_DEG:
-        notes.append(
-            "the gimbal's yaw counts from the aircraft's nose in these photos: the aircraft's is added"
-        )
+        notes.append("the gimbal's yaw counts from the aircraft's nose here: the aircraft's is added")
         return np.where(known, yaw + flight, np.nan)
     if known.any() and steep[known].mean() > 0.5:
         notes.append("most photos look straight down: which way is up in them is known to half a turn")

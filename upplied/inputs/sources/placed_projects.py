@@ -14,10 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from upplied.inputs.files import read_regular
 from upplied.inputs.sources import source as fill
-from upplied.inputs.sources.projects import NO_SIZE, Size, on_earth, reconstructed
+from upplied.inputs.sources.projects import NO_SIZE, Size, lens_by, on_earth, reconstructed
 from upplied.inputs.sources.source import MAX_BYTES, SHAPE, Fields, Source, refusal
 from upplied.records import Floats
 
+_CALIBRATION = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2")
 _ALIGN = ("at least two", "align the photos, export again")
 ERRORS = SHAPE
 
@@ -59,10 +60,16 @@ def _metashape(root: Any) -> Source:
 
 
 def _sensor(sensor: Any) -> Size:
-    size, focal = sensor.find("resolution"), sensor.findtext(".//f")
-    if size is None or focal is None:
+    size = sensor.find("resolution")
+    known = next((each for each in sensor.iter("calibration") if each.find("f") is not None), None)
+    if size is None or known is None:
         return NO_SIZE
-    return float(size.get("width", "nan")), float(size.get("height", "nan")), float(focal)
+    width, height = float(size.get("width", "nan")), float(size.get("height", "nan"))
+    values = {each.tag: float(each.text or "nan") for each in known if each.tag in _CALIBRATION}
+    values |= {"p1": values.get("p2", 0.0), "p2": values.get("p1", 0.0)}  # the other way round in OpenCV
+    middle = 0.5 + values.get("cx", 0.0) / width, 0.5 + values.get("cy", 0.0) / height
+    model = str(sensor.get("type") or "frame")
+    return width, height, values["f"], lens_by(values, model if model in ("frame", "fisheye") else "", middle)
 
 
 def _numbers(node: Any, count: int) -> Floats:

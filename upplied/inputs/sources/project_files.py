@@ -84,9 +84,8 @@ def project_at(cameras: Path, options: LogOptions) -> Project | None:
         site=declared.site, placement=source.place, surface="scanned",
         notes=f"reconstructed by the project of {cameras.name}",
     )  # fmt: skip
-    flight = replace(
-        options, structure_id=name, demonstration_id=options.demonstration_id or f"{name}-flight"
-    )
+    name_of_flight = options.demonstration_id or f"{name}-flight"
+    flight = replace(options, structure_id=name, demonstration_id=name_of_flight)
     axes = turn(up, forward)
     if source.place is None and not np.array_equal(axes, np.eye(3)):
         flight = replace(flight, structure_quat_xyzw=tuple(Rotation.from_matrix(axes.T).as_quat().tolist()))
@@ -97,9 +96,7 @@ def _up(source: Source, what: str) -> str:
     """The axis of the file that points up: cameras of drones hold the horizon, so their sides lie level."""
     tables = [table for table in source.tables if "pose.orientation.w" in table]
     if not tables:
-        raise InputError(
-            what, "holds no frame of its own", "cameras and surface in one frame", "give --structure"
-        )
+        raise InputError(what, "holds no frame of its own", "cameras and surface in one", "give --structure")
     turns = Rotation.from_quat(tables[0].stack(*(f"pose.orientation.{axis}" for axis in "xyzw")))
     sides: Floats = turns.apply([0.0, 1.0, 0.0])
     shares, axes = np.linalg.eigh(sides.T @ sides / len(sides))
@@ -108,7 +105,7 @@ def _up(source: Source, what: str) -> str:
     axis = int(np.argmax(np.abs(up)))
     off = float(np.degrees(np.arccos(min(abs(up[axis]), 1.0))))
     if tilt > _TILT_DEG or shares[1] < _TURNED or off > _OFF_DEG:
-        found = f"its cameras give no vertical along an axis (tilted by {tilt:.0f} deg, {off:.0f} deg off)"
+        finding = f"its cameras give no vertical along an axis (tilted by {tilt:.0f} deg, {off:.0f} deg off)"
         remedy = "align it first (COLMAP: model_orientation_aligner), or give --structure and --register"
-        raise InputError(what, found, f"within {_OFF_DEG:g} deg of an axis", remedy)
+        raise InputError(what, finding, f"within {_OFF_DEG:g} deg of an axis", remedy)
     return ("-" if up[axis] < 0 else "") + "xyz"[axis]

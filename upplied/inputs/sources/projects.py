@@ -20,11 +20,17 @@ from upplied.inputs.files import read_regular
 from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA
 from upplied.inputs.sources import source as fill
 from upplied.inputs.sources.source import MAX_BYTES, SHAPE, Fields, Source, refusal
-from upplied.records import Floats, Ints, Placement
+from upplied.records import Floats, Ints, Lens, Placement
 
 _FLIPPED = np.diag([1.0, -1.0, -1.0])  # of cameras that look along -z, y up
-Size = tuple[float, float, float]  # width, height and focal length, pixels
-NO_SIZE = (math.nan, math.nan, math.nan)
+Size = tuple[
+    float, float, float, Lens | None
+]  # width, height and focal length, pixels; None: of another model
+NO_SIZE = (math.nan, math.nan, math.nan, Lens())
+UNKNOWN_LENS = (
+    "distortion of the camera is not used: its model is not one of Brown and Conrady, or a plain fisheye"
+)
+_OPENSFM = ("perspective", "simple_radial", "radial", "brown", "fisheye", "fisheye_opencv")
 ERRORS = SHAPE
 
 
@@ -60,9 +66,13 @@ def reconstructed(
         times = fill.numbered(len(centres))
         notes.append("the project holds no times: one photo every 2 s, in its order")
     tables = [fill.poses("/cameras", times, centres, quats, "project")]
-    known = np.array(list(sizes), float).reshape(-1, 3)
+    known = np.array([size[:3] for size in sizes], float).reshape(-1, 3)
     if len(known) == len(centres) and np.isfinite(known).all():
-        tables.append(fill.cameras("/cameras", times, *known.T))
+        lenses = [lens for *_, lens in sizes if lens is not None]
+        width, height, focal = known.T
+        lenses = lenses if len(lenses) == len(known) else []
+        tables.append(fill.cameras("/cameras", times, width, height, focal, lenses))
+        notes += [UNKNOWN_LENS] if len(lenses) < len(known) else []
     defaults: dict[str, Any] = {"body_frame": "camera"} | ({} if scaled else {"unit_m": math.nan})
     return Source(tables, notes=notes, defaults=defaults, stills=True)
 
@@ -108,7 +118,19 @@ def on_earth(source: Source, enu: Floats, place: tuple[float, float, float], hei
 def _lens(lens: Any) -> Size:
     width, height = float(lens.get("width", math.nan)), float(lens.get("height", math.nan))
     focal = lens.get("focal", lens.get("focal_x", math.nan))  # of the longer side
-    return width, height, float(focal) * max(width, height)
+    side, model = max(width, height), str(lens.get("projection_type", "perspective"))
+    middle = 0.5 + float(lens.get("c_x", 0)) * side / width, 0.5 + float(lens.get("c_y", 0)) * side / height
+    return width, height, float(focal) * side, lens_by(lens, model if model in _OPENSFM else "", middle)
+
+
+def lens_by(values: Any, model: str, middle: tuple[float, float]) -> Lens | None:
+    """A lens whose coefficients have the names of OpenCV; None where the model has no name."""
+    if not model:
+        return None
+    fisheye = "fisheye" in model.lower()
+    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+    coefficients = tuple(float(values.get(name) or 0.0) for name in names)
+    return Lens("fisheye" if fisheye else "brown", coefficients, middle)
 
 
 def _nerfstudio(content: dict[str, Any]) -> Source:
@@ -125,7 +147,9 @@ def _nerfstudio(content: dict[str, Any]) -> Source:
 def _pinhole(frame: dict[str, Any]) -> Size:
     width = float(frame.get("w", math.nan))
     focal = frame.get("fl_x") or width / 2 / math.tan(float(frame.get("camera_angle_x", math.nan)) / 2)
-    return width, float(frame.get("h", math.nan)), float(focal)
+    height = float(frame.get("h", math.nan))
+    middle = float(frame.get("cx", width / 2)) / width, float(frame.get("cy", height / 2)) / height
+    return width, height, float(focal), lens_by(frame, str(frame.get("camera_model", "OPENCV")), middle)
 
 
 def _bundler(lines: list[str]) -> Source:

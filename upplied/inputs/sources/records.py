@@ -10,36 +10,23 @@ from pathlib import Path
 
 import numpy as np
 
+from upplied.inputs.files import table
 from upplied.inputs.sources import source as fill
 from upplied.inputs.sources.source import MAX_ROWS, Fields, Source, refusal
 from upplied.records import Floats, Ints
 
 _FOOT = 0.3048
-_COLUMNS = {  # content -> names of its column, in lower case without the unit; the first that is there
-    "ms": ("time(millisecond)", "time(ms)"),
-    "s": ("time(seconds)", "time(s)", "osd.flytime [s]", "osd.flytime"),
-    "date": ("datetime(utc)", "custom.updatetime", "custom.date [utc]", "datetime", "datetime(local)"),
-    "lat": ("latitude", "osd.latitude", "lat"),
-    "lon": ("longitude", "osd.longitude", "lon", "lng"),
-    "takeoff": ("height_above_takeoff", "osd.height", "relativealtitude", "altitude"),
-    "alt": ("altitude_above_sealevel", "altitude_above_asl", "osd.altitude", "absolutealtitude"),
-    "yaw": ("gimbal_heading", "gimbal.yaw", "gimbalheading"),
-    "pitch": ("gimbal_pitch", "gimbal.pitch", "gimbalpitch"),
-    "roll": ("gimbal_roll", "gimbal.roll", "gimbalroll"),
-    "heading": ("compass_heading", "osd.yaw", "yaw", "heading"),
-    "nose": ("pitch", "osd.pitch"), "bank": ("roll", "osd.roll"),
-}  # fmt: skip
+_COLUMNS: dict[str, list[str]] = table("kinds.toml")["record"]["columns"]
 _UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")
 CAPTION = re.compile(r"^\d+\s*\n\d\d:\d\d:\d\d[,.]\d{3} --> |\[latitude ?: ", re.MULTILINE)
 _NUMBER = r"([-+]?\d+(?:\.\d+)?)"
 _CLOCK = re.compile(r"(\d\d):(\d\d):(\d\d)[,.](\d{3}) -->")
 _GPS = re.compile(rf"(?<![A-Z])GPS ?\({_NUMBER}, ?{_NUMBER}(?:, ?{_NUMBER}(M?))?\)")
 _PRY = re.compile(rf"G\.PRY \({_NUMBER}\D*, {_NUMBER}\D*, {_NUMBER}")
-_CAPTIONS = {name: re.compile(f"(?:{words}){_NUMBER}") for name, words in {  # the words before a number
-    "lat": r"latitude ?: ?", "lon": r"longt?itude ?: ?", "takeoff": r"rel_alt ?: ?",
-    "alt": r"abs_alt ?: ?|altitude ?: ?", "baro": r"BAROMETER ?[:(] ?|, H ", "yaw": r"gb_yaw ?: ?",
-    "pitch": r"gb_pitch ?: ?", "roll": r"gb_roll ?: ?", "focal": r"focal_len ?: ?",
-}.items()}  # fmt: skip
+_CAPTIONS = {
+    name: re.compile(f"(?:{words}){_NUMBER}")
+    for name, words in table("kinds.toml")["record"]["captions"].items()
+}
 _VIDEO = 3840.0, 2160.0  # pixels, to which the focal length of captions belongs
 
 
@@ -76,13 +63,13 @@ def _named(head: Sequence[str]) -> dict[str, tuple[int, float]]:
     """The column of each content of a head, and the factor to our unit."""
     plain = [name.strip().lower().lstrip("\ufeff") for name in head]
     bare = [_UNIT.sub("", name).strip() for name in plain]
-    found: dict[str, tuple[int, float]] = {}
+    columns: dict[str, tuple[int, float]] = {}
     for name, choices in _COLUMNS.items():
         hits = [names.index(choice) for choice in choices for names in (plain, bare) if choice in names]
         if hits:
             unit = _UNIT.search(plain[hits[0]])
-            found[name] = hits[0], _FOOT if unit is not None and unit[1] in ("feet", "ft") else 1.0
-    return found
+            columns[name] = hits[0], _FOOT if unit is not None and unit[1] in ("feet", "ft") else 1.0
+    return columns
 
 
 def _captions(text: str) -> Source:
@@ -101,8 +88,8 @@ def _captions(text: str) -> Source:
         since.append(((hours * 60 + minutes) * 60 + seconds) * 1e3 + ms if clock else np.nan)
     names = {name for row in rows for name in row}
     if not names & {"lat", "first"}:
-        found = f"has {len(blocks) if text.strip() else 0} captions, none with a place"
-        raise refusal(found, "captions with latitude and longitude", "let the camera record GPS")
+        finding = f"has {len(blocks) if text.strip() else 0} captions, none with a place"
+        raise refusal(finding, "captions with latitude and longitude", "let the camera record GPS")
     if {"lat", "first"} <= names:
         raise refusal("holds captions of two kinds", "one flight", "split it where another camera begins")
     columns = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}

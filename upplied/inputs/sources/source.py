@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from upplied.errors import InputError
 from upplied.inputs.files import read_regular
 from upplied.inputs.tables import Channel, Table
-from upplied.records import Floats, Ints, Placement
+from upplied.records import Floats, Ints, Lens, Placement
 
 Fields = Mapping[str, Sequence[str]]  # schema -> the paths that are read of it
 MAX_ROWS = 5_000_000
@@ -47,14 +47,13 @@ class Source:
     @property
     def topics(self) -> str:
         """Topics and schemas in words."""
-        return self.listed or ", ".join(
-            f"{table.channel.topic} ({table.schema})" for table in self.tables[:12]
-        )
+        shown = (f"{table.channel.topic} ({table.schema})" for table in self.tables[:12])
+        return self.listed or ", ".join(shown)
 
 
-def refusal(found: str, rule: str = "", remedy: str = "") -> InputError:
+def refusal(finding: str, rule: str = "", remedy: str = "") -> InputError:
     """An error about the file that is read; `upplied.inputs.sources.door` adds its name."""
-    return InputError("", found, rule, remedy)
+    return InputError("", finding, rule, remedy)
 
 
 def text_of(path: Path) -> str:
@@ -105,13 +104,23 @@ def gimbal_status(topic: str, t_ns: Ints, flags: Ints, quat_wxyz: Floats) -> Tab
 
 
 def cameras(
-    topic: str, t_ns: Ints, width: Floats | float, height: Floats | float, focal: Floats | float
+    topic: str,
+    t_ns: Ints,
+    width: Floats | float,
+    height: Floats | float,
+    focal: Floats | float,
+    lenses: Sequence[Lens] = (),
 ) -> Table:
-    """A pinhole camera in time: sizes and focal length, pixels."""
+    """A camera in time: sizes and focal length, pixels, and of each photo the lens, where that is known."""
     matrix = np.zeros((len(t_ns), 9))
     matrix[:, 0] = matrix[:, 4] = focal
     sizes = {"width": np.broadcast_to(width, len(t_ns)), "height": np.broadcast_to(height, len(t_ns))}
-    return table(topic, "sensor_msgs/CameraInfo", t_ns, k=matrix, **sizes, **_stamp(t_ns))
+    more: dict[str, Any] = {}
+    if len({lens.model for lens in lenses}) == 1:
+        matrix[:, [2, 5]] = np.array([lens.middle for lens in lenses]) * np.column_stack(list(sizes.values()))
+        more["d"] = np.array([(*lens.coefficients, *(0.0,) * 8)[:8] for lens in lenses])
+        more["distortion_model"] = np.full(len(t_ns), lenses[0].model, object)
+    return table(topic, "sensor_msgs/CameraInfo", t_ns, k=matrix, **sizes, **more, **_stamp(t_ns))
 
 
 def ned_wxyz(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:

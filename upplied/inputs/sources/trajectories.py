@@ -74,9 +74,9 @@ def _words(path: Path) -> list[list[bytes]]:
 
 def _nanoseconds(seconds: list[bytes]) -> Ints:
     """Seconds as nanoseconds, digit by digit where they are written so."""
-    found = []
+    stamps = []
     for text in seconds:
         whole, _, rest = text.partition(b".")
         exact = whole.isdigit() and (not rest or rest.isdigit())
-        found.append(int(whole) * 10**9 + int((rest + b"0" * 9)[:9]) if exact else round(float(text) * 1e9))
-    return np.array(found, np.int64)
+        stamps.append(int(whole) * 10**9 + int((rest + b"0" * 9)[:9]) if exact else round(float(text) * 1e9))
+    return np.array(stamps, np.int64)

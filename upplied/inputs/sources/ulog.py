@@ -58,13 +58,13 @@ def _start(log: Any) -> tuple[int, list[str]]:
 
 def _columns(data: dict[str, Any], wanted: Any) -> dict[str, Any]:
     """The wanted fields; elements of an array side by side."""
-    found = {}
+    columns = {}
     for name in (*wanted, "timestamp"):
         if name in data:
-            found[name] = np.asarray(data[name])
+            columns[name] = np.asarray(data[name])
         elif parts := [f"{name}[{at}]" for at in range(16) if f"{name}[{at}]" in data]:
-            found[name] = np.column_stack([data[part] for part in parts])
-    return found
+            columns[name] = np.column_stack([data[part] for part in parts])
+    return columns
 
 
 def _snake(schema: str) -> str:

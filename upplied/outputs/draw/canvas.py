@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from upplied.discs import surfels
+from upplied.discs import Discs
 from upplied.outputs.colours import BACKGROUND, CLASSES, STATES, SURFACE, rgb
 from upplied.outputs.display import Neighbourhood
 from upplied.outputs.draw import shade
@@ -70,7 +70,7 @@ def solid(structure: Structure, states: SurfaceStates | None = None) -> Solid:
     """The structure's mesh, or discs for a point cloud."""
     if len(structure.triangles):
         return Solid(structure.vertices, structure.triangles, states)
-    return Solid(*surfels(structure.vertices, structure.normals), states)
+    return Solid(*Discs.of(structure.vertices, structure.normals).mesh(), states)
 
 
 def picture(body: Solid, lines: Tubes, frame: Frame) -> np.ndarray:

@@ -85,7 +85,7 @@
         count),
       upplied.places(fleet.structures || {}, rows), table.root,
       (fleet.findings || []).length ? element("section", {}, element("h2", {}, "Findings"), upplied.table("Findings", ["Kind", "Class", "Open", "Watched", "Repaired", "Dismissed"],
-        fleet.findings.map((row) => [upplied.words(row.kind), row.class, ...["open", "watched", "repaired", "dismissed"].map((state) => String(row[state] || 0))]))) : null);
+        fleet.findings.map((row) => [row.map ? element("a", { href: upplied.link("findings", row.kind) }, upplied.words(row.kind)) : upplied.words(row.kind), row.class, ...["open", "watched", "repaired", "dismissed"].map((state) => String(row[state] || 0))]))) : null);
     heads();
     refresh();
     return table.leave;

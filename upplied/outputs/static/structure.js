@@ -33,7 +33,7 @@ upplied.pages.structure = function (app, data) {
   const section = (title, content) => (content ? element("section", {}, element("h2", {}, title), content) : null);
   document.title = (data.map ? "Findings of the kind on " : "") + data.id;
   upplied.fill(app,
-    element("header", { class: "page" }, data.map ? null : element("a", { href: upplied.home }, "All plans"), element("h1", {}, document.title)),
+    element("header", { class: "page" }, data.alone ? null : element("a", { href: upplied.home }, "All plans"), element("h1", {}, document.title)),
     element("div", { class: "beside" }, facts(data.facts),
       data.picture ? element("img", { class: "shown", src: data.picture, alt: "A plan for " + data.id, loading: "lazy" }) : null),
     data.findings.length ? section("Findings of the model", element("ul", {}, data.findings.map((each) => element("li", {}, each)))) : null,

@@ -15,13 +15,13 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import SAME_FACE
+from upplied.planning.constants import SAME_FACE, TOLERANCE
+from upplied.planning.correspondence.certainty import logistic
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.clouds import spacing, weighted_percentile
 from upplied.records import Cloud, Floats, Record, Registration
 from upplied.vectors import with_normals
 
-_ELSEWHERE = 0.1  # of the region's size: farther is elsewhere, and so much counts turning a normal
 _LEAST = 16  # patches: of fewer nothing is told
 _MOST = 1500  # patches that are asked
 
@@ -88,7 +88,7 @@ def _apart(source: Cloud, registered: Cloud, share: Floats, size: float) -> floa
     if not len(chosen):
         return 0.0
     chosen = chosen[:_MOST]
-    weight = _ELSEWHERE * size
+    weight = 2 * TOLERANCE * size  # what turning a normal counts: of each surface as much as may be off
     tree = cKDTree(with_normals(registered.points, registered.outward, weight))
     asked = with_normals(source.points[chosen], source.outward[chosen], weight)
     off = np.maximum(tree.query(asked)[0] - spacing(registered), 0) / size
@@ -99,7 +99,9 @@ def _apart(source: Cloud, registered: Cloud, share: Floats, size: float) -> floa
 CAPS = (1.0, 0.5, 0.3, 0.2, 3.0)
 # Calibrated by bench/forecast.py on one half of 186 pairs of like kind and 107 of other kinds, real meshes
 # and generated ones, whose forced plans were judged. Of the other half, which fitted nothing, 75 of 79 that
-# show at least 90 % pass 0.6, and 0 of 55 of other kinds. Of those said to be at least 0.6, 0.8 and 0.95
+# show at least 90 % pass 0.6, and 0 of 55 of other kinds. Whether a part is the right one is another question
+# (`correspondence.certainty`): a stranger's flight may be carried to the part that corresponds best, and an
+# engine be shown that is the wrong one. Of those said to be at least 0.6, 0.8 and 0.95
 # certain 89, 100 and 96 % showed as much.
 OFFSET = 4.23
 WEIGHTS = (4.71, 4.23, 1.76, 2.14, 2.99)
@@ -121,8 +123,7 @@ def forecast_of(takes: Sequence[Take]) -> Forecast:
 
 def probability_of(evidence: Evidence) -> float:
     """Probability that most of what was inspected can be shown, 0 to 1."""
-    against = float(np.dot(WEIGHTS, np.minimum(evidence.values, CAPS)))
-    return float(1 / (1 + np.exp(against - OFFSET)))
+    return logistic(evidence.values, OFFSET, WEIGHTS, CAPS)
 
 
 def unlikely(likely: Forecast, least: float, wholes: Registration) -> str:

@@ -23,16 +23,16 @@ from upplied.planning.geometry.clouds import diagonal_of
 from upplied.planning.surface.parts import labels_of
 from upplied.records import Bools, Cloud, Floats, Ints
 
-#: Largest value of each piece of evidence that still tells something.
-CAPS = (2.0, 1.0, 1.0, 1.0, 1.5, 1.0)
+#: Largest value of each piece of evidence that still tells something; the last piece has none, and disputes.
+CAPS = (2.0, 1.0, 1.0, 1.5, 1.0)
 # Calibrated by bench/as_built.py on 1 978 counterparts and 2 987 others of airliners, turbines, bridges and
 # ships, as modelled, as shells and clouds, with noise, and with 10, 20 and 40 % never scanned, half of them
 # of structures that nobody built. With those judged by the samples and the other way round: of counterparts
 # said to be at least 97 % certain 99.3 % were right, of 90 to 97 % 94.4, of 80 to 90 % 85.0 (of 147); of
 # others 99.3, 96.7 and 75.7 (of 107).
 # First the offset, then a weight for each piece of evidence.
-COUNTERPART = (8.88, 2.39, 0.0, 3.76, 0.85, 2.66, 2.43)
-SAME_KIND = (8.14, 1.53, 0.0, 0.0, 2.04, 0.55, 11.05)
+COUNTERPART = (8.88, 2.39, 3.76, 0.85, 2.66, 2.43)
+SAME_KIND = (8.14, 1.53, COUNTERPART[2], 2.04, 0.55, 11.05)  # no displacement is asked about another one
 
 # Where the smooth displacement brings most of either part elsewhere, and another part is like it, 6 of 16
 # were right; a logistic curve through all says more.
@@ -41,7 +41,7 @@ _DISAGREES, _DISPUTED = 0.6, 0.4
 
 # Evidence of a part that another way of asking brings elsewhere altogether: what is disputed is no more
 # certain than that.
-_ELSEWHERE = np.array([0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+_ELSEWHERE = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
 
 
 def certainty(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = False) -> float:
@@ -158,6 +158,9 @@ def evidence_of_counterpart(
     Both clouds are in the source's frame and at its scale. `parts` are one, or all that were matched with it
     as one; `wholes` is `Registration.scanned`; `inferred` where parts follow from the other structure's.
     `carried` (M,) is the part of the source that a smooth displacement brings onto each target sample.
+
+    The pieces: difference in shape, share of what is brought onto the target that lies elsewhere, whether
+    inferred, misfit of the wholes, log ratio of areas, share of the counterparts onto which others come.
     """
     mine, theirs = np.isin(labels_of(source), parts), np.isin(labels_of(registered), counterparts)
     named = np.isin(carried, parts)
@@ -165,11 +168,11 @@ def evidence_of_counterpart(
     return np.array(
         [
             _shape(source, mine, registered, theirs),
-            1 - area[both].sum() / max(area[theirs].sum(), 1e-12),
             1 - area[both].sum() / max(area[named].sum(), 1e-12),
             float(inferred),
             _whole(wholes),
             abs(np.log(max(area[theirs].sum(), 1e-12) / max(source.areas[mine].sum(), 1e-12))),
+            1 - area[both].sum() / max(area[theirs].sum(), 1e-12),
         ]
     )
 
@@ -182,15 +185,19 @@ def evidence_of_same_kind(
     area = registered.areas
     ratio = abs(np.log(max(area[two].sum(), 1e-12) / max(area[one].sum(), 1e-12)))
     return np.array(
-        [_shape(registered, one, registered, two), 0.0, 0.0, float(inferred), _whole(wholes), ratio]
+        [_shape(registered, one, registered, two), 0.0, float(inferred), _whole(wholes), ratio, 0.0]
     )
 
 
 def probability(evidence: Floats, model: Sequence[float], alone: bool = False) -> float:
     """Probability that the part is the one that is meant, 0 to 1; `alone` where no other is like it."""
-    against = float(np.dot(model[1:], np.minimum(evidence, CAPS)))
-    known = float(1 / (1 + np.exp(against - model[0])))
-    return min(known, _DISPUTED) if not alone and evidence[1:3].max() > _DISAGREES else known
+    known = logistic(evidence[:-1], model[0], model[1:], CAPS)
+    return min(known, _DISPUTED) if not alone and max(evidence[1], evidence[-1]) > _DISAGREES else known
+
+
+def logistic(against: Floats, offset: float, weights: Sequence[float], caps: Sequence[float]) -> float:
+    """Probability, 0 to 1, that falls with each piece of evidence (K,) up to its cap."""
+    return float(1 / (1 + np.exp(np.dot(weights, np.minimum(against, caps)) - offset)))
 
 
 def _shape(source: Cloud, mine: Bools, registered: Cloud, theirs: Bools) -> float:

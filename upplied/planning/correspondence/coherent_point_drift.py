@@ -10,7 +10,6 @@ displacement of its own, an engine beside its wing. `brought_onto` knows no part
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numba import njit
@@ -147,31 +146,7 @@ def _kernel(points: Floats, label: Ints, control: Floats, control_label: Ints, r
 
 def brought_onto(whole: Cloud, known: Cloud) -> Cloud:
     """A structure, `known`, by a smooth displacement brought onto another that it is registered with."""
-    return replace(known, points=_displaced(_Two(whole, known)))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class _Two(Record):
-    """A surface and another one, the same as two that lie and face alike, whatever parts they have."""
-
-    whole: Cloud
-    known: Cloud
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Two) and all(map(np.array_equal, self._shape(), other._shape()))
-
-    def __hash__(self) -> int:
-        return hash((self.whole.points[:1].tobytes(), self.known.points[:1].tobytes()))
-
-    def _shape(self) -> tuple[Floats, ...]:
-        return self.whole.points, self.whole.outward, self.known.points, self.known.outward
-
-
-@lru_cache(maxsize=1)  # parts, what carries them, and what was never scanned follow from the same one
-def _displaced(two: _Two) -> Floats:
-    fixed, moving = (
-        Patch(cloud.points, cloud.outward, np.full(len(cloud), -1)) for cloud in (two.whole, two.known)
-    )
-    anchors = fixed.rows(spread_over(two.whole, ANCHORS))
-    field = drift(moving.rows(spread_over(two.known, CONTROLS)), anchors, diagonal_of(fixed.points))
-    return moving.points + field.at(moving.points, moving.label)
+    fixed, moving = (Patch(cloud.points, cloud.outward, np.full(len(cloud), -1)) for cloud in (whole, known))
+    anchors = fixed.rows(spread_over(whole, ANCHORS))
+    field = drift(moving.rows(spread_over(known, CONTROLS)), anchors, diagonal_of(fixed.points))
+    return replace(known, points=moving.points + field.at(moving.points, moving.label))

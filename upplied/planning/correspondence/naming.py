@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
-from upplied.planning.constants import LEAST_PART, MOST_RATIO, SAME_SIZE, SIDE
+from upplied.planning.constants import LEAST_PART, MOST_RATIO, SAME_SIZE, TOLERANCE
 from upplied.planning.correspondence.part_assignment import Matching, like_shape
 from upplied.planning.geometry.clouds import UNTURNED, in_source_frame
 from upplied.planning.surface.parts import Parts, labels_of, names_of, parts_of_both
@@ -161,7 +161,7 @@ def _offsets(parts: Parts) -> Floats:
 def side_of(parts: Parts, part: int) -> int:
     """Side on which a part lies: 1 left (+Y), -1 right, 0 in the middle."""
     offset = _offsets(parts)[part, 1]
-    return 0 if abs(offset) < SIDE else int(np.sign(offset))
+    return 0 if abs(offset) < TOLERANCE else int(np.sign(offset))
 
 
 def on_sides(parts: Parts, some: Iterable[int], side: int) -> tuple[int, int]:

@@ -14,6 +14,7 @@ from upplied.planning.correspondence.correspondences import by_displacement, cor
 from upplied.planning.correspondence.fit import (
     Fit,
     explained,
+    named_by_displacement,
     number_of_parts,
     surface_settings,
     voxel_settings,
@@ -176,15 +177,17 @@ class Task(Record):
             "registration", Registration, lambda: register(*self.clouds, rule, self.declared)
         )
 
-    def matched(self, fit: Fit) -> Fit:
-        """A fit with its parts and samples matched as the settings say."""
+    def matched(self, fit: Fit, named: Ints | None = None) -> Fit:
+        """A fit with its parts and samples matched as the settings say, and by names (M,) of the target's."""
+        named = fit.carried if named is None and fit.inferred >= 0 else named
         rule, marks = self.settings.correspondence, (self.source.landmarks, self.target.landmarks)
         clouds, words = (fit.source, fit.target), self.declared.words
         match = self.remembered(
             "correspondences",
             Correspondences,
-            lambda: correspond(*clouds, fit.registration, rule, *marks, words, fit.carried),
+            lambda: correspond(*clouds, fit.registration, rule, *marks, words, named),
             rule,
+            *(() if named is None else ("named",)),
         )
         return replace(fit, correspondences=match)
 
@@ -228,23 +231,28 @@ def surfaces_of(source: Structure, target: Structure, settings: Settings, memo: 
 
 
 def surface_fit(task: Task) -> Fit:
-    """The fit of the surfaces; where pieces do not tell the parts of one of them, the other one does."""
+    """The fit of the surfaces; where pieces do not tell the parts of one of them, the other one does.
+
+    Parts that boxes leave correspond by what a smooth displacement brings onto them.
+    """
     known = [pieces_tell_parts(cloud) for cloud in task.clouds]
-    fit = Fit(*task.clouds, task.registration())
+    fit, same = Fit(*task.clouds, task.registration()), known[0] == known[1]
     # Which parts there are does not depend on counterparts that the user names.
-    if known[0] == known[1]:
-        fit = replace(task, settings=without_counterparts(task.settings)).matched(fit)
-    scanned = task.source.is_scan or task.target.is_scan
-    if any(known) and (scanned or known[0] != known[1]) and explained(fit) < MAJORITY:
+    unnamed = replace(task, settings=without_counterparts(task.settings))
+    if same:
+        fit = unnamed.matched(fit)
+    if any(known) and explained(fit) < MAJORITY:
         fewer = number_of_parts(fit.target) <= number_of_parts(fit.source)
-        one = int(fewer if known[0] == known[1] else known[0])
+        one = int(fewer if same else known[0])
         other = _with_inferred_parts(task, fit, one)
         inferred = other.fit_labelled(one, fit.registration)
-        if known[0] != known[1] or CLEARLY_BETTER * explained(inferred) > explained(fit):
-            fit, task = inferred, other
-    fit = task.as_named(fit)
-    unknown = fit.carried is None and has_parts(fit.source) and has_parts(fit.target)
-    return task.with_carried(fit) if unknown else fit
+        if not same or CLEARLY_BETTER * explained(inferred) > explained(fit):
+            return other.as_named(inferred)
+    if not (has_parts(fit.source) and has_parts(fit.target)):
+        return task.as_named(fit)
+    fit = task.with_carried(fit)
+    named = named_by_displacement(fit)
+    return task.matched(fit, named) if (named >= 0).any() else task.as_named(fit)
 
 
 def _with_inferred_parts(task: Task, fit: Fit, one: int) -> Task:

@@ -21,7 +21,6 @@ from upplied.vectors import scaled_normals, with_normals
 
 _MISFIT = 0.022  # largest mean distance, both ways, in these units, of parts whose boxes are not alike
 _TRIED = 150  # samples by which that is judged
-_OUTWARD = 0.25  # of its length: how far from the structure's middle such a part lies, along itself
 _FAR = 8.0  # how far the last `TOLERANCE` of a part's samples at either end must stick out to be stray
 _TURNED = np.cos(np.radians(10))
 _STEP_DEG = 7.5  # a blade is about as wide, seen from its hub, at half its length
@@ -139,7 +138,7 @@ def _direction(part: Floats, whole: Floats) -> tuple[Floats, float, float, bool]
     along = offset @ axis
     across = np.linalg.norm(offset - along[:, None] * axis, axis=1)
     length = float(np.ptp(along))
-    return axis, length, float(2 * np.sqrt(np.mean(across**2))), bool(abs(outward) > _OUTWARD * length)
+    return axis, length, float(2 * np.sqrt(np.mean(across**2))), bool(abs(outward) > length / SLENDER)
 
 
 def _middle_along(part: Floats, axis: Floats) -> Floats:

@@ -20,7 +20,6 @@ from upplied.planning.surface.parts import Parts, sides
 from upplied.records import Bools, Floats, Ints, Record
 
 _ALIKE = 1.8  # ratio of extents along an axis, boxes matched, up to which parts surely correspond
-_APART = 0.2  # of the diagonal: farthest that a part may lie from its partner, boxes matched
 _PART_OF = 0.2  # least share of the common surface, for each of two parts that make up one
 _NEIGHBOURS = 0.6  # weight of lost contact, and of changed places, of parts that touch
 _TRIES = 3
@@ -90,7 +89,7 @@ def like_shape(source: Parts, part: int, target: Parts, diagonal_m: float) -> In
 def _costs(source: Parts, target: Parts, diagonal_m: float) -> tuple[Floats, Bools]:
     apart = cdist(source.middle, target.middle) / diagonal_m
     size = np.abs(np.log(source.area[:, None] / target.area[None, :]))
-    near = apart < _APART
+    near = apart < COMPACT  # boxes matched, no part lies farther from its partner than a compact one is long
     allowed = _alike(source, target, diagonal_m, LEAST_PART, MOST_RATIO) & near & (size < np.log(MOST_RATIO))
     allowed &= ~_across(source, target)
     return apart, allowed

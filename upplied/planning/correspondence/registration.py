@@ -27,10 +27,9 @@ from upplied.records import Bools, Cloud, Floats, Frame, Record, Registration, S
 # much of the source it must cover. Of 38 real meshes, of which 0, 20 or 40 % were left out, on 4 samples and
 # 3 real meshes: 0 of 460 pairs of other kinds are accepted so, 0 of 17 of the same kind by a wrong way, and
 # 8 of 13 by a right one. From 0.25 on the block of a hotel lies on the hull of a ship.
-# At a smaller misfit of the boxes nothing else is tried.
+# At a smaller misfit of the boxes nothing else is tried, no other heading either.
 _PARTLY, _COVERED = 0.2, 0.5
 _CIRCLE = 2**32  # distinct headings
-_ICP_POINTS = 700  # points of the cloud that fine alignment moves
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,28 +101,21 @@ def published(
 def judged(
     source: Cloud, target: Cloud, settings: RegistrationSettings, gate: float, declared: Declared
 ) -> Registration:
-    """Boxes matched in the declared or a searched orientation, gated by a measure free of density and scale.
-
-    Rigid ICP after box scaling lowers the score and raises the true error of structures whose
-    orientations agree, so it is taken only where it helps much.
-    """
-    best = find_orientation(
-        source, target, "heading" if settings.search == "none" else settings.search, declared.turn
-    )
-    turn, gap, evidence, doubt = best.turn, best.gap, best.evidence, ""
-    if settings.search == "none":
-        turn, gap, evidence = declared.turn, float("nan"), "orientation as declared"
-        doubt = _doubt(best.turn @ declared.turn.T, best.gap)
+    """Boxes matched in the declared or a searched orientation, gated by `misfit`."""
+    turn, gap, evidence, doubt = declared.turn, float("nan"), "orientation as declared", ""
+    if settings.search != "none":
+        best = find_orientation(source, target, settings.search, turn)
+        turn, gap, evidence = best.turn, best.gap, best.evidence
     chosen = _best_registration(source, target, turn, gate, declared.words)
+    if settings.search == "none" and chosen[1].value > _PARTLY * gate:
+        best = find_orientation(source, target, "heading", turn)
+        doubt = _doubt(best.turn @ turn.T, best.gap)
     score = mean_squared_nn_distance(source.points, in_source_frame(target, chosen[0]).points)
     return replace(_verdict(*chosen, gate, evidence, doubt), score_m2=score, runner_up_gap=gap)
 
 
 def fitted(source: Cloud, target: Cloud, gate: float) -> Registration:
-    """As `judged` in the declared orientation, in a quarter of the time: no heading is sought.
-
-    The verdict is the same; neither the score nor a doubt about the declared heading is given.
-    """
+    """As `judged` in the declared orientation: the same verdict, without the score or a doubted heading."""
     return _verdict(*_best_registration(source, target, np.eye(3), gate), gate)
 
 
@@ -155,13 +147,11 @@ def _best_registration(
     """The target, turned, on the source: box on box, or a way that fits much better, and which."""
     start = box_on_box(source, target, turn)
     best, misfit, chosen = start, misfit_of(source, target, start, words), ""
-    others = {"aligned by ICP": _aligned(source, target, start)}
     if blades_of(source).any() and blades_of(target).any():
-        others["registered body on body, since blades may have turned"] = body_on_body(source, target, turn)
-    for how, other in others.items():
-        judgement = misfit_of(source, target, other, words)
+        body = body_on_body(source, target, turn)
+        judgement = misfit_of(source, target, body, words)
         if judgement.value < CLEARLY_BETTER * misfit.value:
-            best, misfit, chosen = other, judgement, f"; {how}"
+            best, misfit, chosen = body, judgement, "; registered body on body, since blades may have turned"
     if is_open(target):
         return _of_open(source, target, gate, words, (best, misfit, chosen))
     if misfit.value > _PARTLY * gate and (partly := registered_partly(source, target, start)) is not None:
@@ -213,13 +203,6 @@ def body_on_body(source: Cloud, target: Cloud, turn: Floats = UNTURNED) -> Regis
 
 def _blade_length(cloud: Cloud, blades: Bools) -> float:
     return float(parts_of(cloud).extent[np.unique(labels_of(cloud)[blades]), 0].mean())
-
-
-def _aligned(source: Cloud, target: Cloud, start: Registration) -> Registration:
-    """Boxes made equal again after the turn that ICP finds."""
-    registered = in_source_frame(target, start).points
-    rotation, _ = icp(registered[:: max(1, len(registered) // _ICP_POINTS)], source.points, 15)
-    return box_on_box(source, target, rotation @ start.turn)
 
 
 def _doubt(turn: Floats, gap: float) -> str:

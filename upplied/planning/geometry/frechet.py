@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from upplied.checks import check_finite
+from upplied.polylines import arc_length, interpolated
 from upplied.records import Floats
 
 _RELATIVE = 1e-10  # of the distance: where the bisection ends
@@ -51,7 +52,20 @@ def frechet(first: Floats, second: Floats, relative: float = _RELATIVE) -> float
     second = np.ascontiguousarray(check_finite(second, (None, first.shape[1]), "second curve"))
     check_finite(first[:1], (1, None), "first curve")
     check_finite(second[:1], (1, None), "second curve")
-    return float(_bisect(first, second, relative))
+    return float(_bisect(first, second, _abreast(first, second), relative))
+
+
+def _abreast(first: Floats, second: Floats) -> float:
+    """The leash of two who are at every moment as far along as each other: an upper bound."""
+    along = [_share_along(curve) for curve in (first, second)]
+    at = np.union1d(*along)
+    apart = interpolated(at, along[0], first) - interpolated(at, along[1], second)
+    return float(np.linalg.norm(apart, axis=1).max())
+
+
+def _share_along(curve: Floats) -> Floats:
+    along = arc_length(curve)
+    return along / along[-1] if along[-1] > 0 else np.linspace(0.0, 1.0, len(curve))
 
 
 def frechet_z(demonstrated: Floats, planned: Floats, relative: float = _RELATIVE) -> float:
@@ -133,11 +147,9 @@ def curve_spread(path: Floats) -> tuple[Floats, Floats]:
 
 
 @njit(cache=True)
-def _bisect(first: Floats, second: Floats, relative: float) -> float:
+def _bisect(first: Floats, second: Floats, high: float, relative: float) -> float:
     low = max(_distance(first[0], second[0]), _distance(first[-1], second[-1]))
-    high = _discrete(first, second)
-    if high <= low:
-        return high
+    high = max(low, high)
     extent = 0.0
     for axis in range(first.shape[1]):
         lowest = min(first[:, axis].min(), second[:, axis].min())
@@ -161,27 +173,6 @@ def _distance(a: Floats, b: Floats) -> float:
     for axis in range(len(a)):
         total += (a[axis] - b[axis]) ** 2
     return np.sqrt(total)
-
-
-@njit(cache=True)
-def _discrete(first: Floats, second: Floats) -> float:
-    """Discrete Frechet distance (Eiter and Mannila): an upper bound of the continuous one."""
-    row = np.empty(len(second))
-    for i in range(len(first)):
-        corner = 0.0
-        for j in range(len(second)):
-            here = _distance(first[i], second[j])
-            if i == 0 and j == 0:
-                best = here
-            elif i == 0:
-                best = row[j - 1]
-            elif j == 0:
-                best = row[0]
-            else:
-                best = min(corner, row[j], row[j - 1])
-            corner = row[j]
-            row[j] = max(best, here)
-    return row[-1]
 
 
 @njit(cache=True, inline="always")

@@ -98,9 +98,9 @@ def judge(
     if added is not None and not added.all():
         measures = replace(measures, **_shape_of_demonstrated(trajectory, added, carried, pair, measures))
     if demonstrated_s is not None:
-        measures = replace(
-            measures, standoff_kept_pct=_standoff_kept(trajectory, demonstrated_s, takes, settings)
-        )
+        own = np.ones(len(trajectory), bool) if added is None or added.all() else ~added
+        flown = trajectory.take(own), demonstrated_s[own]
+        measures = replace(measures, standoff_kept_pct=_standoff_kept(*flown, takes, settings))
     warnings = (
         _warnings(measures, true[0], pair.target, pair.target_scene, settings)
         + _beyond(pair)

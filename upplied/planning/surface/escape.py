@@ -11,9 +11,9 @@ An open bottom counts as closed by the floor: hulls, houses and tanks come witho
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
@@ -28,7 +28,7 @@ ESCAPE = 0.06  # least share of a side's rays that escape: inlets reach 0.1, cab
 DIRECTIONS = 64  # over the whole sphere: half of them for each side of a surface
 _FEW = 16  # of those, for samples whose neighbours were asked thoroughly
 _LEVEL = 0.1  # least cosine of a ray and the normal
-_ROUNDS = (2, 2, 4, 8, 16)  # rays of each side, cast together
+_ROUNDS = (0, 2, 4, 8, 16, 32, DIRECTIONS)  # rays of each side are cast together from one to the next
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,9 +51,13 @@ class Floor(Record):
         index = np.where(inside[:, None], cell, 0).astype(int)
         return np.asarray(inside & self.enclosed[index[:, 0], index[:, 1]], bool)
 
-    def grid(self, origin: Floats) -> tuple[float, Floats, float, Bools]:
-        """Height, corner (2,) and cells (X, Y) of the lid from an origin (3,), for compiled code."""
-        return self.z_m - float(origin[2]), self.low - origin[:2], self.cell_m, self.enclosed
+    def crossed(self, starts: Floats, rays: Floats) -> Bools:
+        """Which rays (N, 3) from above the lid go down through it."""
+        down = np.flatnonzero((starts[:, 2] > self.z_m) & (rays[:, 2] < 0))
+        along = (self.z_m - starts[down, 2]) / rays[down, 2]
+        through = np.zeros(len(rays), bool)
+        through[down] = self.covers(starts[down, :2] + along[:, None] * rays[down, :2])
+        return through
 
     @classmethod
     def none(cls) -> Floor:
@@ -121,67 +125,22 @@ def lets_out(
     directions = sphere(DIRECTIONS)[:: DIRECTIONS // _FEW if few else 1]
     facing = normals @ directions.T
     left = (facing > _LEVEL).sum(axis=1)
-    need = np.ceil(ESCAPE * left).astype(np.int64)
-    need[left == 0] = 1
+    need = np.maximum(np.ceil(ESCAPE * left).astype(np.int64), 1)
     order, nearest = np.argsort(-(directions @ directions.T), axis=1, kind="stable"), facing.argmax(axis=1)
-    along, local = np.zeros(len(origins), np.int64), np.ascontiguousarray(origins - scene.origin)
-    sides = local, origins[:, 2] > floor.z_m, normals, nearest, along, left
-    lid = floor.grid(scene.origin)
-    for number in (*_ROUNDS, DIRECTIONS):
+    for first, last in pairwise(_ROUNDS):
         doubt = np.flatnonzero((need > 0) & (left >= need))
         if not len(doubt):
             break
-        rays = np.empty((len(doubt) * min(number, len(directions)), 6), np.float32)
-        owner = np.empty(len(rays), np.int64)
-        count = _next_rays(doubt, number, *sides, directions, order, reach_m, *lid, rays, owner)
-        free = ~scene.blocked(rays[:count], slack=0.0)
-        need -= np.bincount(owner[:count][free], minlength=len(need))
+        ways = order[nearest[doubt], first:last]
+        row, place = np.nonzero(facing[doubt[:, None], ways] > _LEVEL)
+        owner, rays = doubt[row], directions[ways[row, place]]
+        left -= np.bincount(owner, minlength=len(left))
+        above = np.flatnonzero(~floor.crossed(origins[owner], rays))
+        owner, rays = owner[above], reach_m * rays[above]
+        local = np.hstack([origins[owner] - scene.origin, rays]).astype(np.float32)
+        free = ~scene.blocked(local, slack=0.0)
+        need -= np.bincount(owner[free], minlength=len(need))
     return np.asarray(need <= 0, bool)
-
-
-@njit(cache=True)
-def _next_rays(
-    doubt: Ints,
-    number: int,
-    local: Floats,
-    above: Bools,
-    normals: Floats,
-    nearest: Ints,
-    along: Ints,
-    left: Ints,
-    directions: Floats,
-    order: Ints,
-    reach_m: float,
-    lid: float,
-    low: Floats,
-    cell: float,
-    enclosed: Bools,
-    rays: Floats,
-    owner: Ints,
-) -> int:
-    """Write the next rays of each side in doubt that do not meet the floor; how many there are."""
-    count = 0
-    for side in doubt:
-        taken = 0
-        while taken < number and along[side] < len(directions):
-            way = directions[order[nearest[side], along[side]]]
-            along[side] += 1
-            facing = normals[side, 0] * way[0] + normals[side, 1] * way[1] + normals[side, 2] * way[2]
-            if facing <= _LEVEL:
-                continue
-            taken += 1
-            left[side] -= 1
-            start = local[side]
-            if above[side] and way[2] < 0:
-                far = (lid - start[2]) / way[2]
-                x, y = (start[0] + far * way[0] - low[0]) / cell, (start[1] + far * way[1] - low[1]) / cell
-                if 0 <= x < enclosed.shape[0] and 0 <= y < enclosed.shape[1] and enclosed[int(x), int(y)]:
-                    continue
-            for axis in range(3):
-                rays[count, axis], rays[count, 3 + axis] = start[axis], reach_m * way[axis]
-            owner[count] = side
-            count += 1
-    return count
 
 
 def escapes(origins: Floats, normals: Floats, reach_m: float, scene: Scene) -> Floats:

@@ -15,7 +15,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY, SAME_FACE, SAME_SIZE, SIDE, SLENDER
+from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY, SAME_FACE, SAME_SIZE, SLENDER, TOLERANCE
 from upplied.planning.geometry.clouds import spacing
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 
@@ -26,7 +26,6 @@ _CONTACT = 0.015  # of the diagonal: pieces this close touch, and a surface lies
 _MIRRORED = 0.8  # share of the samples whose mirror images lie on the surface, if it is its own mirror image
 _CONTINUED = 0.3  # share of the near pairs that face the same way, by which a skin is continued
 _TOUCHING = 0.15  # least share of the smaller piece that touches the other, to be one body with it
-_WIDER = 1.5  # ratio from which a piece makes a body wider than it is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,7 +77,7 @@ def sides(low: Floats, high: Floats, whole_low: Floats, whole_high: Floats) -> F
     """
     middle, half = (whole_low + whole_high)[:2] / 2, (whole_high - whole_low)[:2] / 2
     low, high = low[:, :2] - middle, high[:, :2] - middle
-    reach = np.maximum(np.abs(low), np.abs(high)) + SIDE * half
+    reach = np.maximum(np.abs(low), np.abs(high)) + TOLERANCE * half
     return np.asarray((low + high) / np.maximum(reach, 1e-9))
 
 
@@ -253,7 +252,7 @@ def _joined_bodies(points: Floats, area: Floats, label: Ints) -> Ints:
             if other == one or not compact[other] or body[other] != other or touching[one, other] < _TOUCHING:
                 continue
             both = np.minimum(low[one], low[other]), np.maximum(high[one], high[other])
-            wider = (both[1] - both[0]) > _WIDER * (high[one] - low[one])
+            wider = (both[1] - both[0]) > SAME_SIZE * (high[one] - low[one])
             if wider.sum() <= 1 and (both[1] - both[0]).max() < most:
                 body[other] = one
                 low[one], high[one] = both

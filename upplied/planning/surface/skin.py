@@ -143,7 +143,7 @@ def _joined(points: Floats, normals: Floats, piece: Ints, spacing: float) -> Int
     rim: Bools = np.bincount(pairs[~goes_on].reshape(-1), minlength=number) > 0
     pairs, length = pairs[goes_on], length[goes_on]
     depth, place = _from_rim(pairs, length, rim), with_normals(points, normals, TOUCH * spacing)
-    labels = np.zeros((len(_NECKS), number), np.int64)
+    labels, pairs = np.zeros((len(_NECKS), number), np.int64), _by_width(pairs, depth)
     for label, neck in zip(labels, _NECKS, strict=True):
         label[:] = _basins(pairs, depth, neck)
         body = (np.bincount(label)[label] >= FRAGMENT * number) & ~rim
@@ -182,32 +182,25 @@ def _from_rim(pairs: Ints, length: Floats, rim: Bools) -> Floats:
     return np.asarray(dijkstra(graph, directed=False, indices=np.flatnonzero(rim), min_only=True))
 
 
-def _basins(pairs: Ints, depth: Floats, neck: float) -> Ints:
-    """Parts (F,) by watershed: two meet where the way between them is wide, as wide as they are.
+def _by_width(pairs: Ints, depth: Floats) -> Ints:
+    """The pairs of neighbours (E, 2) between which the skin continues, the widest ways first.
 
-    `pairs` (E, 2) are neighbours between which the skin continues; `depth` (F,) is the distance from the
-    nearest rim, and what lies on it (0) joins nothing; `neck` is that of `_NECKS`.
+    `depth` (F,) is the distance from the nearest rim; a way is as wide as its shallower end.
     """
     rank = np.empty(len(depth), np.int64)
     rank[np.argsort(-depth, kind="stable")] = np.arange(len(depth))
-    return np.asarray(_flooded(pairs, rank, depth, neck), np.int64)
+    return np.asarray(pairs[np.argsort(rank[pairs].max(axis=1), kind="stable")])
 
 
 @njit(cache=True)
-def _flooded(pairs: Ints, rank: Ints, depth: Floats, neck: float) -> Ints:
+def _basins(pairs: Ints, depth: Floats, neck: float) -> Ints:
+    """Parts (F,) by watershed: two meet where the way between them is wide, as wide as they are.
+
+    `pairs` are `_by_width`; what lies on the rim (depth 0) joins nothing; `neck` is that of `_NECKS`.
+    """
     number = len(depth)
-    # A way is as wide as its shallower end: the widest first, by counting how many have which end.
-    first = np.zeros(number + 1, np.int64)
-    for edge in range(len(pairs)):
-        first[max(rank[pairs[edge, 0]], rank[pairs[edge, 1]]) + 1] += 1
-    first = np.cumsum(first)
-    order = np.empty(len(pairs), np.int64)
-    for edge in range(len(pairs)):
-        end = max(rank[pairs[edge, 0]], rank[pairs[edge, 1]])
-        order[first[end]] = edge
-        first[end] += 1
     root, peak = np.arange(number), depth.copy()
-    for way in order:
+    for way in range(len(pairs)):
         a, b = pairs[way]
         saddle = min(depth[a], depth[b])
         if saddle <= 0:

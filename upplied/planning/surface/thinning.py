@@ -11,6 +11,7 @@ from upplied.records import Cloud, Floats, Ints, Structure
 from upplied.vectors import points_on_triangles
 
 _ALIKE = 1e-6  # share by which distances may differ and be equal
+_MOST_VOXELS = 2**20  # of a box, that are counted one by one
 
 
 def voxel_cloud(structure: Structure, settings: CloudSettings) -> Cloud:
@@ -39,54 +40,41 @@ def voxel_filter(points: Floats, leaf_m: float) -> Floats:
     array([[0.1, 0. , 0. ],
            [5. , 0. , 0. ]])
     """
-    voxel = _voxels(points, leaf_m)
+    voxel, _ = _voxels(_columns(points), leaf_m)
     _, member, count = np.unique(voxel, return_inverse=True, return_counts=True)
     sums = np.column_stack([np.bincount(member, weights=points[:, axis]) for axis in range(3)])
     return sums / count[:, None]
 
 
-def _voxels(points: Floats, leaf_m: float) -> Ints:
-    cell = np.floor((points - points.min(axis=0)) / leaf_m).astype(np.int64)
-    size = cell.max(axis=0) + 1
-    return (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
+def _columns(points: Floats) -> Floats:
+    """Places (3, N) from the corner of their box."""
+    return np.ascontiguousarray((points - points.min(axis=0)).T)
+
+
+def _voxels(columns: Floats, leaf_m: float) -> tuple[Ints, int]:
+    """The voxel (N,) of each point, and how many voxels their box has."""
+    x, y, z = cell = (columns / leaf_m).astype(np.int64)
+    size = cell.max(axis=1) + 1
+    return (x * size[1] + y) * size[2] + z, int(size.prod())
+
+
+def _occupied(columns: Floats, leaf_m: float) -> int:
+    voxel, number = _voxels(columns, leaf_m)
+    return len(np.unique(voxel)) if number > _MOST_VOXELS else int(np.count_nonzero(np.bincount(voxel)))
 
 
 def _leaf_for(points: Floats, number: int) -> float:
     """The leaf that leaves about `number` points, found by bisection on its logarithm."""
-    offset = np.ascontiguousarray(points - points.min(axis=0))
-    extent = float(np.ptp(points, axis=0).max())
+    columns = _columns(points)
+    extent = float(columns.max())
     low, high = np.log(extent / 2000), np.log(extent)
     for _ in range(20):
         middle = (low + high) / 2
-        if _more_voxels(offset, float(np.exp(middle)), number):
+        if _occupied(columns, float(np.exp(middle))) > number:
             low = middle
         else:
             high = middle
     return float(np.exp(high))
-
-
-@njit(cache=True)
-def _more_voxels(offset: Floats, leaf_m: float, number: int) -> bool:
-    """Whether points, from the corner of their box, lie in more than `number` voxels: stops when it knows."""
-    slots = 64
-    while slots < 4 * number:
-        slots *= 2
-    table = np.full(slots, -1, np.int64)  # open addressing: less than a quarter of it is ever filled
-    count = 0
-    for row in range(len(offset)):
-        x = np.int64(np.floor(offset[row, 0] / leaf_m))
-        y = np.int64(np.floor(offset[row, 1] / leaf_m))
-        z = np.int64(np.floor(offset[row, 2] / leaf_m))
-        key = (x << 42) | (y << 21) | z  # the smallest leaf makes 2000 voxels along the longest edge
-        slot = ((key * 0x9E3779B97F4A7C1) >> 20) & (slots - 1)
-        while table[slot] != -1 and table[slot] != key:
-            slot = (slot + 1) & (slots - 1)
-        if table[slot] == -1:
-            table[slot] = key
-            count += 1
-            if count > number:
-                return True
-    return False
 
 
 def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
@@ -99,12 +87,15 @@ def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
         return np.arange(len(points))
     reach = np.sqrt(area / number)
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
-    start, second, distance = _neighbours(points, normals, pairs)
+    pairs = pairs[(normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(axis=1) > 0]
+    pairs = pairs[np.argsort(pairs[:, 0], kind="stable")]
+    start = np.searchsorted(pairs[:, 0], np.arange(len(points) + 1))
+    distance = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
     low, high = 0.0, reach
     chosen = np.ones(len(points), bool)
     for _ in range(12):
         middle = (low + high) / 2
-        chosen = _greedy(start, second, distance, middle)
+        chosen = _greedy(start, pairs[:, 1], distance, middle)
         if chosen.sum() > number:
             low = middle
         else:
@@ -124,30 +115,6 @@ def shares(points: Floats, normals: Floats, area: Floats, chosen: Ints) -> Float
     alike = distance <= (1 + _ALIKE) * distance.min(axis=1, keepdims=True)
     parts = alike * (area / alike.sum(axis=1))[:, None]
     return np.asarray(np.bincount(near.ravel(), parts.ravel(), minlength=len(chosen)), float)
-
-
-@njit(cache=True)
-def _neighbours(points: Floats, normals: Floats, pairs: Ints) -> tuple[Ints, Ints, Floats]:
-    """Of pairs (P, 2) on one side: where each point's begin (N + 1,), the others, and how far they are, m."""
-    start = np.zeros(len(points) + 2, np.int64)
-    far = np.full(len(pairs), -1.0)
-    for pair in range(len(pairs)):
-        one, other = pairs[pair]
-        facing, square = 0.0, 0.0
-        for axis in range(3):
-            facing += normals[one, axis] * normals[other, axis]
-            square += (points[one, axis] - points[other, axis]) ** 2
-        if facing > 0:
-            far[pair] = np.sqrt(square)
-            start[one + 2] += 1
-    start = np.cumsum(start)
-    second, distance = np.empty(start[-1], np.int64), np.empty(start[-1])
-    for pair in range(len(pairs)):
-        if far[pair] >= 0:
-            place = start[pairs[pair, 0] + 1]
-            second[place], distance[place] = pairs[pair, 1], far[pair]
-            start[pairs[pair, 0] + 1] += 1
-    return start[:-1], second, distance
 
 
 @njit(cache=True)

@@ -1,29 +1,31 @@
-"""Further passes in the expert's manner, for what a path leaves unseen in the time that there is.
+"""Further passes in the expert's manner, where the demonstrated ones cannot show all from as near.
 
-Of the strips beside a path, stretches that show most for their time are taken one after the other and put
-into the path where the transits to and from them are shortest; so neighbours are flown back and forth.
+Passes run beside the demonstrated ones on lanes of the surface (`lanes`), over the length on which they are
+needed (`arrangement`). Each is flown where the transits to it and on from it are shortest: once more round
+after the flight, back along it, or out and back within it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from upplied.planning.airspace.detours import Ways
 from upplied.planning.airspace.roadmap import way
+from upplied.planning.trajectory.arrangement import Cover, Pass, arranged
+from upplied.planning.trajectory.lanes import STEPS, Lanes, lanes_beside
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.strips import Strip, strips_beside
 from upplied.planning.trajectory.view import View
-from upplied.polylines import arc_length, interpolated, leg_lengths
-from upplied.poses import from_yaw_pitch, wrapped
+from upplied.polylines import arc_length, cumulated, interpolated, leg_lengths
+from upplied.poses import wrapped
 from upplied.records import Bools, Floats, Ints, Record
 
-_MISSED = 600  # samples, at most, that stand for all that is missed
-_LEAST = 2e-3  # share of the need that a stretch must add
-_END_S = 2.0  # to slow down and turn at each end of a stretch
-_PRICES = np.array([1.0, 3.0, 9.0, 27.0])  # of a second, over the least rate
+_NEEDED = 600  # samples, at most, that stand for all that is needed
+_LEAST = 0.02  # share of the need, that a pass must show
+_TURN_S = 2.0  # to slow down and turn at each end of a pass
+_PRICES = (0.8, 0.27, 0.09, 0.03)  # of what a second shows in the mean, that a second must: few passes first
+_SHARES = (np.inf, 1.0, 0.75, 0.5)  # of the time that is left, in which a part of a pass is flown
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +44,7 @@ class Pace(Record):
     speed_mps: Floats  # (M,) at its stations
     pan_radps: float
     allowed_s: float
-    least_rate: float  # of the mean share of the need shown a second, that a stretch must show more
+    most: int  # passes to each side
 
     def seconds(self, path: Flown, origin: Ints) -> Floats:
         """About how long each leg (M - 1,) takes."""
@@ -52,7 +54,7 @@ class Pace(Record):
 
 
 def with_added_passes(path: Flown, view: View, ways: Ways, pace: Pace, half_rad: float) -> Extended | None:
-    """The path with stretches of strips that show what it misses; None where none is worth its time.
+    """The path with passes beside it, as many as show what is needed; None where it is enough alone.
 
     Parameters
     ----------
@@ -60,127 +62,126 @@ def with_added_passes(path: Flown, view: View, ways: Ways, pace: Pace, half_rad:
         M stations.
     view : View
     ways : Ways
-        Of the target: transits to a strip and back lead round what stands in their way.
+        Of the target: transits to a pass and on from it lead round what stands in their way.
     pace : Pace
     half_rad : float
-        See `strips.strips_beside`.
+        See `lanes.lanes_beside`.
     """
-    missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
-    if view.need[missed].sum() <= _LEAST:
+    needed = np.flatnonzero(view.need > 0)
+    few = needed[:: max(1, len(needed) // _NEEDED)]
+    lanes = lanes_beside(path, view, ways.planning, half_rad, few) if len(few) else None
+    if lanes is None or len(lanes.station) < 2:
         return None
-    few = missed[:: max(1, len(missed) // _MISSED)]
-    left = view.need[few] * (view.need[missed].sum() / view.need[few].sum())
-    strips, _ = strips_beside(path, view, ways.planning, half_rad, few)
-    strips = [strip for strip in strips if strip.shows.any()]
-    tour = _Tour(path, ways, pace)
-    spare_s = pace.allowed_s - float(pace.seconds(path, np.arange(len(path))).sum())
-    while strips:
-        offers = [offer for strip in strips for offer in _offers(strip, left, tour)]
-        worth = np.array(
-            [offer.gain / offer.seconds if offer.seconds <= spare_s else 0.0 for offer in offers]
-        )
-        worth[[offer.gain < _LEAST for offer in offers]] = 0.0
-        best = int(worth.argmax())
-        offer = offers[best]
-        if worth[best] * pace.allowed_s < pace.least_rate:
-            break
-        if tour.put_in(offer):
-            left[offer.strip.shows[offer.rows].any(axis=0)] = 0.0
-            spare_s -= offer.seconds
-        else:
-            strips.remove(offer.strip)
-    return tour.flown() if tour.inserted else None
+    cover = Cover.of(lanes, view.need[few] / view.need[few].sum())
+    spent = cumulated(pace.seconds(path, np.arange(len(path))))
+    seconds, spare_s = np.gradient(spent[lanes.station]), pace.allowed_s - float(spent[-1])
+    best, most = None, 0.0
+    for times in _PRICES if spare_s > 0 else ():
+        passes = arranged(cover, seconds, times / pace.allowed_s, pace.most)
+        tour = _Tour(path, lanes, ways, pace)
+        worth = _put_in(tour, passes, cover, seconds, spare_s)
+        if worth > most:
+            best, most = tour, worth
+    return None if best is None else best.flown()
+
+
+def _put_in(tour: _Tour, passes: list[Pass], cover: Cover, seconds: Floats, spare_s: float) -> float:
+    """Put passes into a tour, those first that show most a second; what they show more than they must."""
+    worth = 0.0
+    flown = np.zeros((cover.stations, 2 * STEPS + 1), bool)
+    flown[:, STEPS] = True
+    while passes:
+        before = cover.before(flown)
+        gains = [cover.before(one.flown_with(flown)) - before for one in passes]
+        rates = [
+            gain.sum() / max(seconds[one.rows].sum(), 1e-9) for gain, one in zip(gains, passes, strict=True)
+        ]
+        best = int(np.argmax(rates))
+        one, gain = passes.pop(best), gains[best]
+        for share in _SHARES:
+            part = one.within(gain, seconds, share * spare_s)
+            more = float((cover.before(part.flown_with(flown)) - before).sum())
+            if more < _LEAST:
+                break
+            if (taken_s := tour.put_in(part, spare_s)) > 0:
+                flown, worth, spare_s = part.flown_with(flown), worth + more - _LEAST, spare_s - taken_s
+                break
+    return worth
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _Offer(Record):
-    """A stretch of a strip, where it would be put, and what it would show."""
+class _Piece(Record):
+    """What is flown without a transit."""
 
-    strip: Strip
-    rows: Ints  # (K,) of the strip, in the order that they would be flown in
-    gap: int  # station after which
-    place: int  # among the stretches that are there already
-    gain: float
-    seconds: float
+    path: Flown
+    origin: Ints  # of each of its stations
+    added: bool
 
-
-def _offers(strip: Strip, left: Floats, tour: _Tour) -> list[_Offer]:
-    """Stretches of a strip that are worth most by several prices of time, put where that takes least.
-
-    A low price takes a strip as a whole, a high one what of it shows much in little time.
-    """
-    shows, pace = strip.shows, tour.pace
-    count = shows.sum(axis=0)
-    wanted = np.flatnonzero((count > 0) & (left > 0))
-    middle = np.argmax(2 * np.cumsum(shows[:, wanted], axis=0) >= count[wanted], axis=0)
-    gain = np.bincount(middle, left[wanted], len(strip.station))
-    seconds = np.append(pace.seconds(strip.poses, strip.station), 0.0)
-    speed = max(float(np.median(pace.speed_mps[strip.station])), 0.1)
-    offers = []
-    for first, last in dict.fromkeys(
-        _best_run(gain - seconds * rate / pace.allowed_s) for rate in pace.least_rate * _PRICES
-    ):
-        rows = np.arange(first, last + 1)
-        gap, place, turned, way_m = tour.cheapest(strip.poses.positions[[first, last]])
-        total = float(left[shows[rows].any(axis=0)].sum())
-        spent = float(seconds[first:last].sum()) + way_m / speed + 2 * _END_S
-        offers.append(_Offer(strip, rows[::-1] if turned else rows, gap, place, total, spent))
-    return offers
-
-
-def _best_run(values: Floats) -> tuple[int, int]:
-    """First and last of the run of values with the largest sum."""
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    lowest = np.minimum.accumulate(total[:-1])
-    last = int(np.argmax(total[1:] - lowest))
-    return int(np.argmin(total[: last + 1])), last
+    def cut(self, first: int, stop: int | None) -> _Piece:
+        part = slice(first, stop)
+        path = Flown(self.path.positions[part], self.path.yaw[part], self.path.pitch[part])
+        return _Piece(path, self.origin[part], self.added)
 
 
 class _Tour:
-    """A path, and the stretches that are flown between two of its stations."""
+    """A path, and the passes that are put into it."""
 
-    def __init__(self, path: Flown, ways: Ways, pace: Pace) -> None:
-        self.path, self.ways, self.pace = path, ways, pace
-        self.inserted: dict[int, list[tuple[Strip, Ints]]] = {}
+    def __init__(self, path: Flown, lanes: Lanes, ways: Ways, pace: Pace) -> None:
+        self.lanes, self.ways, self.pace = lanes, ways, pace
+        self.step_m = max(float(np.median(leg_lengths(path.positions))), 0.05)
+        self.pieces = [_Piece(path, np.arange(len(path)), False)]
+        self.own = np.full(len(lanes.station), STEPS)  # the lane of the demonstrated pass
 
-    def cheapest(self, ends: Floats) -> tuple[int, int, bool, float]:
-        """Where a stretch between two ends (2, 3) makes the way least longer: gap, place there, turned, m."""
-        positions = self.path.positions
-        free = np.array([gap for gap in range(len(positions) - 1) if gap not in self.inserted], np.int64)
-        chains = {gap: self._chain(gap) for gap in self.inserted}
-        taken = [(gap, place) for gap, ends in chains.items() for place in range(len(ends) // 2)]
-        gaps = np.concatenate([free, np.array([gap for gap, _ in taken], np.int64)])
-        places = np.concatenate([np.zeros(len(free), np.int64), np.array([at for _, at in taken], np.int64)])
-        start = np.vstack([positions[free], *(chains[gap][2 * at][None] for gap, at in taken)])
-        stop = np.vstack([positions[free + 1], *(chains[gap][2 * at + 1][None] for gap, at in taken)])
-        direct = np.linalg.norm(stop - start, axis=1)
+    def put_in(self, one: Pass, spare_s: float) -> float:
+        """Seconds that a pass takes, put where it makes the way least longer; 0 where it is not put in."""
+        free = self.lanes.free[one.rows, one.lane]
+        if free.sum() < 2:
+            return 0.0
+        poses = self.lanes.poses[one.rows[free], one.lane[free]]
+        origin = self.lanes.station[one.rows[free]]
+        piece, at, turned, way_m = self._cheapest(poses[[0, -1], :3])
+        if turned:
+            poses, origin = poses[::-1], origin[::-1]
+        path = Flown(poses[:, :3], np.unwrap(poses[:, 3]), poses[:, 4])
+        speed = max(float(np.median(self.pace.speed_mps[origin])), 0.1)
+        seconds = float(self.pace.seconds(path, origin).sum()) + way_m / speed + 2 * _TURN_S
+        before, after = self.pieces[piece].cut(0, at + 1), self.pieces[piece].cut(at + 1, None)
+        rest = [after] if len(after.path) else []
+        following = (rest or self.pieces[piece + 1 : piece + 2])[:1]
+        legs = [(before.path.positions[-1], path.positions[0])]
+        legs += [(path.positions[-1], one.path.positions[0]) for one in following]
+        if seconds > spare_s or any(self._transit(*leg) is None for leg in legs):
+            return 0.0
+        self.pieces[piece : piece + 1] = [before, _spaced(_Piece(path, origin, True), self.step_m), *rest]
+        self.own[one.rows] = one.own
+        return seconds
+
+    def _cheapest(self, ends: Floats) -> tuple[int, int, bool, float]:
+        """Piece, and station of it, after which a pass between two ends (2, 3) makes the way least longer.
+
+        Also whether it is flown the other way round, and by how much longer, m. Nothing follows on the last.
+        """
+        start, stop, place = [], [], []
+        for number, piece in enumerate(self.pieces):
+            after = (
+                self.pieces[number + 1].path.positions[:1] if number + 1 < len(self.pieces) else ends * np.nan
+            )
+            at = np.arange(len(piece.path))[-1 if piece.added else 0 :]
+            start.append(piece.path.positions[at])
+            stop.append(np.concatenate([piece.path.positions, after[:1]])[at + 1])
+            place += [(number, int(one)) for one in at]
+        starts, stops = np.concatenate(start), np.concatenate(stop)
         costs = np.stack(
             [
-                np.linalg.norm(ends[a] - start, axis=1) + np.linalg.norm(stop - ends[b], axis=1) - direct
+                np.linalg.norm(ends[a] - starts, axis=1)
+                + np.nan_to_num(
+                    np.linalg.norm(stops - ends[b], axis=1) - np.linalg.norm(stops - starts, axis=1)
+                )
                 for a, b in ((0, 1), (1, 0))
             ]
         )
-        turned, row = divmod(int(costs.argmin()), costs.shape[1])
-        return int(gaps[row]), int(places[row]), bool(turned), float(costs[turned, row])
-
-    def _chain(self, gap: int) -> list[Floats]:
-        """The places that legs of a gap start and stop at, in turn."""
-        ends = [strip.poses.positions[rows[[0, -1]]] for strip, rows in self.inserted.get(gap, [])]
-        return [
-            self.path.positions[gap],
-            *(place for pair in ends for place in pair),
-            self.path.positions[gap + 1],
-        ]
-
-    def put_in(self, offer: _Offer) -> bool:
-        """Put a stretch in, if there is a way to it and on from it."""
-        ends = offer.strip.poses.positions[offer.rows[[0, -1]]]
-        chain = self._chain(offer.gap)
-        legs = (chain[2 * offer.place], ends[0]), (ends[1], chain[2 * offer.place + 1])
-        if any(self._transit(*leg) is None for leg in legs):
-            return False
-        self.inserted.setdefault(offer.gap, []).insert(offer.place, (offer.strip, offer.rows))
-        return True
+        turned, row = divmod(int(costs.argmin()), len(place))
+        return *place[row], bool(turned), float(costs[turned, row])
 
     def _transit(self, start: Floats, stop: Floats) -> Floats | None:
         """A safe way (K, 3) from one place to another, both included."""
@@ -188,58 +189,49 @@ class _Tour:
         return both if not self.ways.planning.broken(both)[0] else way(self.ways.graph, start, stop)
 
     def flown(self) -> Extended:
-        """The path with its stretches and the ways there and back."""
-        step_m = max(float(np.median(leg_lengths(self.path.positions))), 0.05)
-        parts: list[tuple[Flown, Ints, Bools]] = []
-        last = 0
-        for gap in sorted(self.inserted):
-            parts.append(self._own(last, gap + 1))
-            chain = self._chain(gap)
-            for place, (strip, rows) in enumerate(self.inserted[gap]):
-                poses = Flown(strip.poses.positions[rows], strip.poses.yaw[rows], strip.poses.pitch[rows])
-                parts.append(
-                    self._between(parts[-1][0], poses, chain[2 * place : 2 * place + 2], gap, step_m)
-                )
-                parts.append(_added(_spaced(poses, step_m), gap))
-            back = self._own(gap + 1, gap + 2)[0]
-            parts.append(self._between(parts[-1][0], back, chain[-2:], gap, step_m))
-            last = gap + 1
-        parts.append(self._own(last, len(self.path)))
-        whole = [
-            np.concatenate([getattr(part[0], name) for part in parts])
+        """The path, moved aside where passes are flown beside it, with those and the transits."""
+        parts = [self._aside(self.pieces[0])]
+        for piece in self.pieces[1:]:
+            piece = piece if piece.added else self._aside(piece)
+            parts += [self._between(parts[-1], piece), piece]
+        positions, yaw, pitch = (
+            np.concatenate([getattr(part.path, name) for part in parts])
             for name in ("positions", "yaw", "pitch")
-        ]
-        origin, added = (np.concatenate([part[at] for part in parts]) for at in (1, 2))
-        return Extended(Flown(whole[0], np.unwrap(whole[1]), whole[2]), origin, added)
+        )
+        added = np.concatenate([np.full(len(part.path), part.added) for part in parts])
+        origin = np.concatenate([part.origin for part in parts])
+        return Extended(Flown(positions, np.unwrap(yaw), pitch), origin, added)
 
-    def _own(self, first: int, stop: int) -> tuple[Flown, Ints, Bools]:
-        path, chosen = self.path, slice(first, stop)
-        poses = Flown(path.positions[chosen], path.yaw[chosen], path.pitch[chosen])
-        return poses, np.arange(first, stop), np.zeros(stop - first, bool)
+    def _aside(self, piece: _Piece) -> _Piece:
+        """A piece of the demonstrated pass on the lane that it is flown on."""
+        poses, row = self.lanes.poses, np.arange(len(self.own))
+        off = poses[row, self.own] - poses[:, STEPS]
+        off[:, 3] = wrapped(off[:, 3])
+        off[~self.lanes.free[row, self.own]] = 0.0
+        off = interpolated(piece.origin.astype(float), self.lanes.station.astype(float), off)
+        path = piece.path
+        path = Flown(path.positions + off[:, :3], path.yaw + off[:, 3], path.pitch + off[:, 4])
+        return _Piece(path, piece.origin, False)
 
-    def _between(
-        self, before: Flown, after: Flown, ends: Sequence[Floats], gap: int, step_m: float
-    ) -> tuple[Flown, Ints, Bools]:
+    def _between(self, before: _Piece, after: _Piece) -> _Piece:
         """The stations of a transit, without its ends, as the camera turns from one to the other."""
+        ends = before.path.positions[-1], after.path.positions[0]
         line = self._transit(*ends)
-        line = np.stack(list(ends)) if line is None else line  # it was free before
-        along = arc_length(line)
-        yaw = before.yaw[-1] + np.array([0.0, float(wrapped(after.yaw[0] - before.yaw[-1]))])
-        pitch, share = np.array([before.pitch[-1], after.pitch[0]]), along / max(float(along[-1]), 1e-9)
+        line = np.stack(ends) if line is None else line  # it was free before the path was moved aside
+        share = arc_length(line)
+        share = share / max(float(share[-1]), 1e-9)
+        yaw = before.path.yaw[-1] + np.array([0.0, float(wrapped(after.path.yaw[0] - before.path.yaw[-1]))])
+        pitch = np.array([before.path.pitch[-1], after.path.pitch[0]])
         poses = Flown(line, np.interp(share, [0, 1], yaw), np.interp(share, [0, 1], pitch))
-        spaced = _spaced(poses, step_m)
-        inner = Flown(spaced.positions[1:-1], spaced.yaw[1:-1], spaced.pitch[1:-1])
-        return _added(inner, gap)
+        whole = _spaced(_Piece(poses, np.full(len(line), before.origin[-1]), True), self.step_m)
+        return whole.cut(1, -1)
 
 
-def _added(poses: Flown, gap: int) -> tuple[Flown, Ints, Bools]:
-    return poses, np.full(len(poses), gap), np.ones(len(poses), bool)
-
-
-def _spaced(poses: Flown, step_m: float) -> Flown:
-    """Poses with stations about so far apart; none on a way of no length but its ends."""
-    along = arc_length(poses.positions)
-    number = max(int(np.ceil(along[-1] / step_m)), 1)
-    at = np.linspace(0, along[-1], number + 1)
-    angles = interpolated(at, along, np.column_stack([poses.yaw, poses.pitch]))
-    return Flown(interpolated(at, along, poses.positions), *angles.T)
+def _spaced(piece: _Piece, step_m: float) -> _Piece:
+    """The same with stations about so far apart; on a way of no length its ends alone."""
+    path = piece.path
+    along = arc_length(path.positions)
+    at = np.linspace(0, along[-1], max(int(np.ceil(along[-1] / step_m)), 1) + 1)
+    poses = interpolated(at, along, np.column_stack([path.positions, path.yaw, path.pitch]))
+    origin = piece.origin[np.searchsorted(along, at).clip(0, len(along) - 1)]
+    return _Piece(Flown(poses[:, :3], poses[:, 3], poses[:, 4]), origin, piece.added)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.demonstration.repetition import Take, steady_radps
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.added_passes import Pace, with_added_passes
-from upplied.planning.trajectory.optimise import Problem, Start, optimise
+from upplied.planning.trajectory.optimise import Optimised, Problem, Start, optimise
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import demonstrated_speed
 from upplied.planning.trajectory.sharpness import sharply_timed
@@ -24,7 +24,7 @@ from upplied.planning.trajectory.terms.path import Shape
 from upplied.planning.trajectory.view import View
 from upplied.polylines import interpolated
 from upplied.poses import from_yaw_pitch, optical_axis, yaw_pitch
-from upplied.records import Floats, Waypoints
+from upplied.records import Bools, Floats, Ints, Record, Waypoints
 
 _STEP_M = 0.5  # largest leg of the result
 _LEAST_TURN_RAD = (
@@ -32,6 +32,7 @@ _LEAST_TURN_RAD = (
 )  # that a demonstration counts as having turned, so that little turning is not dear
 _HALVINGS = 20  # of the way to the demonstrated shape
 _WORTHWHILE = 5e-3  # share of the need, that added passes must show more
+_TRIES = 2  # of adding passes: fewer, where they took too long
 
 
 def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
@@ -89,60 +90,85 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     )
     shape = FIDELITIES[settings.refine.fidelity].shape
     best = optimise(problem, shape, settings.optimise)
-    origin, added = np.arange(len(flown)), np.zeros(len(flown), bool)
-    for _ in range(settings.refine.added_rounds if _is_absolute(goal) else 0):
-        pace = _pace(problem, best.path, carried.path.t_s[origin], carried, goal, settings)
-        longer = with_added_passes(best.path, problem.view, ways, pace, _half_rad(take, settings))
-        if longer is None:
-            break
-        try:
-            path = replace(longer.path, positions=safe(longer.path.positions))
-        except RefusedError:
-            break
-        further = problem.along(path, longer.origin, longer.added)
-        result = optimise(further, shape, settings.optimise)
-        if result.shown < best.shown + _WORTHWHILE:
-            break
-        best, problem = result, further
-        origin, added = origin[longer.origin], added[longer.origin] | longer.added
-    at, curve = best.state.curve(best.variables, _STEP_M)
-    positions = safe(curve.positions)
+    if goal.standoff.in_metres and goal.height_m is None and settings.refine.added_passes:
+        timer = _Timer(carried, goal, settings)
+        limit_s = timer.allowed_s(view)
+        pace = timer.pace(problem, limit_s)
+        for _ in range(_TRIES):
+            longer = with_added_passes(starts[0].safe, view, ways, pace, _half_rad(take, settings))
+            if longer is None:
+                break
+            try:
+                path = replace(longer.path, positions=safe(longer.path.positions))
+                result = optimise(problem.along(path, longer.origin, longer.added), shape, settings.optimise)
+                if result.shown < best.shown + _WORTHWHILE:
+                    break
+                waypoints = _finished(result, longer.origin, longer.added, carried, goal, settings, safe)
+            except RefusedError:
+                break
+            if (taken_s := timer.seconds(waypoints)) <= limit_s:
+                return waypoints
+            pace = replace(pace, allowed_s=pace.allowed_s * limit_s / taken_s)
+    alone = np.arange(len(flown)), np.zeros(len(flown), bool)
+    return _finished(best, *alone, carried, goal, settings, safe)
+
+
+def _finished(
+    result: Optimised,
+    origin: Ints,
+    added: Bools,
+    carried: Carried,
+    goal: Goal,
+    settings: Settings,
+    safe: Callable[[Floats], Floats],
+) -> Waypoints:
+    """A path as it is flown: a curve that is safe, and that departs no farther than it may."""
+    at, curve = result.state.curve(result.variables, _STEP_M)
+    positions, station = safe(curve.positions), np.interp(at, np.arange(float(len(origin))), origin)
     if settings.refine.deviation is not None:
-        positions = _within(settings.refine.deviation, positions, at, goal, safe)
+        positions = _within(settings.refine.deviation, positions, station, goal, safe)
     low, high = np.radians([settings.retime.min_gimbal_pitch_deg, settings.retime.max_gimbal_pitch_deg])
-    own = np.zeros(len(at), bool)
-    whole = np.flatnonzero(at == np.round(at))
-    own[whole] = carried.path.is_viewpoint[origin[at[whole].astype(int)]]
+    nearest = np.floor(at).astype(int), np.ceil(at).astype(int)
+    further = added[nearest[0]] | added[nearest[1]]
     return Waypoints(
         positions,
         from_yaw_pitch(curve.yaw, np.clip(curve.pitch, low, high)),
-        np.interp(at, np.arange(float(len(origin))), carried.path.t_s[origin]),
-        own,
-        added[np.floor(at).astype(int)] | added[np.ceil(at).astype(int)],
+        np.interp(station, np.arange(float(len(goal.flown))), carried.path.t_s),
+        (nearest[0] == at) & carried.path.is_viewpoint[origin[nearest[0]]] & ~further,
+        further,
     )
 
 
-def _is_absolute(goal: Goal) -> bool:
-    return goal.standoff.in_metres and goal.height_m is None
+@dataclass(frozen=True, eq=False, repr=False)
+class _Timer(Record):
+    """How long paths of a take are flown, and may be."""
 
+    carried: Carried
+    goal: Goal
+    settings: Settings
 
-def _pace(
-    problem: Problem, path: Flown, t_s: Floats, carried: Carried, goal: Goal, settings: Settings
-) -> Pace:
-    """How fast passes are flown, and in how much time: as much more as the surface is larger."""
-    take, flight = carried.take, carried.take.inspection.flight
-    allowed_s = settings.refine.longer * max(goal.area_ratio, 1.0) * float(flight.t_s[-1] - flight.t_s[0])
-    area, asked = problem.view.cloud.areas, goal.inspected.need > 0
-    allowed_s *= max(
-        float(area[problem.view.inspected].sum() / max(area[asked].sum(), 1e-9)), 1.0
-    )  # and zones
-    pace = Pace(problem.speed_mps, problem.pan_radps, allowed_s, settings.refine.least_rate)
-    poses = from_yaw_pitch(path.yaw, path.pitch)
-    waypoints = Waypoints(path.positions, poses, t_s, np.zeros(len(path), bool))
-    timed = sharply_timed(waypoints, flight, [take], goal.inspected, settings)[0]
-    # In seconds of its pace: it takes longer than that, slowed for bends and sharp pictures.
-    about_s = float(pace.seconds(path, np.arange(len(path))).sum())
-    return replace(pace, allowed_s=allowed_s * about_s / max(float(timed.t_s[-1] - timed.t_s[0]), 1e-3))
+    def allowed_s(self, view: View) -> float:
+        """At most as much longer than the demonstration as what is to be shown is larger, and some more."""
+        flight, area = self.carried.take.inspection.flight, view.cloud.areas
+        zones = float(area[view.inspected].sum() / max(area[self.goal.inspected.need > 0].sum(), 1e-9))
+        ratio = max(self.goal.area_ratio, 1.0) * max(zones, 1.0)
+        return self.settings.refine.longer * ratio * float(flight.t_s[-1] - flight.t_s[0])
+
+    def pace(self, problem: Problem, limit_s: float) -> Pace:
+        """The pace of the carried flight: it is slower than that for bends and sharp pictures."""
+        path, origin, carried = problem.starts[0].safe, np.arange(len(problem.speed_mps)), self.carried.path
+        most = self.settings.refine.added_passes
+        pace = Pace(problem.speed_mps, problem.pan_radps, limit_s, most)
+        poses = from_yaw_pitch(path.yaw, path.pitch)
+        flown_s = self.seconds(replace(carried, positions=path.positions, quat_xyzw=poses))
+        return replace(pace, allowed_s=limit_s * float(pace.seconds(path, origin).sum()) / max(flown_s, 1e-3))
+
+    def seconds(self, path: Waypoints) -> float:
+        """The time of a path as it will be flown."""
+        take = self.carried.take
+        flight = take.inspection.flight
+        timed = sharply_timed(path, flight, [take], self.goal.inspected, self.settings)[0]
+        return float(timed.t_s[-1] - timed.t_s[0])
 
 
 def _half_rad(take: Take, settings: Settings) -> float:

@@ -130,7 +130,8 @@ def hovering(path: Waypoints, flight: Trajectory, least_s: float, breaks: Ints |
     hover = np.zeros(len(path))
     for part in _parts(flight, breaks):
         for begin, end in pauses(part, least_s):
-            hover[int(np.abs(path.t_s - (begin + end) / 2).argmin())] += end - begin
+            off = np.where(path.added & ~path.added.all(), np.inf, np.abs(path.t_s - (begin + end) / 2))
+            hover[int(off.argmin())] += end - begin
     return hover
 
 

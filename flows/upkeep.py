@@ -1,4 +1,4 @@
-"""The catalog kept small and checked, once a week."""
+"""What the catalog becomes without new files: published for people, and kept small and checked."""
 
 from __future__ import annotations
 
@@ -10,9 +10,24 @@ from pydantic import Field
 
 from . import tasks
 from .artifacts import maintenance_artifact
+from .lineage import asset, making
 from .parameters import Location
 from .roots import check_roots
-from .states import errors_in_words
+from .states import ended, errors_in_words
+
+
+@flow(name="publish-reports", flow_run_name="publish to {folder}")
+@errors_in_words
+def publish_reports(folder: Location = "reports", catalog: Location = "catalog") -> State:
+    """Publish the catalog as plain Parquet, an HTML page and pictures.
+
+    Args:
+        folder: Where to; what it held is replaced.
+        catalog: Folder or object-store URI.
+    """
+    check_roots(catalog=catalog, folder=folder)
+    publish = making(tasks.publish_reports, asset(folder, "reports"), [asset(catalog, "transfers")])
+    return ended(f"published to {folder}", publish(catalog, folder))
 
 
 @flow(name="maintain-catalog", flow_run_name="maintain {catalog}")

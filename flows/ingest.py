@@ -1,0 +1,101 @@
+"""Files into the catalog: structures, demonstrations, and flights of plans, each by a flow of its own."""
+
+from __future__ import annotations
+
+from prefect import flow, runtime
+from prefect.states import State
+
+from . import tasks
+from .artifacts import ingested_artifacts
+from .lineage import asset, making, source
+from .parameters import FlightBounds, FlightRule, Location, StructureBounds, StructureRule, bound_options
+from .roots import check_roots
+from .states import ended, errors_in_words, ingested
+
+
+def run_name() -> str:
+    """What a run reads, in words."""
+    what = runtime.flow_run.flow_name.removeprefix("ingest-")
+    return f"{what} of {', '.join(runtime.flow_run.parameters['logs'])}"[:200]
+
+
+@flow(name="ingest-structures", flow_run_name="structures of {manifest}")
+@errors_in_words
+def ingest_structures(
+    manifest: Location,
+    catalog: Location = "catalog",
+    workers: int = 0,
+    prune: bool = False,
+    allow: list[StructureRule] = [],  # type: ignore[valid-type] # noqa: B006 - nobody changes it
+    strict: bool = False,
+    bounds: StructureBounds = StructureBounds(),  # type: ignore[valid-type] # noqa: B008
+) -> State:
+    """Read the meshes that a manifest names; what is new or changed is kept.
+
+    Args:
+        manifest: `structures.toml` or a CSV.
+        catalog: Folder or object-store URI.
+        workers: Processes; 0 takes one per core.
+        prune: Retire structures that the manifest no longer names; their history stays.
+        allow: Rules that are overruled for these structures, which is kept (docs/checks.md).
+        strict: Refuse what is odd too.
+        bounds: Of the rules, where they differ from the defaults.
+    """
+    check_roots(catalog=catalog, manifest=manifest)
+    read = making(tasks.ingest_structures, asset(catalog, "structures"), [source(manifest)])
+    files = read(catalog, manifest, workers, prune, allow, strict, bound_options(bounds))
+    return ingested(ingested_artifacts("ingest-structures", files), files)
+
+
+@flow(name="ingest-demonstrations", flow_run_name=run_name)
+@errors_in_words
+def ingest_demonstrations(
+    logs: list[Location],
+    catalog: Location = "catalog",
+    workers: int = 0,
+    allow: list[FlightRule] = [],  # type: ignore[valid-type] # noqa: B006 - nobody changes it
+    strict: bool = False,
+    bounds: FlightBounds = FlightBounds(),  # type: ignore[valid-type] # noqa: B008
+) -> State:
+    """Read flights of any kind, or folders of them; what is new or changed is kept.
+
+    Args:
+        logs: Logs, photogrammetry projects, missions, folders of photos, or folders of all of these.
+        catalog: Folder or object-store URI.
+        workers: Processes; 0 takes one per core.
+        allow: Rules that are overruled for these logs, which is kept (docs/checks.md).
+        strict: Refuse what is odd too.
+        bounds: Of the rules, where they differ from the defaults.
+    """
+    check_roots(catalog=catalog, logs=logs)
+    read = making(tasks.ingest_demonstrations, asset(catalog, "demonstrations"), [*map(source, logs)])
+    files = read(catalog, logs, workers, allow, strict, bound_options(bounds))
+    return ingested(ingested_artifacts("ingest-demonstrations", files), files)
+
+
+@flow(name="ingest-flights", flow_run_name=run_name)
+@errors_in_words
+def ingest_flights(
+    logs: list[Location], catalog: Location = "catalog", reports: str = "reports", gaps: bool = True
+) -> State:
+    """Read logs of flights; each is laid on the plan in force that it lies on best, and judged.
+
+    Args:
+        logs: MCAP files, or folders of them.
+        catalog: Folder or object-store URI.
+        reports: Folder to publish to; empty publishes nothing.
+        gaps: Plan the flight for what a flight left out of what its plan shows; it is a draft.
+    """
+    check_roots(catalog=catalog, logs=logs, reports=reports)
+    read = making(tasks.ingest_flights, asset(catalog, "flights"), [*map(source, logs)])
+    files = read(catalog, logs)
+    problems = [item["reason"] for item in files if item["status"] == "failed"]
+    lost = bool(problems) and len(problems) == len(files)
+    short = [item for item in files if item["status"] == "added" and item["left_out"]]
+    problems += [f"{item['name']} left out {item['left_out']}" for item in short]
+    if gaps and short:
+        problems += tasks.plan_gaps(catalog, [item["flight"] for item in short])
+    if reports:
+        publish = making(tasks.publish_reports, asset(reports, "reports"), [asset(catalog, "flights")])
+        problems += publish(catalog, reports)
+    return ended(ingested_artifacts("ingest-flights", files), problems, lost)

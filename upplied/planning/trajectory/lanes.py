@@ -1,0 +1,159 @@
+"""Lanes beside a path: the flight again, so many steps to its side, at its distance and angle to the surface.
+
+A step is a third of the swath, which is what the camera shows finely enough across its way. Lanes follow the
+surface: round a hull they bend with it, and they end where it ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial import cKDTree
+
+from upplied.planning.airspace.rules import Airspace
+from upplied.planning.constants import SAME_FACE
+from upplied.planning.trajectory.extra_views import in_picture
+from upplied.planning.trajectory.state import Flown
+from upplied.planning.trajectory.view import View
+from upplied.polylines import arc_length
+from upplied.poses import from_yaw_pitch, matrices, optical_axis
+from upplied.records import Bools, Floats, Ints, Record
+
+STEPS = 7  # to each side
+_A_SWATH = 3  # steps in a swath
+_NEAREST = 12  # samples of the surface, whose mean plane a place is put on
+_OFF = 0.4  # of a swath, that the next place may lie off the surface: an edge may be looked past
+_EVENED = 2.5  # places of a lane, over which its distance from the path is evened out
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Lanes(Record):
+    """Places beside S stations of a path on K lanes, from right to left; the middle one is the path."""
+
+    station: Ints  # (S,) of the path
+    poses: Floats  # (S, K, 5) m and rad: positions, yaw and pitch
+    free: Bools  # (S, K) there is surface before the place, and the rules allow it
+    surface: Floats  # (S, K, 3) m, before each place
+    points: Floats  # (m, 3) m, the samples that were asked about
+    shows: Bools  # (S, K, m) of them
+    step_m: float  # from lane to lane
+
+
+def lanes_beside(path: Flown, view: View, airspace: Airspace, half_rad: float, needed: Ints) -> Lanes | None:
+    """Lanes beside a path; None where it looks past the surface.
+
+    Parameters
+    ----------
+    path : Flown
+        M stations.
+    view : View
+    airspace : Airspace
+        Whose rules the places keep.
+    half_rad : float
+        Half the angle across the way of flight within which a look at a wall is fine enough.
+    needed : array of int, shape (m,)
+        Samples that the lanes are asked about.
+    """
+    axis = optical_axis(from_yaw_pitch(path.yaw, path.pitch))
+    away = view.scene.cast(path.positions, axis)[0]
+    hit = np.isfinite(away) & (away <= view.camera.max_range_m)
+    if hit.sum() < 2:
+        return None
+    swath_m = 2 * float(np.median(away[hit])) * np.tan(half_rad)
+    station = _apart(path.positions, hit, swath_m / _A_SWATH)
+    way = np.gradient(gaussian_filter1d(path.positions, 2.0, axis=0, mode="nearest"), axis=0)[station]
+    own, axis, away = path.positions[station], axis[station], away[station, None]
+    samples = cKDTree(view.cloud.points), view.cloud.points, view.cloud.outward
+    points, normals, on = _on_surface(own + away * axis, -axis, samples, np.inf)
+    within = _within(way, normals)
+    on &= np.linalg.norm(within, axis=1) > SAME_FACE * np.linalg.norm(way, axis=1)  # not towards the surface
+    first = points, normals, _unit(within)
+    share = np.einsum("sij,sj->si", _frames(first), axis)
+    shape = len(station), 2 * STEPS + 1
+    surface, positions, looks = (np.empty((*shape, 3)) for _ in range(3))
+    free = np.zeros(shape, bool)
+    surface[:, STEPS], positions[:, STEPS], looks[:, STEPS], free[:, STEPS] = points, own, axis, on
+    for side in (1, -1):
+        here, alive = first, on.copy()
+        for at in STEPS + side * np.arange(1, STEPS + 1):
+            here, still = _next_to(here, side * swath_m / _A_SWATH, samples, _OFF * swath_m)
+            alive &= still
+            surface[:, at], free[:, at] = here[0], alive
+            looks[:, at] = np.einsum("si,sij->sj", share, _frames(here))
+            positions[:, at] = here[0] - away * looks[:, at]
+    aside = np.concatenate([positions, looks], axis=2) - np.concatenate([own, axis], axis=1)[:, None]
+    aside = gaussian_filter1d(aside, _EVENED, axis=0, mode="nearest")
+    positions, looks = own[:, None] + aside[..., :3], _unit(axis[:, None] + aside[..., 3:])
+    low, high = np.radians([view.limits.min_gimbal_pitch_deg, view.limits.max_gimbal_pitch_deg])
+    pitch = np.clip(np.arcsin(np.clip(looks[..., 2], -1, 1)), low, high)
+    poses = np.concatenate(
+        [positions, np.arctan2(looks[..., 1], looks[..., 0])[..., None], pitch[..., None]], axis=2
+    )
+    free[free] = airspace.allowed(positions[free])
+    shows = np.zeros((*shape, len(needed)), bool)
+    shows[free] = _shown(poses[free], station[np.nonzero(free)[0]], view, needed)
+    return Lanes(station, poses, free, surface, view.cloud.points[needed], shows, swath_m / _A_SWATH)
+
+
+def _apart(positions: Floats, useful: Bools, step_m: float) -> Ints:
+    """Useful stations about a step apart along the path."""
+    along = arc_length(positions)
+    number = max(int(along[-1] / max(step_m, 1e-6)), 2)
+    chosen = np.unique(np.searchsorted(along, np.linspace(0, along[-1], number)))
+    return chosen[useful[np.clip(chosen, 0, len(useful) - 1)]]
+
+
+_Places = tuple[Floats, Floats, Floats]  # (S, 3) each: on the surface, its normals, and the way of flight
+_Samples = tuple[cKDTree, Floats, Floats]  # of the surface: a tree, points and normals (N, 3)
+
+
+def _next_to(here: _Places, step_m: float, samples: _Samples, most_m: float) -> tuple[_Places, Bools]:
+    """Places on the surface a step to the left of the way, and which of them there are."""
+    points, normals, ways = here
+    points, normals, on = _on_surface(points + step_m * np.cross(normals, ways), normals, samples, most_m)
+    return (points, normals, _unit(_within(ways, normals))), on
+
+
+def _on_surface(
+    places: Floats, like: Floats, samples: _Samples, most_m: float
+) -> tuple[Floats, Floats, Bools]:
+    """Places (S, 3) put on the side of the surface that faces as `like` does, its normals, which are near."""
+    tree, points, normals = samples
+    distance, near = tree.query(places, k=min(_NEAREST, len(points)))
+    weight = (np.einsum("kni,ki->kn", normals[near], like) > 0).astype(float)
+    whole = np.maximum(weight.sum(axis=1, keepdims=True), 1.0)
+    normal = np.einsum("kn,kni->ki", weight, normals[near]) / whole
+    on = (np.linalg.norm(normal, axis=1) > SAME_FACE) & (
+        np.where(weight > 0, distance, np.inf).min(axis=1) <= most_m
+    )
+    normal = _unit(np.where(on[:, None], normal, like))
+    middle = np.einsum("kn,kni->ki", weight, points[near]) / whole
+    off = ((places - middle) * normal).sum(axis=1, keepdims=True)
+    return places - np.where(on[:, None], off, 0.0) * normal, normal, on
+
+
+def _frames(places: _Places) -> Floats:
+    """Along the flight, to its left, and away from the surface (S, 3, 3), at places."""
+    _, normals, ways = places
+    return np.stack([ways, np.cross(normals, ways), normals], axis=1)
+
+
+def _within(vectors: Floats, normals: Floats) -> Floats:
+    return np.asarray(vectors - (vectors * normals).sum(axis=1, keepdims=True) * normals)
+
+
+def _unit(vectors: Floats) -> Floats:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))
+
+
+def _shown(poses: Floats, station: Ints, view: View, needed: Ints) -> Bools:
+    """Which of the samples (P, m) each pose shows, beside which station of the path it is."""
+    positions = np.ascontiguousarray(poses[:, :3])
+    reach = view.reach(positions, needed, station=station)
+    count = len(view.fov_deg) if view.fov_deg is not None else int(station.max(initial=0)) + 1
+    half = view.halves_rad(count)[station]
+    axes, wide = matrices(from_yaw_pitch(poses[:, 3], poses[:, 4])), half[:, 0] >= np.pi / 2
+    points = view.cloud.points[needed]
+    return np.asarray(in_picture(positions, np.arange(len(poses)), axes, points, reach, half, wide), bool)
