@@ -137,7 +137,7 @@ def test_a_flight_in_wind_is_told_in_the_report(planned, tmp_path, capsys):
     assert main(["report", str(reports)]) == 0
     text = page.read_text()
     assert f"gusts (seed 3): minimum clearance {clearance['flown']:.2f} m" in text
-    assert '"flown":{"said":"In a wind of 7 m/s' in text
+    assert '"flown":{"summary":"In a wind of 7 m/s' in text
 
 
 def test_what_was_overruled_is_kept_listed_and_shown(planned, location, tmp_path, capsys):
