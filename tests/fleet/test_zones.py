@@ -77,7 +77,7 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     made = ["export", plan, "--to", "geojson", "-o", str(goal), "--draft", "--photos", "none", *where]
     assert main(made) == 0
     notes = json.loads(goal.read_text())["features"][0]["properties"]["notes"]
-    assert "zone side (monthly 1): met, 100.0 % of it is shown" in notes
+    assert "zone side (monthly 1): met, 100.0 % shown" in notes
     assert any(note.startswith("zone roof (monthly 1): missed, 0.0 %") for note in notes)
     beside = {row["zone"]: row for row in json.loads((tmp_path / "mission.geojson.zones.json").read_text())}
     assert beside["side"]["status"] == "met" and "was not seen" in beside["roof"]["why"]
