@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,9 +37,9 @@ def attempts(monkeypatch) -> list[str]:
     """The targets that were planned, in this process."""
     planned: list[str] = []
 
-    def attempt(workers: object, job: fleet.Job) -> Outcome:
+    def attempt(workers: object, job: fleet.Job, plan: Callable[[fleet.Job], Outcome]) -> Outcome:
         planned.append(job.target_id)
-        return planner.plan_job(job)
+        return plan(job)
 
     monkeypatch.setattr(run, "attempt", attempt)
     return planned
