@@ -62,20 +62,6 @@ for mm_px in (8.0, 8.0, 0.01, 0.01):
 
 @pytest.mark.slow
 @pytest.mark.ci
-def test_a_campaign_is_planned_with_the_fleet_once_and_refused_once(server, place):
-    done = python(server, place, CAMPAIGN)
-    assert done.returncode == 0, done.stderr
-    first, again, refused, last = done.stdout.splitlines()
-    assert first.startswith("2 ok, 0 refused, 0 failed") and again.startswith("0 ok, 0 refused, 0 failed")
-    assert refused.startswith("0 ok, 1 refused, 0 failed") and last.startswith("0 ok, 0 refused, 0 failed")
-    assert all("box-random-2: has neither plan nor" in text for text in (first, again, refused, last))
-    plans = open_catalog(place / "catalog").transfers(structure="box-random-1", every=True)
-    ours = plans[plans["purpose"].str.startswith("campaign ")]
-    assert sorted(ours["status"]) == ["ok", "refused"] and set(ours["planned_on"].str[-6:]) == {"/local"}
-
-
-@pytest.mark.slow
-@pytest.mark.ci
 def test_maintenance_checks_the_catalog_and_says_what_is_wrong_with_it(server, place):
     code = """
 from upplied.flows.upkeep import maintain_catalog
@@ -308,3 +294,17 @@ for call in CALLS:
     assert [line.split()[0] for line in told] == ["FAILED"] * 5 + ["COMPLETED"], done.stdout + done.stderr
     assert all("outside the roots" in line and "--root" in line for line in told[:5])
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_a_campaign_is_planned_with_the_fleet_once_and_refused_once(server, place):
+    done = python(server, place, CAMPAIGN)
+    assert done.returncode == 0, done.stderr
+    first, again, refused, last = done.stdout.splitlines()
+    assert first.startswith("2 ok, 0 refused, 0 failed") and again.startswith("0 ok, 0 refused, 0 failed")
+    assert refused.startswith("0 ok, 1 refused, 0 failed") and last.startswith("0 ok, 0 refused, 0 failed")
+    assert all("box-random-2: has neither plan nor" in text for text in (first, again, refused, last))
+    plans = open_catalog(place / "catalog").transfers(structure="box-random-1", every=True)
+    ours = plans[plans["purpose"].str.startswith("campaign ")]
+    assert sorted(ours["status"]) == ["ok", "refused"] and set(ours["planned_on"].str[-6:]) == {"/local"}
