@@ -16,7 +16,7 @@ from processes import children, command
 
 from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
-from upplied.fleet import planner, run
+from upplied.fleet import planner
 from upplied.fleet.planner import Outcome
 from upplied.flows.server import end_with_parent
 from upplied.samples.fleet import member, random_member
@@ -60,11 +60,11 @@ def boxes(location: Path, count: int) -> Catalog:
 
 @pytest.mark.slow
 @pytest.mark.ci
-def test_culprits_are_rows_with_a_reason_and_the_rest_is_planned(tmp_path, monkeypatch):
+def test_culprits_are_rows_with_a_reason_and_the_rest_is_planned(tmp_path):
     catalog = boxes(tmp_path / "catalog", 8)
     resources = fleet.Resources(2, fleet.Limits(timeout_s=60, memory_gib=4))
-    monkeypatch.setattr(run, "plan_job", misbehave)
-    result = fleet.transfer(catalog, fleet.decide(catalog, REQUEST).jobs, "bad night", resources)
+    jobs = fleet.decide(catalog, REQUEST).jobs
+    result = fleet.transfer(catalog, jobs, "bad night", resources, plan=misbehave)
     plans = catalog.transfers().set_index("target_id")
     for target, reason in CULPRITS.items():
         assert plans.loc[target, "status"] == "failed"
@@ -73,7 +73,6 @@ def test_culprits_are_rows_with_a_reason_and_the_rest_is_planned(tmp_path, monke
     assert (plans.drop(index=list(CULPRITS))["status"] == "ok").all()
     assert (result.ok, result.failed) == (3, 5)
 
-    monkeypatch.setattr(run, "plan_job", really_plan)
     assert fleet.decide(catalog, REQUEST).jobs == []  # what failed waits for a person, or for other inputs
     again = fleet.decide(catalog, fleet.PlanRequest(("baseline",), retry_failed=True))
     assert again.reasons == {"failed before": 5}

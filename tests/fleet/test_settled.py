@@ -33,7 +33,7 @@ def planned(monkeypatch) -> list[Job]:
     """Jobs that were really planned; a planner that needs no time stands for the method."""
     seen: list[Job] = []
 
-    def one(workers: object, job: Job) -> Outcome:
+    def one(workers: object, job: Job, _: object) -> Outcome:
         seen.append(job)
         status = "failed" if job.target_id in failing else "ok"
         return Outcome(job, plan(job.target_id, len(seen), status=status, preset="baseline"), 0.1)
