@@ -77,10 +77,19 @@ def sharp_looks(
     axes = np.ascontiguousarray(matrices(steps.poses.quat_xyzw)[:, :, 0])
     seen = np.ascontiguousarray(shown.seen[station])
     number = len(points)
+    none, nothing, zero = np.full(number, np.inf), np.full(number, np.nan), np.zeros(number)
     found = Looks(
-        *(np.full(number, value) for value in (np.inf, np.inf, -1.0)),
-        *(np.zeros(number), np.zeros(number), np.zeros((number, _SIDES), bool), np.zeros(number, np.int64)),
-        *(np.full(number, np.nan), np.full(number, np.nan), np.zeros(number), np.full(number, -1)),
+        sampled_m=none,
+        carried_m=none.copy(),
+        frontal=-np.ones(number),
+        held_s=zero,
+        time_s=zero.copy(),
+        sides=np.zeros((number, _SIDES), bool),
+        number=np.zeros(number, np.int64),
+        depth_m=nothing,
+        moved=nothing.copy(),
+        defocus=zero.copy(),
+        pose=np.full(number, -1),
     )
     _looked(
         *(positions, axes, np.ascontiguousarray(steps.velocity), np.ascontiguousarray(steps.turn)),
