@@ -24,6 +24,7 @@ _BEND_RAD = np.radians(8.0)  # and of the path
 _LEAST_RAD = np.radians(30.0)  # that a demonstration's turning counts as, when a plan's is divided by it
 _LEG = 0.1  # of the stand-off: legs between which a path's bends are counted
 _LEAST_LEG_M = 1.0
+_AHEAD = 8  # poses at a time
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,11 +145,13 @@ def turned_rad(quat_xyzw: Floats) -> float:
 
     It is followed in steps of at least 3 degrees.
     """
-    at, total = quat_xyzw[:1], 0.0
-    for index in range(1, len(quat_xyzw)):
-        turn = float(angle_between(at, quat_xyzw[index : index + 1])[0])
-        if turn >= _STEADY_RAD:
-            at, total = quat_xyzw[index : index + 1], total + turn
+    at, first, total = 0, 1, 0.0
+    while first < len(quat_xyzw):
+        turn = angle_between(quat_xyzw[at : at + 1], quat_xyzw[first : first + _AHEAD])
+        far = np.flatnonzero(turn >= _STEADY_RAD)
+        if len(far):
+            at, total = first + int(far[0]), total + float(turn[far[0]])
+        first = at + 1 if len(far) else first + _AHEAD
     return total
 
 
