@@ -5,7 +5,7 @@
 A dot is put on each of some hundred patches that a plan shows, where its finest sharp look has it. A small
 renderer of its own moves the camera through the exposure in 41 steps, by the plan's own poses before and
 after (no velocity and no turning rate of ours), and adds up the dot's light in pixels. The length of the
-streak that it leaves is compared with the closed form of `planning.visibility.pictures`.
+streak that it leaves is compared with the closed form of `planning.visibility.looks`.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from transfers import transfers
 
 from upplied.config import focal_px, settings_for
 from upplied.planning.plan import plan_transfer
+from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import TRULY, views
-from upplied.planning.visibility.pictures import pictures
 from upplied.records import Camera, Cloud, Floats, Trajectory
 from upplied.scene import scene_of
 
@@ -68,7 +68,7 @@ def main() -> None:
         seen, steps = views(path, cloud, camera, TRULY, scene_of(row.target)), moments(path)
         exposure = camera.exposure_s or rule.exposure_s
         limit = rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)
-        found = pictures(steps, seen, cloud, camera, limit, np.cos(np.radians(rule.max_incidence_deg)))
+        found = sharp_looks(steps, seen, cloud, camera, limit, np.cos(np.radians(rule.max_incidence_deg)))
         known = np.flatnonzero(found.pose >= 0)
         closed = found.moved[known] * focal_px(camera.width_px or 4000, camera.hfov_deg) * exposure
         times = steps.poses.t_s[found.pose[known]]

@@ -16,8 +16,8 @@ from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.observations import TRULY, stations
-from upplied.planning.visibility.pictures import pictures
 from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.proof.align import align
 from upplied.proof.as_flown import AsFlown, as_flown
@@ -379,7 +379,7 @@ def test_a_gap_is_flown_slowly_enough_for_sharp_pictures(plan, graph):
         shots = looks_at(found.trajectory, found.trajectory.t_s[found.is_viewpoint])
         shown = views_from(shots.poses, SURFACE, CAMERA, SCENE)
         motion = rule.sharp_radps(CAMERA.hfov_deg), np.cos(np.radians(75))
-        seen = pictures(shots, shown, SURFACE, CAMERA, *motion).looks > 0
+        seen = sharp_looks(shots, shown, SURFACE, CAMERA, *motion).number > 0
         sharp.append(seen[missing & found.shows].mean())
     assert sharp[0] > 0.99 > 0.9 > sharp[1]
 

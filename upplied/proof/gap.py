@@ -22,8 +22,8 @@ from upplied.config import InspectionSettings, RetimeSettings
 from upplied.errors import RefusedError
 from upplied.planning.airspace.roadmap import Roadmap, way
 from upplied.planning.trajectory.retime import retime
+from upplied.planning.visibility.looks import sampled_m
 from upplied.planning.visibility.observations import stations
-from upplied.planning.visibility.pictures import sampled_m
 from upplied.polylines import arc_length, leg_lengths
 from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.proof.bound import bound_m

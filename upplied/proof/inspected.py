@@ -16,9 +16,9 @@ from upplied.config import InspectionSettings, VisibilitySettings, focal_px
 from upplied.planning.measures.resolution import AS_FINE
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.looks import Looks, sharp_looks
 from upplied.planning.visibility.moments import Moments, moments
 from upplied.planning.visibility.observations import TRULY, Views, views
-from upplied.planning.visibility.pictures import Pictures, pictures
 from upplied.poses import interpolate
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 from upplied.scene import Scene
@@ -153,10 +153,10 @@ def _narrower(fov_deg: Floats, rim_deg: float) -> Floats:
 
 def _finest(
     steps: Moments, shown: Views, surface: Cloud, camera: Camera, rule: InspectionSettings | None
-) -> Pictures:
+) -> Looks:
     """The finest look at each sample that is sharp and frontal by a rule; by none, the finest of all."""
     if rule is None:
-        return pictures(steps, shown, surface, camera, np.inf, 0.0)
+        return sharp_looks(steps, shown, surface, camera, np.inf, 0.0)
     sharp_radps = rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)
     least_cosine = float(np.cos(np.radians(rule.max_incidence_deg)))
-    return pictures(steps, shown, surface, camera, sharp_radps, least_cosine)
+    return sharp_looks(steps, shown, surface, camera, sharp_radps, least_cosine)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from upplied.config import InspectionSettings, focal_px
+from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import TRULY, views
-from upplied.planning.visibility.pictures import pictures
 from upplied.records import Camera, Cloud, Floats, Trajectory
 from upplied.scene import Scene
 
@@ -32,10 +32,10 @@ def pictured(
     steps = moments(path)
     sharp = rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)
     limits = sharp, float(np.cos(np.radians(rule.max_incidence_deg)))
-    shown = pictures(steps, views(path, cloud, camera, TRULY, scene), cloud, camera, *limits)
+    shown = sharp_looks(steps, views(path, cloud, camera, TRULY, scene), cloud, camera, *limits)
     focal = focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
     return {
         "gsd_mm": np.where(np.isfinite(shown.sampled_m), 1e3 * shown.sampled_m / focal, np.nan),
         "blur_px": shown.moved * focal * (camera.exposure_s or rule.exposure_s),
-        "sharp_s": np.where(shown.looks > 0, shown.looks * float(steps.step_s.mean()), np.nan),
+        "sharp_s": np.where(shown.number > 0, shown.number * float(steps.step_s.mean()), np.nan),
     }

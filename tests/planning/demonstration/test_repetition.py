@@ -88,8 +88,7 @@ def test_between_the_takes_nothing_crawls_and_nobody_hovers(fleet, engine):
     pair = study_pair(fleet["a320-v1"], fleet["b747-v1"], settings)
     takes = takes_of(closed, pair, settings)
     trajectory, _, answers, _ = propose(carry(takes, settings), settings)
-    flight = joined([take.inspection.flight for take in takes])
-    begins = begins_of(takes, flight)
+    begins = begins_of([take.inspection.flight for take in takes])
     ends = begins + [np.ptp(take.inspection.flight.t_s) for take in takes]
     for end, begin in zip(ends[:-1], begins[1:], strict=True):
         between = np.flatnonzero((answers > end - 1e-6) & (answers < begin + 1e-6))

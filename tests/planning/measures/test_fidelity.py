@@ -15,8 +15,8 @@ from upplied.planning.measures.fidelity import (
     order_kept,
     turned_rad,
 )
+from upplied.planning.visibility.looks import Looks
 from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.observations import Dwell
 from upplied.records import Bools, Cloud, Floats, Trajectory
 from upplied.vectors import sphere
 
@@ -25,9 +25,10 @@ NAN, INF = float("nan"), float("inf")
 
 def dwelt(
     near: list[float], frontal: list[float], held: list[float], time: list[float], sides: Bools
-) -> Dwell:
+) -> Looks:
     known = np.array(near)
-    return Dwell(known, known, np.array(frontal), np.array(held), np.array(time), sides)
+    finest = [np.zeros(len(known))] * 5  # what is not asked for here
+    return Looks(known, known, np.array(frontal), np.array(held), np.array(time), sides, *finest)
 
 
 def surface(standoff: list[float], need: list[float] | None = None) -> InspectedSurface:
@@ -37,7 +38,7 @@ def surface(standoff: list[float], need: list[float] | None = None) -> Inspected
     )
 
 
-def four_patches() -> tuple[Patches, Dwell]:
+def four_patches() -> tuple[Patches, Looks]:
     """The second and third are shown by the same target sample, the fourth's counterpart is never shown."""
     way = sphere(60)
     one = 7
@@ -72,14 +73,14 @@ def test_patches_of_several_takes_stand_in_a_row() -> None:
     patches, _ = four_patches()
     both = Patches.stacked([patches, patches])
     assert both.weight.tolist() == [1, 2, 1, 1] * 2 and both.target.tolist() == [0, 2, 2, 1] * 2
-    for name in ("near_m", "carried_m", "frontal", "held_s", "time_s", "sides"):
+    for name in ("sampled_m", "carried_m", "frontal", "held_s", "time_s", "sides"):
         twice = np.concatenate([getattr(patches.shown, name)] * 2)
         assert np.array_equal(getattr(both.shown, name), twice, equal_nan=name == "time_s")
 
 
 def test_nothing_demonstrated_is_no_share_of_anything() -> None:
     patches, looks = four_patches()
-    none = Dwell(*(0 * of if of.dtype != bool else of & False for of in vars(patches.shown).values()))
+    none = Looks(*(0 * of if of.dtype != bool else of & False for of in vars(patches.shown).values()))
     found = _compared(Patches(patches.weight, patches.target, none), looks, surface([10, 30, 10]))
     assert np.isnan(
         [found[f"fidelity_{name}"] for name in ("looks_kept_pct", "dwell_kept_pct", "order")]

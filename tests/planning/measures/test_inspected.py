@@ -12,8 +12,9 @@ from upplied.config import settings_for
 from upplied.planning.carry.inspected_surface import inspected_by
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, look_limits, takes_of
-from upplied.planning.measures.fidelity import bent_rad, fidelity, order_kept, turned_rad
+from upplied.planning.measures.fidelity import bent_rad, fidelity, order_kept, patches_of, turned_rad
 from upplied.planning.measures.measure import inspected_measures, shown_of
+from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import moments, rates
 from upplied.planning.visibility.observations import TRULY, stations, views
 from upplied.poses import interpolate, look_at
@@ -174,13 +175,21 @@ def same_place(take: Take) -> Take:
     return takes_of(take.attended.flight, pair, SETTINGS)[0]
 
 
+def compared(own: Take, path: Trajectory) -> dict[str, float]:
+    """The fidelity of a path to the take."""
+    camera, limits, steps = own.inspection.camera, look_limits([own], SETTINGS.inspection), moments(path)
+    planned = views(path, own.pair.surface.target, camera, TRULY, own.pair.target_scene)
+    looks = sharp_looks(steps, planned, own.pair.surface.target, camera, *limits)
+    return fidelity(steps, looks, patches_of([own], limits), inspected_by(own, SETTINGS), [own], SETTINGS)
+
+
 def test_flying_the_demonstration_itself_shows_all_of_it(take: Take) -> None:
     own = same_place(take)
     flown = own.inspection.logged
     planned = views(flown, own.pair.surface.target, own.inspection.camera, TRULY, own.pair.target_scene)
     found = shown_of(planned, [own], SETTINGS)
     measures = inspected_measures(found, planned, [own])
-    measures |= fidelity(flown, planned, found.inspected, [own], np.zeros(1), SETTINGS)
+    measures |= compared(own, flown)
     assert measures["coverage_inspected_pct"] > 99
     assert measures["coverage_of_target_pct"] > 99 and measures["coverage_context_pct"] > 99
     assert measures["fidelity_resolution_p50"] == pytest.approx(1, abs=0.01)
@@ -197,9 +206,7 @@ def test_flown_backwards_the_order_is_reversed_and_the_looks_are_kept(take: Take
     own = same_place(take)
     flown = own.inspection.logged
     back = Trajectory(flown.t_s[-1] - flown.t_s[::-1], flown.positions[::-1], flown.quat_xyzw[::-1])
-    planned = views(back, own.pair.surface.target, own.inspection.camera, TRULY, own.pair.target_scene)
-    asked = inspected_by(own, SETTINGS)
-    measures = fidelity(back, planned, asked, [own], np.zeros(1), SETTINGS)
+    measures = compared(own, back)
     assert measures["fidelity_order"] < -0.95
     assert measures["fidelity_looks_kept_pct"] > 99
 
@@ -209,8 +216,7 @@ def test_from_the_other_side_no_look_is_kept(take: Take) -> None:
     flown = own.inspection.logged
     high = flown.positions + np.array([0.0, 0, 25.0])
     above = Trajectory(flown.t_s, high, look_at(high, np.zeros_like(high)))
-    planned = views(above, own.pair.surface.target, own.inspection.camera, TRULY, own.pair.target_scene)
-    measures = fidelity(above, planned, inspected_by(own, SETTINGS), [own], np.zeros(1), SETTINGS)
+    measures = compared(own, above)
     assert measures["fidelity_looks_kept_pct"] < 30
     assert measures["fidelity_incidence_deg_p95"] > 30 and measures["fidelity_resolution_p50"] < 0.6
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from upplied.planning.visibility.looks import sharp_looks, widened
 from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.observations import Views, dwell, sphere, stations_at, widened
+from upplied.planning.visibility.observations import Views, stations_at
 from upplied.poses import look_at
-from upplied.records import Cloud, Floats, Trajectory
+from upplied.records import Camera, Cloud, Floats, Trajectory
+from upplied.vectors import sphere
 
 SHARP, COSINE = 0.2, 0.5
 
@@ -28,7 +30,7 @@ def scene(seed: int) -> tuple[Moments, Views, Cloud]:
 @pytest.mark.parametrize("stretch", [None, np.diag([2.0, 1.0, 0.5])])
 def test_looks_are_counted_as_they_are_defined(seed: int, stretch: Floats | None) -> None:
     steps, shown, cloud = scene(seed)
-    found = dwell(steps, shown, cloud, SHARP, COSINE, stretch)
+    found = sharp_looks(steps, shown, cloud, Camera(), SHARP, COSINE, stretch)
     assert cloud.normals is not None
     carry = np.eye(3) if stretch is None else stretch
     ways, counted = sphere(60), 0
@@ -49,7 +51,7 @@ def test_looks_are_counted_as_they_are_defined(seed: int, stretch: Floats | None
             held += steps.step_s[pose]
             moment += steps.step_s[pose] * steps.poses.t_s[pose]
             sides[np.argmax(-ways @ carry @ ray)] = True
-        assert found.near_m[index] == pytest.approx(near)
+        assert found.sampled_m[index] == pytest.approx(near)
         assert found.carried_m[index] == pytest.approx(carried)
         assert found.frontal[index] == pytest.approx(frontal)
         assert found.held_s[index] == pytest.approx(held)

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from upplied.config import focal_px
+from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import Moments
 from upplied.planning.visibility.observations import Views
-from upplied.planning.visibility.pictures import pictures
 from upplied.records import Camera, Cloud, Floats, Trajectory
 
 CAMERA = Camera(80.0, 65.0, width_px=3000)
@@ -23,7 +23,7 @@ def looked(cloud: Cloud, positions: Floats, quats: Floats, seen: Floats, camera:
     still = np.zeros((count, 3))
     steps = Moments(poses, np.ones(count), more.pop("velocity", still), more.pop("turn", still))
     least = more.pop("least_cosine", 0.0)
-    return pictures(steps, Views(poses, seen), cloud, camera, more.pop("sharp", np.inf), least, **more)
+    return sharp_looks(steps, Views(poses, seen), cloud, camera, more.pop("sharp", np.inf), least, **more)
 
 
 def scene(seed: int = 0, count: int = 400):
@@ -72,7 +72,7 @@ def test_in_the_middle_it_is_distance_times_angle_over_the_cosine_of_the_inciden
     cloud = Cloud(np.tile([8.0, 0, 0], (3, 1)), normals)
     found = looked(cloud, np.zeros((1, 3)), np.array([[0.0, 0, 0, 1]]), np.ones((1, 3), bool))
     assert found.sampled_m == pytest.approx(8.0 / np.cos(tilt))
-    assert found.cosine == pytest.approx(np.cos(tilt)) and found.depth_m == pytest.approx(8.0)
+    assert found.frontal == pytest.approx(np.cos(tilt)) and found.depth_m == pytest.approx(8.0)
 
 
 def test_the_finest_of_several_looks_counts_and_those_fine_enough_are_numbered() -> None:
@@ -80,15 +80,15 @@ def test_the_finest_of_several_looks_counts_and_those_fine_enough_are_numbered()
     quats = np.tile([0.0, 0, 0, 1], (3, 1))
     cloud = Cloud(np.array([[10.0, 0, 0], [10.0, 1, 0]]), np.array([[-1.0, 0, 0], [-1.0, 0, 0]]))
     seen = np.array([[True, True], [True, True], [False, True]])
-    found = looked(cloud, positions, quats, seen, asked_m=np.array([7.0, 100.0]))
+    found = looked(cloud, positions, quats, seen, coarsest_m=np.array([7.0, 100.0]))
     oblique = (4.0**2 + 1) / 4.0  # distance over the cosine of the incidence
-    assert found.sampled_m == pytest.approx([6.0, oblique]) and found.looks.tolist() == [1, 3]
-    none = looked(cloud, positions, quats, seen, least_cosine=0.99, asked_m=np.array([1.0, 1.0]))
-    assert none.looks.tolist() == [0, 0] and none.sampled_m[1] == pytest.approx(
+    assert found.sampled_m == pytest.approx([6.0, oblique]) and found.number.tolist() == [1, 3]
+    none = looked(cloud, positions, quats, seen, least_cosine=0.99, coarsest_m=np.array([1.0, 1.0]))
+    assert none.number.tolist() == [0, 0] and none.sampled_m[1] == pytest.approx(
         10.1
     )  # the others are too oblique
     fast = looked(cloud, positions, quats, seen, velocity=np.tile([0.0, 5.0, 0], (3, 1)), sharp=0.6)
-    assert fast.sampled_m == pytest.approx([10.0, 10.1]) and fast.looks.tolist() == [1, 1]
+    assert fast.sampled_m == pytest.approx([10.0, 10.1]) and fast.number.tolist() == [1, 1]
 
 
 def test_blur_is_how_far_the_picture_moves_in_an_exposure() -> None:

@@ -12,8 +12,8 @@ from upplied.config import Settings, focal_px
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.demonstration.repetition import Take, look_limits
 from upplied.planning.geometry.clouds import spacing
-from upplied.planning.visibility.moments import moments
-from upplied.planning.visibility.observations import Views, dwell
+from upplied.planning.visibility.looks import Looks, sharp_looks
+from upplied.planning.visibility.observations import Views
 from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Ints, Record
 
 _CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
@@ -93,6 +93,14 @@ def inspected_surface(
     return InspectedSurface(target, need, standoff, float(share[meant & ~paired].sum()))
 
 
+def demonstrated_looks(take: Take, limits: tuple[float, float]) -> Looks:
+    """The sharp looks of a take at its source's samples, within limits as those of `look_limits`."""
+    inspection, fit = take.inspection, take.pair.surface
+    seen = inspection.steps, inspection.truly, fit.source, inspection.camera
+    carry = registered_map(fit.registration).matrix
+    return take.derived(f"looks {limits}", lambda: sharp_looks(*seen, *limits, carry))
+
+
 def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
     """What a take of a demonstration was about, on its target, to be shown as near as the settings ask.
 
@@ -102,13 +110,7 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
     inspection, transfer, fit = take.inspection, settings.transfer, take.pair.surface
     camera = inspection.camera
     carry = registered_map(fit.registration).matrix if transfer.standoff == "scaled" else np.eye(3)
-    looks = dwell(
-        moments(inspection.logged, inspection.logged_breaks),
-        inspection.truly,
-        fit.source,
-        *look_limits([take], settings.inspection),
-        carry,
-    )
+    looks = demonstrated_looks(take, look_limits([take], settings.inspection))
     surface = inspected_surface(
         fit.source,
         fit.target,
@@ -116,7 +118,7 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
         inspection.truly,
         carry=carry,
         weight=inspection.attention.weight,
-        near_m=looks.carried_m,
+        near_m=looks.carried_m if transfer.standoff == "scaled" else looks.sampled_m,
     )
     wanted = surface.standoff_m
     if transfer.gsd_m is not None and camera.width_px:

@@ -15,6 +15,7 @@ from upplied.planning.demonstration.denoise import Smoothed, smoothed
 from upplied.planning.demonstration.viewpoints import find_viewpoints
 from upplied.planning.surface.skin import Skin, middle_of
 from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.moments import Moments, moments
 from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
 from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
@@ -37,6 +38,11 @@ class Inspection(Record):
     logged: Trajectory  # the flight as logged
     logged_breaks: Ints  # its first pose after each gap
     breaks: Ints = field(default_factory=lambda: np.empty(0, np.int64))  # that of `flight`
+
+    @property
+    def steps(self) -> Moments:
+        """The flight as logged, in even steps of time."""
+        return self.derived("steps", lambda: moments(self.logged, self.logged_breaks))
 
 
 def inspect_demonstration(

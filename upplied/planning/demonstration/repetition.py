@@ -27,7 +27,6 @@ from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
 from upplied.planning.surface.skin import Skin
-from upplied.planning.visibility.moments import moments
 from upplied.poses import from_yaw_pitch, in_a_row, yaw_pitch
 from upplied.records import (
     Correspondences,
@@ -225,10 +224,9 @@ def breaks_of(takes: Sequence[Take]) -> Ints:
     return np.unique(np.concatenate([starts[1:-1], *inner]).astype(np.int64))
 
 
-def begins_of(takes: Sequence[Take], flight: Trajectory) -> Floats:
-    """When each take begins in the joined flight, s."""
-    lengths = [len(take.inspection.flight) for take in takes]
-    return flight.t_s[np.cumsum([0, *lengths[:-1]])]
+def begins_of(flights: Sequence[Trajectory]) -> Floats:
+    """When each of several flights begins in the joined one, s."""
+    return joined(flights).t_s[np.cumsum([0, *map(len, flights[:-1])])]
 
 
 def choices_in(pair: Pair, source: Parts, part: int, target: Parts, known: Sequence[int]) -> Ints:
@@ -268,7 +266,7 @@ def look_limits(takes: Sequence[Take], rule: InspectionSettings) -> tuple[float,
 
 def steady_radps(takes: Sequence[Take], rule: InspectionSettings) -> float:
     """How fast the camera may turn, rad/s: while it is sharp, or as the expert did 95 % of the time."""
-    flown = [moments(take.inspection.logged, take.inspection.logged_breaks) for take in takes]
+    flown = [take.inspection.steps for take in takes]
     own = np.concatenate([np.linalg.norm(part.turn, axis=1) for part in flown])
     time = np.concatenate([part.step_s for part in flown])
     usual = weighted_percentile(own, time, USUAL_PCT)

@@ -21,12 +21,14 @@ from upplied.planning.carry.standoff import (
 )
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.pair import Pair
-from upplied.planning.demonstration.repetition import Take, begins_of, joined
+from upplied.planning.demonstration.repetition import Take, begins_of, look_limits
 from upplied.planning.geometry.frechet import frechet, frechet_floored
 from upplied.planning.measures.attainable import attainable_beside
-from upplied.planning.measures.fidelity import fidelity
+from upplied.planning.measures.fidelity import fidelity, patches_of
 from upplied.planning.measures.measure import FRECHET, inspected_measures, measure, shown_of, surface_states
 from upplied.planning.measures.resolution import resolution
+from upplied.planning.visibility.looks import sharp_looks
+from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
 from upplied.polylines import chosen_evenly
 from upplied.poses import yaw_pitch
@@ -87,12 +89,14 @@ def judge(
     possible = _attainable(true[0], true[1], airspace, camera)
     measures = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair))
     shown = shown_of(true[1], takes, settings)
-    begins = begins_of(takes, joined([take.inspection.logged for take in takes]))
+    limits, steps = look_limits(takes, settings.inspection), moments(trajectory)
+    looks = sharp_looks(steps, true[1], true[0].cloud, camera, *limits)
+    compared = looks, patches_of(takes, limits), shown.inspected, takes
     measures = replace(
         measures,
         **inspected_measures(shown, true[1], takes),
-        **fidelity(trajectory, true[1], shown.inspected, takes, begins, settings),
-        **resolution(trajectory, true[1], shown.inspected, takes, airspace, settings),
+        **fidelity(steps, *compared, settings),
+        **resolution(*compared, airspace, settings),
     )
     measures = replace(measures, never_scanned_m2=pair.missing.area_m2)
     if added is not None and not added.all():
@@ -127,7 +131,7 @@ def _standoff_kept(
     trajectory: Trajectory, demonstrated_s: Floats, takes: Sequence[Take], settings: Settings
 ) -> float:
     """Share, in percent, of the viewpoints from which the plan sees what they saw as far off as wanted."""
-    begins = begins_of(takes, joined([take.inspection.flight for take in takes]))
+    begins = begins_of([take.inspection.flight for take in takes])
     ratios = []
     for take, begin in zip(takes, begins, strict=True):
         first = take.inspection.flight.t_s[0]

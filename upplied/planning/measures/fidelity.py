@@ -9,15 +9,14 @@ import numpy as np
 from scipy.stats import kendalltau
 
 from upplied.config import Settings
-from upplied.planning.carry.affine import registered_map
-from upplied.planning.carry.inspected_surface import InspectedSurface
-from upplied.planning.demonstration.repetition import Take, look_limits, steady_radps
+from upplied.planning.carry.inspected_surface import InspectedSurface, demonstrated_looks
+from upplied.planning.demonstration.repetition import Take, begins_of, steady_radps
 from upplied.planning.geometry.clouds import weighted_percentile
-from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.observations import Dwell, Views, dwell, widened
+from upplied.planning.visibility.looks import Looks, widened
+from upplied.planning.visibility.moments import Moments
 from upplied.polylines import arc_length, interpolated
 from upplied.poses import angle_between
-from upplied.records import Floats, Ints, Rows, Trajectory
+from upplied.records import Floats, Ints, Rows
 
 _ORDERED = 2000  # patches, at most, whose order is compared
 _STEADY_RAD = np.radians(3.0)  # turns below this are jitter of the hand
@@ -25,67 +24,63 @@ _BEND_RAD = np.radians(8.0)  # and of the path
 _LEAST_RAD = np.radians(30.0)  # that a demonstration's turning counts as, when a plan's is divided by it
 _LEG = 0.1  # of the stand-off: legs between which a path's bends are counted
 _LEAST_LEG_M = 1.0
+_AHEAD = 8  # poses at a time
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Patches(Rows):
-    """What was inspected and has a counterpart, patch by patch: how it was shown, and how it is."""
+    """What was inspected and has a counterpart, patch by patch, and how it was shown."""
 
     weight: Floats  # (K,) m^2 times attention
     target: Ints  # (K,) sample of the target
-    shown: Dwell  # of K patches of the source, its times from the start of the joined flights
+    shown: Looks  # of K patches of the source, its times from the start of the joined flights
+
+
+def patches_of(takes: Sequence[Take], limits: tuple[float, float]) -> Patches:
+    """The patches of all takes, with their looks within limits as those of `look_limits`."""
+    begins = begins_of([take.inspection.logged for take in takes])
+    return Patches.stacked([_patches(take, begin, limits) for take, begin in zip(takes, begins, strict=True)])
+
+
+def _patches(take: Take, begin_s: float, limits: tuple[float, float]) -> Patches:
+    fit = take.pair.surface
+    weight = take.inspection.attention.weight * fit.source.areas
+    target = fit.correspondences.target_index
+    chosen = np.flatnonzero((weight > 0) & (target >= 0))
+    shown = demonstrated_looks(take, limits).rows(chosen)
+    return Patches(weight[chosen], target[chosen], replace(shown, time_s=shown.time_s + begin_s))
 
 
 def fidelity(
-    trajectory: Trajectory,
-    planned: Views,
+    steps: Moments,
+    looks: Looks,
+    patches: Patches,
     inspected: InspectedSurface,
     takes: Sequence[Take],
-    begins_s: Floats,
     settings: Settings,
 ) -> dict[str, float]:
     """The measures of `records.Measures` that compare looks, turns and pictures with the demonstration's.
 
     Parameters
     ----------
-    trajectory : Trajectory
-        The plan's.
-    planned : Views
-        What it truly sees of the target's samples.
+    steps : Moments
+        Of the plan.
+    looks : Looks
+        Of the plan, at the target's samples.
+    patches : Patches
     inspected : InspectedSurface
         Of all takes together.
     takes : sequence of Take
-    begins_s : array, shape (T,), s
-        When each take begins in the joined flight.
     settings : Settings
     """
-    rule = settings.inspection
-    sharp, cosine = look_limits(takes, rule)
-    steps = moments(trajectory)
-    looks = dwell(steps, planned, inspected.cloud, sharp, cosine)
-    flown = [moments(take.inspection.logged, take.inspection.logged_breaks) for take in takes]
-    rows = zip(takes, flown, begins_s, strict=True)
-    patches = Patches.stacked([_patches(take, own, begin, sharp, cosine) for take, own, begin in rows])
-    figures = _smoothness(steps, flown, inspected, steady_radps(takes, rule))
-    if not len(patches.weight):
-        return figures
-    return figures | _compared(patches, looks, inspected)
+    flown = [take.inspection.steps for take in takes]
+    figures = _smoothness(steps, flown, inspected, steady_radps(takes, settings.inspection))
+    return figures | _compared(patches, looks, inspected) if len(patches.weight) else figures
 
 
-def _patches(take: Take, flown: Moments, begin_s: float, sharp: float, cosine: float) -> Patches:
-    inspection, fit = take.inspection, take.pair.surface
-    area = fit.source.areas
-    weight = inspection.attention.weight * area
-    target = fit.correspondences.target_index
-    chosen = np.flatnonzero((weight > 0) & (target >= 0))
-    carry = registered_map(fit.registration).matrix
-    shown = dwell(flown, inspection.truly, fit.source, sharp, cosine, carry).rows(chosen)
-    return Patches(weight[chosen], target[chosen], replace(shown, time_s=shown.time_s + begin_s))
-
-
-def _compared(patches: Patches, looks: Dwell, inspected: InspectedSurface) -> dict[str, float]:
+def _compared(patches: Patches, looks: Looks, inspected: InspectedSurface) -> dict[str, float]:
     weight, at, shown = patches.weight, patches.target, patches.shown
-    near, frontal, held = looks.near_m[at], looks.frontal[at], looks.held_s[at]
+    near, frontal, held = looks.sampled_m[at], looks.frontal[at], looks.held_s[at]
     ratio = inspected.standoff_m[at] / near  # 0 where the plan has no look
     before = _incidence_deg(shown.frontal)
     lost = _incidence_deg(frontal) - before
@@ -150,11 +145,13 @@ def turned_rad(quat_xyzw: Floats) -> float:
 
     It is followed in steps of at least 3 degrees.
     """
-    at, total = quat_xyzw[:1], 0.0
-    for index in range(1, len(quat_xyzw)):
-        turn = float(angle_between(at, quat_xyzw[index : index + 1])[0])
-        if turn >= _STEADY_RAD:
-            at, total = quat_xyzw[index : index + 1], total + turn
+    at, first, total = 0, 1, 0.0
+    while first < len(quat_xyzw):
+        turn = angle_between(quat_xyzw[at : at + 1], quat_xyzw[first : first + _AHEAD])
+        far = np.flatnonzero(turn >= _STEADY_RAD)
+        if len(far):
+            at, total = first + int(far[0]), total + float(turn[far[0]])
+        first = at + 1 if len(far) else first + _AHEAD
     return total
 
 

@@ -8,9 +8,9 @@ from upplied.config import InspectionSettings, focal_px
 from upplied.overlap import Frames
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import Moments, rates
 from upplied.planning.visibility.observations import TRULY, Views
-from upplied.planning.visibility.pictures import pictures
 from upplied.records import Bools, Camera, Cloud, Photos, Trajectory
 from upplied.scene import Scene
 
@@ -45,7 +45,7 @@ def photos_of(
         one = slice(at, at + 1)
         steps = Moments(taken.take(one), np.ones(1), velocity[one], turn[one])
         shown = Views(taken.take(one), seen[one], None if coarse is None else coarse[one])
-        found = pictures(steps, shown, cloud, camera, *limits)
+        found = sharp_looks(steps, shown, cloud, camera, *limits)
         sharp = np.isfinite(found.sampled_m)
         shown_by = (found.sampled_m[sharp], found.moved[sharp])
         looks.append([float(sharp.sum()), *(np.median(of) if len(of) else np.nan for of in shown_by)])

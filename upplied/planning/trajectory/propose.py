@@ -48,7 +48,7 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
     takes = [one.take for one in carried]
     flight = joined([take.inspection.flight for take in takes])
     paths = [one.path if one.goal is None else completed(one, one.goal, settings) for one in carried]
-    paths = _in_joined_times(paths, takes, flight)
+    paths = _in_joined_times(paths, takes)
     if len(takes) > 1:
         pair = takes[0].pair
         paths = _with_transits(paths, Ways(airspace_of(pair, settings), pair.obstacle))
@@ -67,11 +67,9 @@ def _zooming(
     return replace(planned, fov_deg=fov_at(flight, demonstrated_s)), is_viewpoint, demonstrated_s, added
 
 
-def _in_joined_times(
-    paths: Sequence[Waypoints], takes: Sequence[Take], flight: Trajectory
-) -> list[Waypoints]:
+def _in_joined_times(paths: Sequence[Waypoints], takes: Sequence[Take]) -> list[Waypoints]:
     """The paths of several takes in the times of the joined flight."""
-    begins = begins_of(takes, flight)
+    begins = begins_of([take.inspection.flight for take in takes])
     return [
         replace(path, t_s=path.t_s - take.inspection.flight.t_s[0] + begin)
         for path, take, begin in zip(paths, takes, begins, strict=True)

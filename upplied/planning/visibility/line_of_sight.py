@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from upplied.config import VisibilitySettings
 from upplied.errors import SettingsError
@@ -131,12 +132,20 @@ def seen_by_any(
 
 def _arrives(positions: Floats, points: Floats, pose: Ints, point: Ints, scene: Scene) -> Bools:
     """Which of these lines of sight (K,), from a pose to a point, are free but for the scene's grain."""
-    starts, rays = (positions - scene.origin)[pose], np.empty((len(pose), 6), np.float32)
-    rays[:, :3], rays[:, 3:] = starts, (points - scene.origin)[point] - starts
+    rays = np.empty((len(pose), 6), np.float32)
+    _set_rays(rays, positions - scene.origin, points - scene.origin, pose, point)
     if scene.grain_m:
         length = np.maximum(np.linalg.norm(rays[:, 3:], axis=1, keepdims=True), 1e-12)
         rays[:, 3:] *= np.maximum(1 - scene.grain_m / length, 0.0)
     return ~scene.blocked(rays)
+
+
+@njit(cache=True)
+def _set_rays(rays: Floats, positions: Floats, points: Floats, pose: Ints, point: Ints) -> None:
+    for ray in range(len(pose)):
+        for axis in range(3):
+            start = positions[pose[ray], axis]
+            rays[ray, axis], rays[ray, 3 + axis] = start, points[point[ray], axis] - start
 
 
 def _poses_and_points(

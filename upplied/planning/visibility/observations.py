@@ -1,8 +1,4 @@
-"""What a path sees of a cloud on its whole way, and how it looks at it: of flights and plans alike.
-
-Closely spaced poses are asked what they see. A look counts where the patch is in view, seen frontally enough,
-and moves slowly enough in the picture to be sharp; it is asked in steps of half a second.
-"""
+"""What a path sees of a cloud on its whole way, at closely spaced poses: of flights and plans alike."""
 
 from __future__ import annotations
 
@@ -17,9 +13,8 @@ from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.moments import Moments, motion_of, rates, sight_to
 from upplied.polylines import cumulated, leg_lengths, pieces_of_legs
 from upplied.poses import angle_between, interpolate
-from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Rows, Trajectory
+from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 from upplied.scene import Scene
-from upplied.vectors import sphere
 
 #: What `coverage_paper_pct` calls seen (paper, Sec. III-C), whatever the preset.
 BY_FRUSTUM = VisibilitySettings(occlusion=False)
@@ -134,6 +129,16 @@ def views(
     return Views(asked, seen, coarseness(camera, fov_deg))
 
 
+def stations_at(shown: Views, steps: Moments) -> Ints:
+    """The station (K,) of some views that is nearest in time to each moment."""
+    times = shown.stations.t_s
+    if len(times) == 1:
+        return np.zeros(len(steps), np.int64)
+    after = np.clip(np.searchsorted(times, steps.poses.t_s), 1, len(times) - 1)
+    earlier = steps.poses.t_s - times[after - 1] <= times[after] - steps.poses.t_s
+    return np.asarray(after - earlier, np.int64)
+
+
 @njit(cache=True)
 def _nearest(
     positions: Floats, points: Floats, normals: Floats, seen: Bools, coarse: Floats
@@ -172,128 +177,3 @@ def _shown_well(
                 continue
             shown[index] = motion_of(ray, distance, velocity[pose], turn[pose]) <= sharp_radps
     return shown
-
-
-_SIDES = 60  # directions of the sphere, some 26 deg apart, that looks are distinguished by
-_NEIGHBOUR = np.cos(np.radians(30.0))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Dwell(Rows):
-    """The sharp looks at each of N patches."""
-
-    # (N,) distance of the finest over the cosine of its incidence, of one camera where it zooms; inf for none
-    near_m: Floats
-    carried_m: Floats  # (N,) the same after the lines of sight are carried to another structure
-    frontal: Floats  # (N,) cosine of the least incidence; -1 for none
-    held_s: Floats  # (N,) how long in all
-    time_s: Floats  # (N,) mean moment; NaN for none
-    sides: Bools  # (N, 60) directions from which it was looked at
-
-
-def dwell(
-    steps: Moments,
-    shown: Views,
-    cloud: Cloud,
-    sharp_radps: float,
-    least_cosine: float,
-    carry: Floats | None = None,
-) -> Dwell:
-    """The sharp looks of a flight at each sample of a surface.
-
-    Parameters
-    ----------
-    steps : Moments
-    shown : Views
-        What the flight truly sees of the samples, in the same time.
-    cloud : Cloud
-        N samples with normals.
-    sharp_radps : float
-        Largest motion in the picture.
-    least_cosine : float
-        Of the incidence.
-    carry : array, shape (3, 3), optional
-        How a line of sight is carried to the structure that `sides` are compared on.
-    """
-    station = stations_at(shown, steps)
-    near, carried, frontal, held, time, sides = _dwelt(
-        *(np.ascontiguousarray(of) for of in (steps.poses.positions, steps.velocity, steps.turn)),
-        steps.poses.t_s,
-        steps.step_s,
-        np.ascontiguousarray(shown.seen[station]),
-        np.ascontiguousarray(shown.coarseness[station]),
-        np.ascontiguousarray(cloud.points),
-        np.ascontiguousarray(cloud.outward),
-        sharp_radps,
-        least_cosine,
-        np.ascontiguousarray(np.eye(3) if carry is None else carry),
-        sphere(_SIDES),
-    )
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return Dwell(near, carried, frontal, held, time / held, sides)
-
-
-def stations_at(shown: Views, steps: Moments) -> Ints:
-    """The station (K,) of some views that is nearest in time to each moment."""
-    times = shown.stations.t_s
-    if len(times) == 1:
-        return np.zeros(len(steps), np.int64)
-    after = np.clip(np.searchsorted(times, steps.poses.t_s), 1, len(times) - 1)
-    earlier = steps.poses.t_s - times[after - 1] <= times[after] - steps.poses.t_s
-    return np.asarray(after - earlier, np.int64)
-
-
-def widened(sides: Bools) -> Bools:
-    """The same sides and their neighbours on the sphere, within 30 deg."""
-    way = sphere(_SIDES)
-    near = (way @ way.T >= _NEIGHBOUR).astype(np.float32)
-    return np.asarray(sides.astype(np.float32) @ near > 0, bool)
-
-
-@njit(cache=True)
-def _dwelt(
-    positions: Floats,
-    velocity: Floats,
-    turn: Floats,
-    t_s: Floats,
-    step_s: Floats,
-    seen: Bools,
-    coarse: Floats,
-    points: Floats,
-    normals: Floats,
-    sharp: float,
-    least_cosine: float,
-    carry: Floats,
-    ways: Floats,
-) -> tuple[Floats, Floats, Floats, Floats, Floats, Bools]:
-    number = len(points)
-    near, reached, frontal = np.full(number, np.inf), np.full(number, np.inf), np.full(number, -1.0)
-    held, time = np.zeros(number), np.zeros(number)
-    sides = np.zeros((number, len(ways)), np.bool_)
-    ray, carried = np.empty(3), np.empty(3)
-    for pose in range(len(positions)):
-        for index in range(number):
-            if not seen[pose, index]:
-                continue
-            distance, cosine = sight_to(positions[pose], points[index], normals[index], ray)
-            if (
-                cosine < max(least_cosine, 1e-6)
-                or motion_of(ray, distance, velocity[pose], turn[pose]) > sharp
-            ):
-                continue
-            near[index] = min(near[index], distance / cosine * coarse[pose])
-            frontal[index] = max(frontal[index], cosine)
-            held[index] += step_s[pose]
-            time[index] += step_s[pose] * t_s[pose]
-            squared = 0.0
-            for axis in range(3):
-                carried[axis] = carry[axis, 0] * ray[0] + carry[axis, 1] * ray[1] + carry[axis, 2] * ray[2]
-                squared += carried[axis] * carried[axis]
-            reached[index] = min(reached[index], np.sqrt(squared) / cosine * coarse[pose])
-            best, side = -np.inf, 0
-            for way in range(len(ways)):
-                along = -(ways[way, 0] * carried[0] + ways[way, 1] * carried[1] + ways[way, 2] * carried[2])
-                if along > best:
-                    best, side = along, way
-            sides[index, side] = True
-    return near, reached, frontal, held, time, sides
