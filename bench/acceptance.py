@@ -21,11 +21,11 @@ import numpy as np
 from real_data import real_folder, real_structure
 
 from upplied.config import settings_for
+from upplied.geometry.scene import scene_of
 from upplied.planning.correspondence.registration import fitted
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud, Structure
 from upplied.samples.fleet import sample_structures
-from upplied.scene import scene_of
 
 FORMS = {
     "low-wing airliner": "a320_fgstatic_united a320_fr24 a321_fr24 a333_fr24 b738_fr24 b744_fr24 b772_fr24 "

@@ -13,12 +13,12 @@ from scans import made, scan, true_parts
 from scipy.spatial import cKDTree
 
 from upplied.config import settings_for
+from upplied.geometry.scene import scene_of
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.clouds import spacing
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Bools, Cloud, Demonstration, Floats
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 
 Asked = dict[str, Any]
 RIGHT = 0.8  # of what corresponds, or of what the demonstration shows, that must be on a right part

@@ -36,11 +36,11 @@ from scans import DIVIDED, made, real_names, scan, surface_seen, true_parts
 from scipy.spatial import cKDTree
 
 from upplied.config import settings_for
+from upplied.geometry.scene import Scene, scene_of
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.plan import decided, plan_transfer
 from upplied.planning.visibility.observations import TRULY, views
 from upplied.records import Bools, Camera, Floats, Plan, Trajectory
-from upplied.scene import Scene, scene_of
 
 _CLOUDS = ("cloud", "sparse", "rough")
 _SCANS = "cloud,sparse,rough,shell,noise,clutter,cut20"

@@ -25,6 +25,7 @@ from real_data import real_folder, real_structure
 
 from upplied.config import CloudSettings, InspectionSettings
 from upplied.errors import UppliedError
+from upplied.geometry.scene import scene_of
 from upplied.planning.demonstration.attention import attention
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
@@ -36,7 +37,6 @@ from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
 from upplied.samples.plan_view import tower_of
 from upplied.samples.surfaces import Member
-from upplied.scene import scene_of
 
 #: Names of the sample fleet's parts: strictly meant, and what is attached to them.
 INTENDED = {

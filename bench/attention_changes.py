@@ -60,7 +60,7 @@ def _part(flight: Demonstration, part: slice) -> Demonstration:
 
 
 def _doubled(flight: Demonstration) -> Demonstration:
-    from upplied.poses import interpolate
+    from upplied.geometry.poses import interpolate
 
     path = flight.trajectory
     times = np.sort(np.concatenate([path.t_s, (path.t_s[1:] + path.t_s[:-1]) / 2]))

@@ -17,12 +17,12 @@ from scipy.spatial.transform import Rotation, Slerp
 from transfers import transfers
 
 from upplied.config import focal_px, settings_for
+from upplied.geometry.scene import scene_of
 from upplied.planning.plan import plan_transfer
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import TRULY, views
 from upplied.records import Camera, Cloud, Floats, Trajectory
-from upplied.scene import scene_of
 
 _STEPS, _DOTS, _SIZE = 41, 300, 64
 

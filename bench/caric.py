@@ -21,15 +21,15 @@ from caric_score import ScoredCamera, picture_score
 from real_data import real_folder
 
 from upplied.config import settings_for
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import scene_of
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
 from upplied.planning.plan import plan_transfer
 from upplied.planning.visibility.moments import rates
-from upplied.poses import interpolate
 from upplied.records import Camera, Cloud, Floats, Structure, Surroundings
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 
 # Mesh, interest points, millimetres a pixel that are enough, and the flight that is carried there.
 SCENES = (

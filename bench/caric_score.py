@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.geometry.poses import matrices
+from upplied.geometry.scene import Scene
 from upplied.overlap import Frames
-from upplied.poses import matrices
 from upplied.records import Camera, Cloud, Floats, Trajectory
-from upplied.scene import Scene
 
 _LEAST = 0.2  # below it a picture is worth nothing
 

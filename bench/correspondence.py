@@ -18,12 +18,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from upplied.config import settings_for
+from upplied.geometry.scene import scene_of
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.pair import study_pair
 from upplied.samples.correspondence import true_counterparts
 from upplied.samples.fleet import member, random_member
 from upplied.samples.surfaces import Member
-from upplied.scene import scene_of
 
 _PAIRS = (
     ("a320-v1", "beluga-v1"),

@@ -44,16 +44,16 @@ from upplied.findings.place import _WITHIN_3D, Errors, located
 from upplied.findings.queries import by_reference, photographed
 from upplied.findings.rays import pixels_of, rays_of
 from upplied.findings.reshoot import plan_reshoot
+from upplied.geometry.poses import interpolate, look_at, matrices
+from upplied.geometry.scene import Scene, scene_of
+from upplied.geometry.vectors import points_on_triangles
 from upplied.planning.surface.samples import surface_samples
-from upplied.poses import interpolate, look_at, matrices
 from upplied.proof.align import align
 from upplied.records import Camera, Demonstration, Plan, Structure, SurfaceStates, Trajectory
 from upplied.samples.correspondence import true_counterparts
 from upplied.samples.fleet import random_member
 from upplied.samples.pilot import fly
-from upplied.scene import Scene, scene_of
 from upplied.simulate import Wind, fly_trajectory
-from upplied.vectors import points_on_triangles
 
 _KINDS = {"airliner": "fuselage", "wind_turbine": "tower", "ship": "hull", "box": "sides", "bridge": "piers"}
 _CAMERA = Camera(70.0, 55.0, 1.0, 60.0, 4000, 2973)

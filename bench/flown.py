@@ -17,8 +17,8 @@ from transfers import Transfer, transfers
 
 from upplied.config import settings_for
 from upplied.errors import RefusedError
+from upplied.geometry.poses import interpolate
 from upplied.planning.plan import plan_transfer
-from upplied.poses import interpolate
 from upplied.records import Plan
 from upplied.simulate import Wind, fly_trajectory, measure_flown
 

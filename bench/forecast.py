@@ -32,6 +32,7 @@ from scipy.optimize import minimize
 
 from upplied.config import Settings, settings_for
 from upplied.errors import UppliedError
+from upplied.geometry.scene import scene_of
 from upplied.planning.carry.forecast import CAPS, OFFSET, WEIGHTS, evidence_of
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, takes_of
@@ -40,7 +41,6 @@ from upplied.records import Bools, Floats, Structure
 from upplied.samples.fleet import member, random_member, sample_structures
 from upplied.samples.pilot import fly
 from upplied.samples.surfaces import Member
-from upplied.scene import scene_of
 
 KINDS = {
     "airplane": "airliner", "airliner": "airliner", "wind_turbine": "wind_turbine", "ship": "ship",

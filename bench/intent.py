@@ -19,9 +19,9 @@ import numpy as np
 from transfers import Transfer, transfers
 
 from upplied.config import settings_for
+from upplied.geometry.scene import open3d
 from upplied.planning.plan import plan_transfer
 from upplied.records import Measures, Plan, Structure
-from upplied.scene import open3d
 
 _COLUMNS = (
     ("insp", "coverage_inspected_pct", 1),

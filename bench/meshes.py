@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from upplied.geometry.scene import open3d
 from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
 from upplied.inputs.repair import clean
-from upplied.scene import open3d
 
 FORMATS = ("ply", "stl", "glb", "obj")
 

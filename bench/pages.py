@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from upplied.catalog import open_catalog
+from upplied.geometry.poses import interpolate
 from upplied.outputs.publish import publish
-from upplied.poses import interpolate
 from upplied.records import Plan
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly

@@ -26,16 +26,16 @@ from proof_truth import truly_seen
 
 from upplied.config import CloudSettings, RetimeSettings, settings_for
 from upplied.errors import RefusedError
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import scene_of
 from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
-from upplied.poses import interpolate
 from upplied.proof.align import Alignment, align
 from upplied.proof.gap import GapFlight, gap_flight
 from upplied.proof.looks import looks_of
 from upplied.records import Bools, Camera, Cloud, Floats, Structure, Trajectory
 from upplied.samples.fleet import sample_demonstrations, sample_structures
-from upplied.scene import scene_of
 from upplied.simulate import Wind, fly_trajectory
 
 _SAMPLES = 1200

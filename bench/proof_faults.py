@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from upplied.poses import from_yaw_pitch, yaw_pitch
+from upplied.geometry.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Floats, Trajectory
 
 PHOTO_EVERY_S = 1.0

@@ -26,13 +26,13 @@ from proof_truth import finest_looks, least_distance, truly_seen
 
 from upplied.config import CloudSettings, InspectionSettings
 from upplied.errors import RefusedError
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import scene_of
 from upplied.planning.surface.samples import surface_samples
-from upplied.poses import interpolate
 from upplied.proof.align import Alignment, align
 from upplied.proof.as_flown import as_flown
 from upplied.records import Bools, Camera, Floats, Structure, Trajectory
 from upplied.samples.fleet import sample_demonstrations, sample_structures
-from upplied.scene import scene_of
 
 _SAMPLES, _LONGEST_S = 1500, 300.0
 _AS_FINE = 1.1

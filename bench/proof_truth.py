@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from upplied.poses import yaw_pitch
+from upplied.geometry.poses import yaw_pitch
 from upplied.records import Bools, Camera, Cloud, Floats, Structure, Trajectory
 
 _INCIDENCE_DEG = 75.0

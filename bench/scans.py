@@ -18,13 +18,13 @@ from real_data import real_folder, real_structure
 from scipy.spatial import cKDTree
 
 from upplied.config import settings_for
+from upplied.geometry.scene import Scene, open3d, scene_of
 from upplied.inputs.separation import separated, structure_alone
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Floats, Ints, Structure, Surroundings
 from upplied.samples import bridge
 from upplied.samples.fleet import member, random_member
 from upplied.samples.surfaces import Member, assemble, stamped
-from upplied.scene import Scene, open3d, scene_of
 
 FOLDER = Path(os.environ.get("UPPLIED_SCANS", Path(tempfile.gettempdir()) / "upplied-scans"))
 VARIANTS = ("model", "shell", "cloud", "cut20", "sparse", "noise", "clutter", "cut40", "cut10")

@@ -28,10 +28,10 @@ from made_sources import UNTIMED, WRITERS
 from passports import TELL
 
 from upplied.errors import InputError
+from upplied.geometry.poses import angle_between, from_yaw_pitch, optical_axis, yaw_pitch
+from upplied.geometry.scene import scene_of
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.inputs.passport.conventions import NAMED, Change
-from upplied.poses import angle_between, from_yaw_pitch, optical_axis, yaw_pitch
-from upplied.scene import scene_of
 
 _POSES = 300  # of a flight that is written in a wrong convention
 _LOCAL = (  # forms whose frame is the log's own

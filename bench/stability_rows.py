@@ -15,12 +15,12 @@ from stability_variants import varied
 
 from upplied.config import Settings, settings_for
 from upplied.errors import RefusedError, SettingsError
+from upplied.geometry.poses import optical_axis
+from upplied.geometry.scene import open3d
 from upplied.planning.plan import plan_transfer
-from upplied.poses import optical_axis
 from upplied.records import SURFACE_STATES, Floats, Plan, Structure, SurfaceStates, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.scene import open3d
 
 #: Gates that are opened to see what a refused plan would have shown; settings that are gone are skipped.
 OPEN: dict[str, dict[str, Any]] = {

@@ -19,13 +19,13 @@ import numpy as np
 from real_data import real_folder, real_structure
 
 from upplied.config import CloudSettings
+from upplied.geometry.poses import look_at, matrices
+from upplied.geometry.scene import Scene, scene_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.observations import TRULY
-from upplied.poses import look_at, matrices
 from upplied.records import Bools, Camera, Cloud, Floats, Structure
 from upplied.samples.fleet import sample_structures
-from upplied.scene import Scene, scene_of
 
 _SAMPLES = ("a320", "b747", "turbine_1", "cruise_ship", "bridge_1")
 _REAL = (

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from upplied.geometry.poses import from_yaw_pitch
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import read_manifest
 from upplied.inputs.meshes import read_structure
 from upplied.outputs.logs import write_log
-from upplied.poses import from_yaw_pitch
 from upplied.records import Camera, Demonstration
 
 # A tank, 8 m across and 10 m high, modelled in centimetres.

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from upplied.catalog import Catalog
-from upplied.poses import look_at
+from upplied.geometry.poses import look_at
 from upplied.records import (
     Demonstration,
     Measures,

@@ -12,11 +12,11 @@ from made_logs import Topic, header, message, transform, write_log
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from upplied.poses import from_yaw_pitch
+from upplied.geometry.poses import from_yaw_pitch
+from upplied.geometry.scene import scene_of
 from upplied.records import Demonstration, Structure
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 
 POSE, ODOMETRY, TF = (
     "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage",

@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_ros2._dynamic import serialize_dynamic
 from scipy.spatial.transform import Rotation
 
-from upplied.poses import from_yaw_pitch
+from upplied.geometry.poses import from_yaw_pitch
 
 
 def _part(name: str, *lines: str) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from fake_catalog import box_structure
 
-from upplied.poses import from_yaw_pitch, look_at
+from upplied.geometry.poses import from_yaw_pitch, look_at
 from upplied.records import Measures, Placement, Plan, Structure, SurfaceStates, Trajectory
 
 PLACE = Placement(47.3977, 8.5456, 488.0, 30.0, "ellipsoid")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from upplied.poses import interpolate
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import scene_of
 from upplied.proof.looks import looks_of
 from upplied.records import Cloud, Demonstration, Plan, Structure, SurfaceStates
-from upplied.scene import scene_of
 
 
 def plan_as_demonstrated(structure: Structure, flown: Demonstration, surface: Cloud) -> Plan:

@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 
+from upplied.geometry.scene import open3d
 from upplied.records import Structure
-from upplied.scene import open3d
 
 END = 4.0  # m: what lies further along x was not scanned
 

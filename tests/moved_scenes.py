@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.poses import from_yaw_pitch, moved, yaw_pitch
 from upplied.planning.geometry.frechet import frechet
-from upplied.poses import from_yaw_pitch, moved, yaw_pitch
 from upplied.records import Demonstration, Floats, Plan, Structure
 
 #: A refused plan has no path that could be compared: laws ask for the path, and that the verdict is the same.

@@ -15,8 +15,8 @@ ROOT = Path(__file__).parents[1]
 
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
 FOUNDATION = {
-    "errors", "extras", "records", "config", "checks", "polylines", "vectors", "poses", "discs", "cameras",
-    "overlap", "photographed", "reconstruction", "scene", "supposed_scene", "threads", "provenance",
+    "errors", "extras", "records", "config", "checks", "geometry", "cameras", "overlap", "photographed",
+    "threads", "provenance",
 }  # fmt: skip
 ALLOWED = {
     "errors": set(),
@@ -24,16 +24,10 @@ ALLOWED = {
     "records": {"errors"},
     "config": {"errors"},
     "cameras": {"errors", "records"},
-    "overlap": {"polylines", "poses", "records", "scene"},
-    "photographed": {"overlap", "poses", "records", "scene"},
+    "overlap": {"geometry", "records"},
+    "photographed": {"geometry", "overlap", "records"},
     "checks": {"errors", "records", "config"},
-    "polylines": {"records"},
-    "vectors": {"records"},
-    "poses": {"errors", "records", "config", "checks", "polylines"},
-    "discs": {"errors", "records", "vectors"},
-    "reconstruction": {"records", "vectors"},
-    "scene": FOUNDATION,
-    "supposed_scene": {"records", "discs", "scene"},
+    "geometry": {"errors", "extras", "records", "config", "checks", "threads", "geometry"},
     "threads": set(),
     "provenance": set(),
     "planning": FOUNDATION | {"planning"},
@@ -82,7 +76,7 @@ ROOMS = (
 # The only rooms or modules that may import a package; None means nowhere in `upplied`.
 DOORS = {
     "prefect": (),
-    "open3d": ("scene",),
+    "open3d": ("geometry",),
     "cyclopts": ("cli",),
     "deltalake": ("catalog",),
     "mcap": ("inputs", "outputs"),
@@ -213,7 +207,7 @@ def test_rooms_after_the_plan_count_what_was_never_scanned():
         str(path.relative_to(ROOT / "upplied"))
         for room in ("outputs", "fleet", "web", "proof", "cli")
         for path in (ROOT / "upplied" / room).rglob("*.py")
-        if any(name == "upplied.scene.scene_of" for name in imports(path))
+        if any(name == "upplied.geometry.scene.scene_of" for name in imports(path))
     }
     assert asking == set(SCANNED_ALONE)
 
@@ -262,7 +256,10 @@ def test_every_room_has_its_rule():
         ("from upplied import open_catalog", ("open3d", "prefect", "numba", "scipy")),
         ("import upplied.fleet", ("open3d", "prefect", "numba", "pyarrow")),
         ("import upplied.fleet.planner", ("open3d", "prefect", "mcap", "upplied.inputs", "upplied.outputs")),
-        ("from upplied.scene import open3d; open3d()", ("dash", "plotly", "pydantic", "IPython", "pandas")),
+        (
+            "from upplied.geometry.scene import open3d; open3d()",
+            ("dash", "plotly", "pydantic", "IPython", "pandas"),
+        ),
     ],
 )
 def test_what_an_import_must_not_load(statement: str, unwanted: tuple[str, ...]):

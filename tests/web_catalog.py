@@ -9,7 +9,7 @@ import numpy as np
 
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
-from upplied.poses import interpolate
+from upplied.geometry.poses import interpolate
 from upplied.records import Plan
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly

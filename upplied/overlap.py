@@ -6,10 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
-from upplied.polylines import chosen_evenly
-from upplied.poses import matrices
+from upplied.geometry.polylines import chosen_evenly
+from upplied.geometry.poses import matrices
+from upplied.geometry.scene import Scene
 from upplied.records import Bools, Camera, Floats, Trajectory
-from upplied.scene import Scene
 
 _RAYS = (32, 24)  # of a picture, across and up: a share is known to a percent
 _SLACK = 0.01  # of a sight line, at its end

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import Scene
 from upplied.overlap import Frames
-from upplied.poses import interpolate
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
-from upplied.scene import Scene
 
 MARGIN = 1.03  # of the least interval: files round speeds
 _USUAL = 0.6  # overlap along, where none is asked for and the camera is ready in time

@@ -16,6 +16,7 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.errors import RefusedError, SettingsError
+from upplied.geometry.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.repetition import takes_of
@@ -27,7 +28,6 @@ from upplied.planning.surface.frames import (
     in_frame,
     structure_in,
 )
-from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.records import Demonstration, Floats, Plan, Structure, Trajectory
 from upplied.threads import one_thread
 

@@ -116,7 +116,8 @@ def test_what_the_history_of_a_patch_costs() -> None:
 @pytest.mark.ci
 def test_every_benchmark_can_be_loaded() -> None:
     """With all it imports, which moves."""
-    load = f"import sys; sys.path.insert(0, {str(BENCH)!r}); from upplied.scene import open3d; open3d(); "
+    load = f"import sys; sys.path.insert(0, {str(BENCH)!r}); "
+    load += "from upplied.geometry.scene import open3d; open3d(); "
     names = sorted(path.stem for path in BENCH.glob("*.py"))
     done = subprocess.run(
         [sys.executable, "-c", f"{load}import {', '.join(names)}"], capture_output=True, text=True

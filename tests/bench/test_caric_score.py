@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from upplied.geometry.scene import scene_of
 from upplied.records import Cloud, Trajectory
 from upplied.samples.box import box
-from upplied.scene import scene_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
 from caric_score import ScoredCamera, picture_score

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from upplied.poses import look_at
+from upplied.geometry.poses import look_at
 from upplied.records import Structure, SurfaceStates, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly

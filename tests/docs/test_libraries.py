@@ -50,7 +50,7 @@ EXTRA_FILES = {
         "upplied/web/login.py",
         "upplied/web/serving.py",
     },
-    "plan": {"upplied/scene.py"},
+    "plan": {"upplied/geometry/scene.py"},
     "signing": {"upplied/catalog/verbs/roster.py"},
     "fleet": set(),
     "dask": set(),

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.catalog import open_catalog
 from upplied.cli import main
-from upplied.poses import look_at
+from upplied.geometry.poses import look_at
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "project.md"
 CAMERA_R_OPTICAL = Rotation.from_matrix([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])

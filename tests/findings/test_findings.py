@@ -33,16 +33,16 @@ from upplied.findings.place import Errors, located
 from upplied.findings.queries import by_reference, kind_map, photographed
 from upplied.findings.rays import footprint_m, frustum_of, pixels_of, rays_of
 from upplied.findings.reshoot import plan_reshoot
+from upplied.geometry.poses import look_at, matrices
+from upplied.geometry.scene import scene_of
+from upplied.geometry.vectors import points_on_triangles
 from upplied.outputs.publish import publish_pages
 from upplied.outputs.reference_photos import reference_photos
 from upplied.outputs.structure_page import fleet_findings, structure_facts
 from upplied.planning.surface.samples import surface_samples
-from upplied.poses import look_at, matrices
 from upplied.records import Camera, Demonstration, Lens, Structure
 from upplied.samples.correspondence import true_counterparts
 from upplied.samples.fleet import member, random_member
-from upplied.scene import scene_of
-from upplied.vectors import points_on_triangles
 from upplied.web.live import LivePages
 
 CUBE, CUBOID = member("cube-v1").structure, member("cuboid-v1").structure

@@ -13,8 +13,9 @@ from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
 from upplied.errors import InputError
 from upplied.fleet.edits import carry_edits, edit_plan, write_edit
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import scene_of
 from upplied.planning.airspace.clearance import path_clearance
-from upplied.poses import interpolate
 from upplied.proof.carried_edit import (
     KeptEdit,
     Touched,
@@ -28,7 +29,6 @@ from upplied.proof.edit import Asked, Edit, Viewpoint, viewpoints_of
 from upplied.records import Plan
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 
 CUBE = member("cube-v1").structure
 FLOWN = fly(CUBE, "sides", seed=1)

@@ -23,6 +23,8 @@ from upplied.fleet.flight_logs import Judged, judge_log, keep
 from upplied.fleet.flights import simulated_row
 from upplied.fleet.gaps import plan_gap
 from upplied.fleet.promoting import promote_flight
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import scene_of
 from upplied.inputs.photos import photo_times
 from upplied.outputs import logs
 from upplied.outputs.flown import seen_as_flown
@@ -31,12 +33,10 @@ from upplied.outputs.missions.mcap import mcap_bytes
 from upplied.outputs.publish import publish_pages
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.surface.samples import surface_samples
-from upplied.poses import interpolate
 from upplied.proof.looks import looks_of
 from upplied.records import SURFACE_STATES, Cloud, Demonstration, Plan, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 from upplied.simulate import Wind, fly_trajectory
 
 CUBE = member("cube-v1").structure

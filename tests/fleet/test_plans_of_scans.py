@@ -24,17 +24,17 @@ from upplied.fleet import recheck
 from upplied.fleet.editing import Editing
 from upplied.fleet.edits import edit_plan, write_edit
 from upplied.fleet.gaps import plan_gap
+from upplied.geometry.poses import from_yaw_pitch
+from upplied.geometry.scene import scene_of
+from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.missions import MissionOptions
 from upplied.outputs.pairs import pairs_of
 from upplied.outputs.render import export_transfer
 from upplied.outputs.reports import Reader, plan_of
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.plan import plan_transfer
-from upplied.poses import from_yaw_pitch
 from upplied.proof.looks import looks_of
 from upplied.records import Camera, Cloud, Demonstration, Plan, Structure, Trajectory
-from upplied.scene import scene_of
-from upplied.supposed_scene import scene_for
 
 SIZE = np.array([1.4, 1.1, 1.2])  # of the target, in sources
 FIRST, LAST = -1.5, 5.0  # m along x of the source: the stretch that was not scanned

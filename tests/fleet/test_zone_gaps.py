@@ -18,18 +18,18 @@ from upplied.errors import RefusedError
 from upplied.fleet.flight_logs import add_flight_logs
 from upplied.fleet.gaps import plan_gap
 from upplied.fleet.zone_gaps import zones_left_out
+from upplied.geometry.poses import matrices, yaw_pitch
+from upplied.geometry.scene import scene_of
 from upplied.outputs.logs import write_log
 from upplied.outputs.zones import zones
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.observations import stations
-from upplied.poses import matrices, yaw_pitch
 from upplied.proof import asking
 from upplied.proof.looks import looks_of
 from upplied.records import Camera, Plan, Surroundings, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 from upplied.simulate import fly_trajectory
 
 CUBE = replace(member("cube-v1").structure, surroundings=Surroundings(ground_z_m=0.0))

@@ -20,16 +20,16 @@ from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import CatalogError, SettingsError
 from upplied.fleet import PlanRequest, Resources, decide, transfer
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import scene_of
 from upplied.outputs.publish import publish_pages
 from upplied.outputs.zones import zones
 from upplied.planning.surface.samples import surface_samples
-from upplied.poses import interpolate
 from upplied.proof.asking import Asking
 from upplied.proof.looks import looks_of
 from upplied.records import Camera, Placement, Plan, Surroundings, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 
 CAMERA = Camera(90.0, 60.0, 1.0, 40.0, 2000, 1500)  # 1 mm a pixel at 1 m
 

@@ -10,8 +10,8 @@ from made_logs import Topic, flight, header, poses, transform, write_log
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
+from upplied.geometry.poses import angle_between
 from upplied.inputs.logs import LogOptions, read_demonstration
-from upplied.poses import angle_between
 from upplied.records import Lens
 
 FACTS = {

@@ -30,8 +30,8 @@ from mcap_ros2._dynamic import serialize_dynamic
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
+from upplied.geometry.poses import angle_between, from_yaw_pitch
 from upplied.inputs.logs import LogOptions, read_demonstration
-from upplied.poses import angle_between, from_yaw_pitch
 from upplied.records import Demonstration, Placement
 
 FACTS = {"structure_id": "a320", "body_frame": "camera"}

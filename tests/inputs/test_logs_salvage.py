@@ -19,10 +19,10 @@ from made_logs import flight, poses, write_log
 from mcap.writer import CompressionType, IndexType
 
 from upplied.errors import InputError, UppliedError
+from upplied.geometry.poses import angle_between
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.inputs.mcap import decoders, recording
 from upplied.inputs.mcap.recording import MAGIC
-from upplied.poses import angle_between
 
 POSE = "geometry_msgs/msg/PoseStamped"
 FACTS = {"structure_id": "a320", "body_frame": "camera"}

@@ -257,7 +257,7 @@ def by_trimesh(vertices: np.ndarray, triangles: np.ndarray, folder: Path) -> byt
 
 
 def by_open3d(vertices: np.ndarray, triangles: np.ndarray, folder: Path) -> bytes:
-    from upplied.scene import open3d
+    from upplied.geometry.scene import open3d
 
     mesh = open3d().geometry.TriangleMesh(
         open3d().utility.Vector3dVector(vertices), open3d().utility.Vector3iVector(triangles.astype(np.int32))

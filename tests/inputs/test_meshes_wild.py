@@ -10,10 +10,10 @@ import pytest
 import trimesh
 
 from upplied.errors import InputError
+from upplied.geometry.scene import Scene
 from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import normalise, read_structure
-from upplied.scene import Scene
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,8 @@ from made_logs import Topic, header, message, transform, write_log, xyz, xyzw
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError, SettingsError
+from upplied.geometry.poses import angle_between
+from upplied.geometry.scene import scene_of
 from upplied.inputs.logs import LogOptions, fingerprint, read_demonstration
 from upplied.inputs.passport import conventions, fits, measured, rules
 from upplied.inputs.passport.aim import aim_of
@@ -19,10 +21,8 @@ from upplied.inputs.passport.measured import Measured
 from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings, changed
 from upplied.inputs.passport.sight import inside
 from upplied.inputs.rules import check_allowed, refusals
-from upplied.poses import angle_between
 from upplied.records import Demonstration
 from upplied.samples.fleet import member
-from upplied.scene import scene_of
 
 BREAKS = {  # of each rule, figures that break it
     "fits-otherwise": {"other_fit_pct": 95.0, "fit_pct": 60.0, "other": "ned", "other_words": "north"},

@@ -20,10 +20,10 @@ from upplied.cli import main
 from upplied.errors import InputError
 from upplied.fleet import reading
 from upplied.fleet.ingest import passed_over
+from upplied.geometry.poses import angle_between, look_at
 from upplied.inputs.logs import LogOptions
 from upplied.inputs.passport.rules import RULES
 from upplied.inputs.sources.project_files import project_at
-from upplied.poses import angle_between, look_at
 
 LEVEL = Rotation.identity()
 

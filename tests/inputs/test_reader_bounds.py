@@ -10,6 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_separation import scanned
 
+from upplied.geometry.poses import from_yaw_pitch
+from upplied.geometry.scene import scene_of
 from upplied.inputs import repair
 from upplied.inputs.concerns import concerns, cut_off
 from upplied.inputs.flight.clean import UNSET, breaks, clean, steady
@@ -27,10 +29,8 @@ from upplied.inputs.raw import RawMesh
 from upplied.inputs.repair import topology_of
 from upplied.inputs.separation import separated
 from upplied.inputs.sidecar import LogOptions
-from upplied.poses import from_yaw_pitch
 from upplied.records import Camera, Surroundings
 from upplied.samples.fleet import member
-from upplied.scene import scene_of
 
 CUBE = member("cube-v1").structure
 SCENE = scene_of(CUBE)

@@ -13,11 +13,11 @@ from made_sources import UNTIMED, WRITERS, bag2, photos
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
+from upplied.geometry.poses import angle_between
 from upplied.inputs.logs import LogOptions, fingerprint, read_demonstration
 from upplied.inputs.passport.rules import RULES
 from upplied.inputs.sources import door
 from upplied.outputs.missions import FORMATS, MissionOptions, export
-from upplied.poses import angle_between
 from upplied.records import Demonstration, Lens
 from upplied.samples.fleet import member
 

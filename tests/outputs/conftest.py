@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import remembered
 
+from upplied.geometry.scene import Scene
 from upplied.outputs.missions import mission
-from upplied.scene import Scene
 
 _made = mission.shots_of
 _PROBES = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 3))

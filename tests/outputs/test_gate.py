@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 from made_missions import made_plan, placed_box, rounds, turning_on_the_spot
 
 from upplied.errors import RefusedError, SettingsError
+from upplied.geometry.poses import look_at
 from upplied.outputs.missions import FORMATS, MissionOptions, export, missions_of
 from upplied.outputs.missions.dji_wpml import DRONES
 from upplied.outputs.missions.gate import RULES, Breach, Limits, breaches, coverage_breaches
 from upplied.outputs.missions.read_back import read_mission
 from upplied.outputs.missions.reading import planned
-from upplied.poses import look_at
 from upplied.records import Trajectory
 
 BOX = np.array([[-6.0, -4.0, 0.0], [6.0, 4.0, 10.0]])

@@ -13,12 +13,12 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import SettingsError
+from upplied.geometry.poses import angle_between
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import read_manifest
 from upplied.inputs.meshes import read_structure
 from upplied.outputs.logs import CAMERA_FRAME, LogFrame, write_log
 from upplied.outputs.sample_fleet import FILES, write_sample_fleet
-from upplied.poses import angle_between
 from upplied.records import Camera, Demonstration
 from upplied.samples.fleet import member, sample_structures
 from upplied.samples.pilot import fly

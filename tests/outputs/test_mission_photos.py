@@ -12,15 +12,15 @@ from made_missions import made_plan, placed_box, rounds
 
 from upplied.cameras import known_camera
 from upplied.errors import RefusedError
+from upplied.geometry.poses import look_at, matrices
+from upplied.geometry.scene import scene_of
 from upplied.outputs.missions import FORMATS, MissionOptions, export, missions_of
 from upplied.outputs.missions.gate import Limits, breaches
 from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.read_back import read_mission
 from upplied.overlap import Frames
 from upplied.photographed import photographed
-from upplied.poses import look_at, matrices
 from upplied.records import Camera, Cloud, Measures, SurfaceStates, Trajectory
-from upplied.scene import scene_of
 
 FLOWN = [name for name in sorted(FORMATS) if name != "mcap"]
 HOME = (30.0, 0.0, 0.0)

@@ -12,6 +12,9 @@ from made_scans import END, body, cut
 
 from upplied.config import settings_for
 from upplied.errors import RefusedError
+from upplied.geometry.poses import from_yaw_pitch
+from upplied.geometry.scene import scene_of
+from upplied.geometry.supposed_scene import extent, scene_for
 from upplied.outputs.missions import MissionOptions, export, missions_of
 from upplied.outputs.missions.gate import Limits, breaches, broken_by
 from upplied.outputs.missions.reading import planned
@@ -21,10 +24,7 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.never_scanned import never_scanned
 from upplied.planning.surface.samples import surface_samples
-from upplied.poses import from_yaw_pitch
 from upplied.records import Plan, Registration, Structure, SupposedSurface, Surroundings, Trajectory
-from upplied.scene import scene_of
-from upplied.supposed_scene import extent, scene_for
 
 SAME = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)
 UPRIGHT = [1, 2, 0]  # its length becomes its height

@@ -13,6 +13,8 @@ from fake_catalog import FakeCatalog, box_structure, orbit
 from hypothesis import given
 from hypothesis import strategies as st
 
+from upplied.geometry.poses import look_at
+from upplied.geometry.scene import scene_of, simplified
 from upplied.outputs.along import profile, speeds
 from upplied.outputs.display import display_mesh, display_states, packed, structure_data
 from upplied.outputs.pages import inert_json
@@ -20,9 +22,7 @@ from upplied.outputs.pair_page import _parts
 from upplied.outputs.pairs import battery_pct, change, meaning, pairs_of, shown_status
 from upplied.outputs.picture_quality import quality_data
 from upplied.outputs.reports import Reader
-from upplied.poses import look_at
 from upplied.records import Camera, Counterpart, Plan, Structure, SurfaceStates, Trajectory
-from upplied.scene import scene_of, simplified
 
 
 def area(vertices: np.ndarray, triangles: np.ndarray) -> float:

@@ -11,8 +11,8 @@ from moved_scenes import ANY
 from planning_ruler import clearance
 
 from upplied.config import settings_for
+from upplied.geometry.poses import interpolate, look_at
 from upplied.planning.plan import plan_transfer
-from upplied.poses import interpolate, look_at
 from upplied.records import Camera, Demonstration, Floats, Plan, Structure, Trajectory
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly

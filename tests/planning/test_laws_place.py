@@ -7,11 +7,11 @@ import pytest
 from moved_scenes import ANY, moved_flight, moved_structure, strays_m
 
 from upplied.config import settings_for
+from upplied.geometry.scene import scene_of
 from upplied.planning.geometry.frechet import frechet
 from upplied.planning.plan import plan_transfer
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 
 PAIRS = {
     "cube": ("cube-v1", "cuboid-v1", "sides"),

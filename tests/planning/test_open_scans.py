@@ -9,11 +9,11 @@ import pytest
 from made_scans import body, cut
 
 from upplied.config import settings_for
+from upplied.geometry.poses import from_yaw_pitch
+from upplied.geometry.scene import scene_of
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.plan import plan_transfer
-from upplied.poses import from_yaw_pitch
 from upplied.records import Demonstration, Structure
-from upplied.scene import scene_of
 
 SIZE = np.array([1.4, 1.1, 1.2])  # of the target, in sources
 

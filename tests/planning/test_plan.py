@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from upplied.config import settings_for
 from upplied.errors import SettingsError
+from upplied.geometry.poses import angle_between, from_yaw_pitch, moved, yaw_pitch
 from upplied.planning.plan import plan_transfer, transfer_key
-from upplied.poses import angle_between, from_yaw_pitch, moved, yaw_pitch
 from upplied.records import Demonstration
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly

@@ -23,11 +23,11 @@ from upplied.catalog.schema.steps import unlike
 from upplied.catalog.verbs import queries
 from upplied.config import settings_for
 from upplied.errors import RefusedError
+from upplied.geometry.poses import interpolate
 from upplied.outputs.missions import MissionOptions, export
 from upplied.outputs.render import export_transfer
 from upplied.outputs.reports import plan_of
 from upplied.planning.plan import plan_transfer
-from upplied.poses import interpolate
 from upplied.records import Demonstration, Placement, Plan, Structure
 from upplied.samples.fleet import random_member
 

@@ -10,6 +10,7 @@ import pytest
 
 from upplied.config import CloudSettings, settings_for
 from upplied.errors import SettingsError
+from upplied.geometry.scene import scene_of
 from upplied.planning.correspondence import certainty as probabilities
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.demonstration.about import zone_of
@@ -19,7 +20,6 @@ from upplied.proof import carried_zone as carrying
 from upplied.proof.carried_zone import _carried, _probability, carried_zone
 from upplied.records import Bools, Cloud, Correspondences, Frame, Registration, Structure
 from upplied.samples.fleet import member
-from upplied.scene import scene_of
 
 SETTINGS = settings_for("recommended")
 

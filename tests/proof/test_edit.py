@@ -10,16 +10,16 @@ import pytest
 
 from upplied.config import CloudSettings, settings_for
 from upplied.errors import RefusedError
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import scene_of
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
-from upplied.poses import interpolate
 from upplied.proof.edit import Edit, Viewpoint, edit_of, edited, viewpoints_of
 from upplied.records import Surroundings
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 
 CUBE = member("cube-v1").structure
 SCENE = scene_of(CUBE)

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from upplied.config import CloudSettings, InspectionSettings
+from upplied.geometry.poses import from_yaw_pitch, interpolate, yaw_pitch
+from upplied.geometry.scene import scene_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.observations import Views
-from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.proof.align import align
 from upplied.proof.as_flown import AsFlown, as_flown
 from upplied.proof.inspected import CORRECTED_RIM_DEG, PlannedLooks, looks_at, planned_looks
@@ -20,7 +21,6 @@ from upplied.proof.looks import looks_of
 from upplied.records import Bools, Camera, Cloud, Floats, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 from upplied.simulate import Wind, fly_trajectory
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))

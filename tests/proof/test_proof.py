@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 
 from upplied.config import CloudSettings, InspectionSettings, settings_for
 from upplied.errors import RefusedError
+from upplied.geometry.poses import from_yaw_pitch, interpolate, yaw_pitch
+from upplied.geometry.scene import scene_of
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace
@@ -18,7 +20,6 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.observations import TRULY, stations
-from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.proof.align import align
 from upplied.proof.as_flown import AsFlown, as_flown
 from upplied.proof.bound import bound_m
@@ -30,7 +31,6 @@ from upplied.proof.tour import short_tour
 from upplied.records import Camera, Floats, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 from upplied.simulate import Wind, fly_trajectory
 
 CUBE = member("cube-v1").structure

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from upplied.config import CloudSettings
+from upplied.geometry.poses import interpolate, look_at
+from upplied.geometry.scene import scene_of
 from upplied.planning.surface.samples import surface_samples
-from upplied.poses import interpolate, look_at
 from upplied.proof.align import align
 from upplied.proof.as_flown import as_flown
 from upplied.proof.looks import looks_of
 from upplied.records import Camera, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 
 CUBE = member("cube-v1").structure
 CAMERA = Camera(70.0, 55.0, 1.0, 25.0)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from upplied.config import CloudSettings
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import scene_of
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.surface.samples import surface_samples
-from upplied.poses import interpolate
 from upplied.proof.align import align
 from upplied.proof.as_flown import as_flown
 from upplied.records import Camera, Trajectory
 from upplied.samples.fleet import member, sample_demonstrations
-from upplied.scene import scene_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
 from proof_flights import Flight, Manner, flown

@@ -15,6 +15,7 @@ from upplied.cli import main
 from upplied.config import settings_for
 from upplied.errors import InputError
 from upplied.fleet.learn import gather, learnt_flight, learnt_structure
+from upplied.geometry.scene import scene_of
 from upplied.inputs.manifests import read_manifest
 from upplied.outputs.logs import write_log
 from upplied.planning.correspondence.registration import fitted, register
@@ -28,7 +29,6 @@ from upplied.recommend.sight import in_sight
 from upplied.records import Camera, Cloud
 from upplied.samples.fleet import member, random_member
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 
 
 def cloud_of(structure) -> Cloud:

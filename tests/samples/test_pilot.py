@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from upplied.errors import RefusedError
-from upplied.poses import angle_between, matrices, optical_axis, yaw_pitch
+from upplied.geometry.poses import angle_between, matrices, optical_axis, yaw_pitch
+from upplied.geometry.scene import scene_of
 from upplied.records import Demonstration, Structure
 from upplied.samples.airframe import airframe, left_nacelle
 from upplied.samples.correspondence import parts
@@ -17,7 +18,6 @@ from upplied.samples.fleet import member, random_member, sample_demonstrations
 from upplied.samples.hand import kept_clear
 from upplied.samples.pilot import fly
 from upplied.samples.plan_view import offset_outline
-from upplied.scene import scene_of
 
 DEMONSTRATIONS = {flight.demonstration_id: flight for flight in sample_demonstrations()}
 INSPECTIONS = {

@@ -9,10 +9,10 @@ import pytest
 
 from upplied.checks import check_id
 from upplied.errors import InputError
+from upplied.geometry.scene import scene_of
 from upplied.samples.correspondence import OUTER_ENGINES, parts, true_counterparts
 from upplied.samples.fleet import member, random_member, sample_structures
 from upplied.samples.surfaces import Member
-from upplied.scene import scene_of
 
 KINDS = ("airliner", "wind_turbine", "ship", "box", "bridge")
 FLEET = [structure.structure_id for structure in sample_structures()]

@@ -7,8 +7,8 @@ import pytest
 
 from upplied.config import settings_for
 from upplied.errors import RefusedError, SettingsError
+from upplied.geometry.poses import angle_between, from_yaw_pitch, interpolate
 from upplied.planning.plan import plan_transfer
-from upplied.poses import angle_between, from_yaw_pitch, interpolate
 from upplied.records import Plan, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly

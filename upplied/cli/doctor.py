@@ -86,7 +86,7 @@ def _open3d() -> str:
     """One ray that must hit."""
     import numpy as np
 
-    from upplied.scene import Scene
+    from upplied.geometry.scene import Scene
 
     corners = np.array([[0.0, -1.0, -1.0], [0.0, 1.0, -1.0], [0.0, 0.0, 2.0]])
     scene = Scene(corners, np.array([[0, 1, 2]]))

@@ -21,9 +21,9 @@ from upplied.findings.marks import Mark
 from upplied.findings.photos import flight_of, registered, with_size
 from upplied.findings.place import Errors, located
 from upplied.findings.rays import rays_of, size_px
+from upplied.geometry.scene import Scene, scene_of, surface_error_m
+from upplied.geometry.vectors import sphere
 from upplied.records import Floats, Structure
-from upplied.scene import Scene, scene_of, surface_error_m
-from upplied.vectors import sphere
 
 _DIGITS = 12  # of a finding's id
 _SAME_TIME_S = 1.0  # between the time of a mark and that of its photo

@@ -17,6 +17,8 @@ from upplied.findings.looks import Spot, off_surface, plane_axes
 from upplied.findings.sampled import Carried, carried_samples, neighbours
 from upplied.fleet.decisions import PlanRequest, SettingsOf
 from upplied.fleet.siblings import SiblingsOf
+from upplied.geometry.scene import scene_of
+from upplied.geometry.vectors import with_normals
 from upplied.planning.correspondence.memo import content_key
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.correspondence.siblings import study
@@ -24,9 +26,7 @@ from upplied.planning.demonstration.repetition import choices_in
 from upplied.planning.surface.frames import frames_for, named_axes, structure_in
 from upplied.planning.surface.parts import parts_of_both
 from upplied.records import Bools, Floats, Ints, Rows, Structure
-from upplied.scene import scene_of
 from upplied.threads import one_thread
-from upplied.vectors import with_normals
 
 R = TypeVar("R")
 

@@ -15,12 +15,12 @@ from upplied.errors import InputError, UppliedError
 from upplied.findings.looks import Look, Spot, plane_axes
 from upplied.findings.photos import MOST_BYTES
 from upplied.findings.rays import pixels_of
+from upplied.geometry.scene import Scene, scene_of
 from upplied.inputs.files import read_regular
 from upplied.outputs.draw.sheet import png
 from upplied.outputs.files import replace_file
 from upplied.outputs.pictures import pixels_in
 from upplied.records import Floats, Structure
-from upplied.scene import Scene, scene_of
 
 _LEAST_PX, _MOST_PX = 64, 800  # of a crop's sides
 _SHOWN_PX = 320  # of its width on the page, at least

@@ -20,12 +20,12 @@ from upplied.errors import SettingsError
 from upplied.findings.adding import on_surface, outline_of
 from upplied.findings.photos import Flown, flights_round, with_size
 from upplied.findings.rays import focal_of, footprint_m, frustum_of, pixels_of, size_px
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import scene_of
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.moments import motion_of, rates
 from upplied.planning.visibility.observations import TRULY, stations
-from upplied.poses import interpolate
 from upplied.records import Camera, Cloud, Floats, Record
-from upplied.scene import scene_of
 
 _EXPOSURE_S = InspectionSettings().exposure_s
 _AROUND_S = 0.1  # before and after a photo, over which its motion is taken

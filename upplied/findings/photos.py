@@ -20,8 +20,8 @@ from upplied.catalog.schema.rows import camera_of
 from upplied.config import digest
 from upplied.errors import CatalogError, InputError, RefusedError, UppliedError
 from upplied.findings.rays import focal_of
+from upplied.geometry.poses import interpolate
 from upplied.inputs.files import read_regular
-from upplied.poses import interpolate
 from upplied.records import Camera, Floats, Record, Trajectory
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".dng"}

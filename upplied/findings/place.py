@@ -15,10 +15,10 @@ from scipy.stats import norm, qmc
 
 from upplied.errors import RefusedError
 from upplied.findings.rays import footprint_m, rays_of
+from upplied.geometry.poses import matrices
+from upplied.geometry.scene import Scene
 from upplied.planning.visibility.observations import TRULY
-from upplied.poses import matrices
 from upplied.records import Bools, Camera, Floats, Record
-from upplied.scene import Scene
 
 _DRAWS, _OUTLINES = 1024, 64
 _DRAWN_PCT = 96  # of the draws; 95 of them held 94 % of the marks of bench/findings.py

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.config import InspectionSettings, focal_px
-from upplied.poses import matrices
+from upplied.geometry.poses import matrices
 from upplied.records import Camera, Floats, Lens
 
 _FLAT_DEG = 120.0

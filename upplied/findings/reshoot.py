@@ -19,12 +19,14 @@ from upplied.findings.rays import footprint_m
 from upplied.findings.viewing import Wanted, best_look, shows
 from upplied.fleet.decisions import PlanRequest, SettingsOf
 from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
+from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.scene import scene_of
+from upplied.geometry.supposed_scene import obstacle, scene_for
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import Roadmap, roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.plan import METHOD_VERSION
 from upplied.planning.surface.samples import surface_samples
-from upplied.polylines import leg_lengths
 from upplied.proof.bound import bound_m
 from upplied.proof.gap import safe_lengths, timed, way_by
 from upplied.proof.tour import short_tour
@@ -41,8 +43,6 @@ from upplied.records import (
     SurfaceStates,
     Trajectory,
 )
-from upplied.scene import scene_of
-from upplied.supposed_scene import obstacle, scene_for
 
 _SHOWN = 1  # of SURFACE_STATES
 _FINDING = ("finding_id", "x_m", "y_m", "z_m", "normal_json", "outline_json", "camera_json", "place_error_m")

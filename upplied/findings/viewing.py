@@ -9,10 +9,10 @@ import numpy as np
 from upplied.config import RetimeSettings
 from upplied.findings.looks import Spot, plane_axes
 from upplied.findings.rays import focal_of, footprint_m
+from upplied.geometry.poses import from_yaw_pitch, look_at, yaw_pitch
 from upplied.planning.airspace.roadmap import Roadmap, links
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.observations import TRULY
-from upplied.poses import from_yaw_pitch, look_at, yaw_pitch
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 
 _TILTS_DEG = (0.0, 4.0, 8.0, 14.0, 20.0, 28.0, 36.0, 45.0, 55.0, 65.0)  # from the wanted direction

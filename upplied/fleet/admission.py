@@ -14,6 +14,7 @@ from upplied.config import settings_for
 from upplied.errors import InputError
 from upplied.fleet.members import Member, judged
 from upplied.fleet.reading import Ingested, Progress, each
+from upplied.geometry.scene import scene_of
 from upplied.inputs import meshes
 from upplied.inputs.manifests import StructureEntry, read_manifest
 from upplied.inputs.rules import Verdict, check_allowed, decided, from_json, refusals, refuse, to_json
@@ -22,7 +23,6 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.recommend.features import ShapeFeatures, shape_features
 from upplied.recommend.shapes import Shapes, content_of
 from upplied.records import Structure
-from upplied.scene import scene_of
 
 
 @dataclass(frozen=True)

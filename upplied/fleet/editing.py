@@ -14,6 +14,8 @@ from upplied.config import digest
 from upplied.errors import RefusedError
 from upplied.fleet.planner import Recent, required_surface
 from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
+from upplied.geometry.scene import Scene, scene_of
+from upplied.geometry.supposed_scene import obstacle, scene_for
 from upplied.outputs.reports import plan_of
 from upplied.planning.airspace.roadmap import Roadmap, roadmap
 from upplied.planning.airspace.rules import Airspace
@@ -22,9 +24,7 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.proof.carried_edit import KeptEdit, edit_from_json, found_again, kept_edit, put_back, together
 from upplied.proof.edit import Asked, Edit, Viewpoint, edited, viewpoints_of
 from upplied.records import Bools, Cloud, Floats, Plan, Structure, Trajectory
-from upplied.scene import Scene, scene_of
 from upplied.simulate import measure_flown
-from upplied.supposed_scene import obstacle, scene_for
 
 _PLACES = 300  # of the plan, that the ways may lead by
 _ROADMAPS = 4  # that are held: those of the airspaces asked for last

@@ -20,17 +20,17 @@ from upplied.fleet.ingest import find_logs
 from upplied.fleet.plan_of_flight import Laid, moment_of, plan_of_flight
 from upplied.fleet.workers import JobKilled, Limits, Workers
 from upplied.fleet.zone_gaps import zones_left_out
+from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.scene import Scene, scene_of
+from upplied.geometry.supposed_scene import scene_for
 from upplied.inputs.flight.clean import STEPPED
 from upplied.inputs.photos import photo_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.planning.surface.samples import surface_samples
-from upplied.polylines import leg_lengths
 from upplied.proof.align import Alignment
 from upplied.proof.as_flown import AsFlown, as_flown
 from upplied.proof.looks import Looks, looks_of
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Plan, Structure, Trajectory
-from upplied.scene import Scene, scene_of
-from upplied.supposed_scene import scene_for
 
 _SHOWN = 1  # of SURFACE_STATES
 

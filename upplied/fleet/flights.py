@@ -15,6 +15,7 @@ from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.flight_logs import judged_on_plan, keep_looks
+from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.mission_options import DRAFTS
 from upplied.outputs.missions import gate
 from upplied.outputs.missions.ways import ground_z_m
@@ -25,7 +26,6 @@ from upplied.proof.align import as_simulated
 from upplied.provenance import method
 from upplied.records import Measures, Plan, Trajectory
 from upplied.simulate import Vehicle, Wind, fly_trajectory, measure_flown
-from upplied.supposed_scene import scene_for
 
 
 def fly_plan(

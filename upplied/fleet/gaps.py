@@ -14,15 +14,15 @@ from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.flight_logs import required_of
 from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
 from upplied.fleet.zone_gaps import Zone, key_of, missed_zones, nearest
+from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.supposed_scene import obstacle, scene_for
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.plan import METHOD_VERSION
-from upplied.polylines import leg_lengths
 from upplied.proof.gap import GapFlight, gap_flight
 from upplied.provenance import method, recorded
 from upplied.records import Bools, Cloud, Measures, Plan, SurfaceStates
-from upplied.supposed_scene import obstacle, scene_for
 
 _OTHER, _SHOWN, _MISSED, _UNATTAINABLE = 0, 1, 2, 3  # of SURFACE_STATES
 _WITHIN_M = 0.02  # of the plan's clearance, which its own poses keep to the millimetre alone

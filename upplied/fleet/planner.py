@@ -18,12 +18,12 @@ from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.verbs.required import zones_named
 from upplied.errors import RefusedError, UppliedError
 from upplied.fleet.decisions import Job
+from upplied.geometry.scene import open3d
 from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.plan import plan_transfer
 from upplied.proof.asking import Asking
 from upplied.records import Camera, Demonstration, Plan, Structure
 from upplied.records.required import RequiredSurface
-from upplied.scene import open3d
 
 R = TypeVar("R")
 

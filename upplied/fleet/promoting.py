@@ -12,11 +12,11 @@ from upplied.catalog.verbs.recipes import settings_of
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import RefusedError, SettingsError
+from upplied.geometry.supposed_scene import scene_for
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.proof.align import silence_s
 from upplied.proof.findings import LOOKED, SILENT, STOOD
 from upplied.records import Camera, Demonstration, Trajectory
-from upplied.supposed_scene import scene_for
 
 _WHOLE_PCT = 98.0  # of the plan's length, and in view of what it shows: less is no whole inspection
 _INSPECTED_PCT = 95.0  # as asked, of what the plan shows: flights of the sample fleet reach 96 and more

@@ -12,6 +12,7 @@ from upplied.catalog import Catalog
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.required import zones_of
 from upplied.config import digest, focal_px
+from upplied.geometry.vectors import with_normals
 from upplied.outputs.zones import flown_rows, looked
 from upplied.planning.geometry.clouds import spacing
 from upplied.proof.asking import Asking
@@ -19,7 +20,6 @@ from upplied.proof.gap import square_metres
 from upplied.proof.zone_gap import ZoneGap
 from upplied.proof.zones import Demand
 from upplied.records import Bools, Camera, Cloud, Ints, Structure
-from upplied.vectors import with_normals
 
 
 @dataclass(frozen=True)

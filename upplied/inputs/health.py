@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
+from upplied.geometry.reconstruction import held
+from upplied.geometry.scene import surface_error_m
 from upplied.inputs.concerns import Findings
 from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifest_keys import UNITS
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import normalise
 from upplied.inputs.raw import RawMesh
-from upplied.reconstruction import held
 from upplied.records import Record, Structure
-from upplied.scene import surface_error_m
 
 _FORWARD = {"x": "y", "y": "z", "z": "x"}  # for each up axis; glTF has Y up and +Z forward
 

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 
 from upplied.errors import InputError
+from upplied.geometry.poses import normalised
+from upplied.geometry.scene import scene_of
 from upplied.inputs.fingerprints import digest_of, fingerprint, sha256_of
 from upplied.inputs.flight import inspection as inspections
 from upplied.inputs.flight.choice import NOTHING, READERS, check_one, choose, nothing
@@ -33,9 +35,7 @@ from upplied.inputs.sidecar import LogOptions, inspection, placed, stated
 from upplied.inputs.sources import door
 from upplied.inputs.sources.source import Source
 from upplied.inputs.tables import Table
-from upplied.poses import normalised
 from upplied.records import Demonstration, Placement, Structure
-from upplied.scene import scene_of
 
 __all__ = ["FIELDS", "LogOptions", "fingerprint", "read_demonstration"]
 

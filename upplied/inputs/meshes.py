@@ -10,6 +10,8 @@ import numpy as np
 from upplied.checks import check_finite, check_id
 from upplied.config import digest
 from upplied.errors import InputError
+from upplied.geometry.reconstruction import looks_scanned
+from upplied.geometry.vectors import area_vectors
 from upplied.inputs.concerns import Findings, concerns, cut_off, nominal_problems
 from upplied.inputs.files import open_regular
 from upplied.inputs.formats.reader import read_raw
@@ -21,9 +23,7 @@ from upplied.inputs.raw import RawMesh
 from upplied.inputs.repair import Repairs, clean, clip_below, compact, topology_of, used_vertices
 from upplied.inputs.rules import broken, decided, refuse, to_json
 from upplied.inputs.structure_rules import RULES
-from upplied.reconstruction import looks_scanned
 from upplied.records import Bools, Floats, Ints, Structure
-from upplied.vectors import area_vectors
 
 _AS_DECLARED = (
     "structure_id", "kind", "site", "placement", "surroundings", "symmetric", "surface", "surface_error_m"

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.geometry.scene import Scene
+from upplied.geometry.vectors import across, area_vectors
 from upplied.inputs.repair import Topology
 from upplied.records import Bools, Floats, Ints, Record
-from upplied.scene import Scene
-from upplied.vectors import across, area_vectors
 
 _RAYS = 24  # from each side of each sample, weighted by the cosine: as parallel light from all around
 _SPREAD = 4096  # samples over the whole surface, by area

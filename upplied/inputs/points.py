@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.discs import Discs
+from upplied.geometry.discs import Discs
+from upplied.geometry.scene import Scene
+from upplied.geometry.vectors import neighbour_spacing, plane_normals, sphere
 from upplied.records import Bools, Floats, Ints
-from upplied.scene import Scene
-from upplied.vectors import neighbour_spacing, plane_normals, sphere
 
 _NEIGHBOURS = 13
 _JUDGED = 30_000  # points that vote by rays; the others follow their neighbours

@@ -15,9 +15,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from upplied.polylines import chosen_evenly
+from upplied.geometry.polylines import chosen_evenly
+from upplied.geometry.vectors import neighbour_spacing, points_on_triangles, triangle_areas
 from upplied.records import Bools, Floats, Ints, Record, Structure
-from upplied.vectors import neighbour_spacing, points_on_triangles, triangle_areas
 
 CLASSES = ("structure", "ground", "clutter", "neighbour")
 _SAMPLES = 150_000  # points that stand for a surface

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upplied.polylines import leg_lengths
-from upplied.poses import interpolate, matrices
+from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.poses import interpolate, matrices
+from upplied.geometry.scene import Scene
 from upplied.records import Camera, Floats, Record, Trajectory
-from upplied.scene import Scene
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from upplied.geometry.polylines import leg_lengths
 from upplied.outputs import pages
 from upplied.outputs.mission_map import Line, map_png, side_png
 from upplied.outputs.mission_options import MissionOptions
@@ -17,7 +18,6 @@ from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.ways import ground_z_m
 from upplied.outputs.pairs import number
 from upplied.outputs.verdicts import headline
-from upplied.polylines import leg_lengths
 from upplied.records import Floats, Structure
 
 

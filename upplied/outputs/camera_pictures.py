@@ -7,9 +7,9 @@ import io
 import numpy as np
 
 from upplied.extras import extra
-from upplied.poses import matrices
+from upplied.geometry.poses import matrices
+from upplied.geometry.scene import Scene, scene_of
 from upplied.records import Camera, Floats, Structure, Trajectory
-from upplied.scene import Scene, scene_of
 
 with extra("export"):
     from PIL import Image

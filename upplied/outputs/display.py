@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.geometry.scene import simplified
+from upplied.geometry.vectors import area_vectors
 from upplied.inputs.rules import from_json
 from upplied.records import SURFACE_STATES, Floats, Ints, Record, Structure, SurfaceStates
-from upplied.scene import simplified
-from upplied.vectors import area_vectors
 
 _MOST_TRIANGLES = 18_000
 _MOST_POINTS = 12_000

@@ -1,4 +1,4 @@
-"""PNG figures of structures and plans, without a display, OpenGL or a GPU: `upplied.scene` casts the rays."""
+"""PNG figures of structures and plans, without a display, OpenGL or a GPU: rays of `geometry.scene` draw."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from upplied.errors import SettingsError
+from upplied.geometry.polylines import leg_lengths
 from upplied.outputs.colours import CLASSES, DEMONSTRATED, PRESETS, STATES, rgb
 from upplied.outputs.display import DisplayMesh
 from upplied.outputs.draw import tubes
@@ -15,7 +16,6 @@ from upplied.outputs.draw.canvas import Classed, Solid, picture, solid
 from upplied.outputs.draw.sheet import Panel, padded, png, sheet_png
 from upplied.outputs.draw.views import View, facing, fitted, named_view, proportion
 from upplied.outputs.files import replace_file
-from upplied.polylines import leg_lengths
 from upplied.records import (
     SURFACE_STATES,
     Camera,

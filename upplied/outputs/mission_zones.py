@@ -11,9 +11,9 @@ import numpy as np
 
 from upplied.catalog import Catalog
 from upplied.catalog.verbs.required import zones_of
+from upplied.geometry.polylines import cumulated, leg_lengths
 from upplied.outputs.missions.gate import ZONE
 from upplied.outputs.missions.records import Mission
-from upplied.polylines import cumulated, leg_lengths
 from upplied.proof.asking import Asking
 from upplied.proof.zones import Looked
 from upplied.records import Camera, Floats, Plan, Structure, Trajectory

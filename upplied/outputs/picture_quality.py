@@ -9,10 +9,10 @@ import numpy as np
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import settings_for
 from upplied.errors import UppliedError
+from upplied.geometry.scene import Scene
 from upplied.outputs.display import DisplayMesh, nearest_samples, packed
 from upplied.proof.pictured import pictured
 from upplied.records import SURFACE_STATES, Camera, Cloud, Floats, Plan
-from upplied.scene import Scene
 
 _INSPECTED = [SURFACE_STATES.index(name) for name in ("shown", "missed", "unattainable")]
 _NAMES = {"gsd_mm": "resolution, mm/px", "blur_px": "motion blur, px", "sharp_s": "time in sharp view, s"}

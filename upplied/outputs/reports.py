@@ -14,6 +14,8 @@ from upplied.catalog import Catalog
 from upplied.catalog.schema.rows import Row
 from upplied.config import digest
 from upplied.errors import UppliedError
+from upplied.geometry.scene import scene_of
+from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs import figures
 from upplied.outputs.along import profile
 from upplied.outputs.display import (
@@ -42,8 +44,6 @@ from upplied.outputs.picture_quality import quality_data
 from upplied.outputs.structure_page import structure_facts
 from upplied.outputs.zones import zones
 from upplied.records import Floats, Ints, Plan, Structure, SurfaceStates
-from upplied.scene import scene_of
-from upplied.supposed_scene import scene_for
 
 
 class Reader:

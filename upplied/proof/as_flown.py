@@ -8,17 +8,17 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import InspectionSettings
+from upplied.geometry.polylines import arc_length, chosen_evenly
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.geometry.frechet import frechet
-from upplied.polylines import arc_length, chosen_evenly
-from upplied.poses import interpolate
 from upplied.proof.align import Alignment, silence_s, silences
 from upplied.proof.findings import PASSED_S, findings, without_photo
 from upplied.proof.inspected import CORRECTED_RIM_DEG, planned_looks, views_from
 from upplied.proof.looks import Looks, certain_looks, looks_of, pieces, recorded
 from upplied.proof.matching import projected
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
-from upplied.scene import Scene
 
 _NEARLY_M = 0.5  # beyond the nearest pose: there the path may bend nearer still
 _FRECHET_POSES = 800  # of each path

@@ -11,6 +11,8 @@ import numpy as np
 
 from upplied.config import CloudSettings, focal_px, settings_for
 from upplied.errors import SettingsError, UppliedError
+from upplied.geometry.scene import Scene, scene_of
+from upplied.geometry.supposed_scene import scene_for
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.correspondence.memo import Memo
 from upplied.planning.demonstration.about import Faces, zone_of
@@ -33,8 +35,6 @@ from upplied.records import (
     Trajectory,
 )
 from upplied.records.required import RequiredSurface
-from upplied.scene import Scene, scene_of
-from upplied.supposed_scene import scene_for
 
 
 @dataclass(frozen=True, eq=False, repr=False)

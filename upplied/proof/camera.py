@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from upplied.poses import interpolate, yaw_pitch
+from upplied.geometry.poses import interpolate, yaw_pitch
 from upplied.records import Floats, Ints, Trajectory
 
 LEAST_TURN_DEG = 0.1  # one sigma of a turn is never told as less: a gimbal is no better

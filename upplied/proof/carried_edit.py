@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from upplied.errors import InputError
-from upplied.polylines import leg_lengths
-from upplied.poses import from_yaw_pitch, optical_axis
+from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.proof.edit import Asked, Edit, Viewpoint, viewpoints_of
 from upplied.records import Bools, Floats, Trajectory
 

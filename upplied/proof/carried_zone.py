@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import Settings
+from upplied.geometry.vectors import with_normals
 from upplied.planning.correspondence.certainty import certainty
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.memo import Memo, no_memo
@@ -19,7 +20,6 @@ from upplied.planning.surface.parts import labels_of
 from upplied.planning.surface.skin import skin_parts
 from upplied.records import Bools, Cloud, Record, Structure
 from upplied.threads import one_thread
-from upplied.vectors import with_normals
 
 _NEIGHBOURS = 5  # carried samples nearest to one of the target: most of them say whether it is of the zone
 _REACH = 3.0  # times the spacing of the target's samples, that the nearest of them may be off

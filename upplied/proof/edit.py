@@ -15,12 +15,12 @@ import numpy as np
 
 from upplied.config import RetimeSettings
 from upplied.errors import RefusedError
+from upplied.geometry.polylines import arc_length
+from upplied.geometry.poses import fov_at, from_yaw_pitch, yaw_pitch
 from upplied.planning.airspace.push import pushed_out
 from upplied.planning.airspace.roadmap import Roadmap, way
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.retime import retime
-from upplied.polylines import arc_length
-from upplied.poses import fov_at, from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record, Trajectory, Waypoints
 
 _SAME_M, _SAME_DEG = 1e-3, 0.05  # of what a file keeps of a pose: less is no change

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.poses import interpolate, optical_axis
+from upplied.geometry.poses import interpolate, optical_axis
 from upplied.proof.align import Alignment, silences
 from upplied.records import Bools, Floats, Ints, Trajectory
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from upplied.polylines import interpolated
+from upplied.geometry.polylines import interpolated
 from upplied.proof.matching import projected
 from upplied.records import Bools, Floats, Ints, Record, Trajectory
 

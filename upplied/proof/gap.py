@@ -20,12 +20,12 @@ from scipy.spatial.transform import Rotation
 
 from upplied.config import InspectionSettings, RetimeSettings
 from upplied.errors import RefusedError
+from upplied.geometry.polylines import arc_length, leg_lengths
+from upplied.geometry.poses import from_yaw_pitch, yaw_pitch
 from upplied.planning.airspace.roadmap import Roadmap, way
 from upplied.planning.trajectory.retime import retime
 from upplied.planning.visibility.looks import sampled_m
 from upplied.planning.visibility.observations import stations
-from upplied.polylines import arc_length, leg_lengths
-from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.proof.bound import bound_m
 from upplied.proof.tour import short_tour
 from upplied.proof.zone_gap import Part, ZoneGap, joined, poses_for

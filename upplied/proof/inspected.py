@@ -13,15 +13,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.config import InspectionSettings, VisibilitySettings, focal_px
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import Scene
 from upplied.planning.measures.resolution import AS_FINE
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.looks import Looks, sharp_looks
 from upplied.planning.visibility.moments import Moments, moments
 from upplied.planning.visibility.observations import TRULY, Views, views
-from upplied.poses import interpolate
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
-from upplied.scene import Scene
 
 #: Inside the rim of a picture and the largest incidence, a look is sure: noise of 2 cm turns one from 8 m by
 #: as much. A path that was corrected is off by more.

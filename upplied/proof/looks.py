@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
+from upplied.geometry.polylines import interpolated
+from upplied.geometry.poses import in_a_row, interpolate
+from upplied.geometry.scene import Scene
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import stations
-from upplied.polylines import interpolated
-from upplied.poses import in_a_row, interpolate
 from upplied.proof.align import silence_s
 from upplied.proof.inspected import PlannedLooks, looks_at, views_from
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
-from upplied.scene import Scene
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from upplied.poses import interpolate, optical_axis
+from upplied.geometry.poses import interpolate, optical_axis
 from upplied.records import Bools, Floats, Ints, Record, Trajectory
 
 SLOWEST, FASTEST = 0.8, 1.25  # of the plan's pace, that cost nothing

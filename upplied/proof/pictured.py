@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from upplied.config import InspectionSettings, focal_px
+from upplied.geometry.scene import Scene
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import TRULY, views
 from upplied.records import Camera, Cloud, Floats, Trajectory
-from upplied.scene import Scene
 
 
 def pictured(

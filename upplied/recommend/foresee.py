@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.geometry.polylines import chosen_evenly
 from upplied.planning.correspondence.correspondences import facing_nearest
 from upplied.planning.correspondence.naming import place_of
 from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
 from upplied.planning.geometry.clouds import diagonal_of, in_source_frame
 from upplied.planning.surface.parts import labels_of, parts_of
 from upplied.planning.visibility.observations import Views
-from upplied.polylines import chosen_evenly
 from upplied.recommend.sight import in_sight
 from upplied.records import Camera, Cloud, Floats, Ints, Record, Registration
 

@@ -13,6 +13,7 @@ import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.config import digest, settings_for
+from upplied.geometry.scene import scene_of
 from upplied.planning.correspondence.memo import content_key, surface_key
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.observations import TRULY, Views, views
@@ -25,7 +26,6 @@ from upplied.recommend.features import (
 )
 from upplied.recommend.foresee import FORESIGHT_VERSION, Inspected, inspected
 from upplied.records import Cloud, Demonstration, Structure
-from upplied.scene import scene_of
 
 _BLOCKS = 64  # files of features: one structure more makes one of them anew, not all
 

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.ndimage import grey_dilation, label, median_filter
 
 from upplied.errors import RefusedError
+from upplied.geometry.scene import Scene, scene_of
 from upplied.records import Bools, Floats, Structure
-from upplied.scene import Scene, scene_of
 
 _ROWS, _COLUMNS = 161, 321  # of the height map, across and along
 

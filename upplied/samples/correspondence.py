@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from upplied.errors import InputError
+from upplied.geometry.scene import scene_of
 from upplied.records import Floats, Ints
 from upplied.samples.fleet import member
 from upplied.samples.surfaces import Member
-from upplied.scene import scene_of
 
 # With `counterparts=OUTER_ENGINES` a twin's engines correspond to the outer ones of a four-engined airliner.
 OUTER_ENGINES = {

@@ -12,11 +12,11 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from upplied.errors import RefusedError
-from upplied.polylines import arc_length, leg_lengths
-from upplied.poses import from_yaw_pitch
+from upplied.geometry.polylines import arc_length, leg_lengths
+from upplied.geometry.poses import from_yaw_pitch
+from upplied.geometry.scene import Scene
 from upplied.records import Floats, Trajectory
 from upplied.samples.inspections import Route
-from upplied.scene import Scene
 
 _STEP_M = 0.25
 

@@ -13,10 +13,10 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.spatial import cKDTree
 
 from upplied.errors import RefusedError
+from upplied.geometry.scene import Scene, scene_of
 from upplied.records import Floats, Structure
 from upplied.samples.airframe import airframe, left_nacelle
 from upplied.samples.plan_view import Pier, offset_outline, surface_points, tower_of, two_piers
-from upplied.scene import Scene, scene_of
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ import zlib
 
 import numpy as np
 
-from upplied.poses import normalised
+from upplied.geometry.poses import normalised
+from upplied.geometry.scene import scene_of
 from upplied.records import Camera, Demonstration, Floats, Structure
 from upplied.samples.hand import Hand, fly_route
 from upplied.samples.inspections import route_of
-from upplied.scene import scene_of
 
 _FIRST_DAY_NS = 1_767_600_000_000_000_000  # 5 January 2026, 08:00 UTC
 _HOUR_NS = 3_600_000_000_000

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from upplied.errors import RefusedError
-from upplied.polylines import arc_length
+from upplied.geometry.polylines import arc_length
+from upplied.geometry.scene import Scene
 from upplied.records import Floats, Structure
-from upplied.scene import Scene
 
 _SAMPLES = 60_000
 

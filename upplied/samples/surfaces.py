@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from upplied.polylines import arc_length
+from upplied.geometry.polylines import arc_length
 from upplied.records import Floats, Ints, Record, Structure, Surroundings
 
 

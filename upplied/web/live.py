@@ -15,6 +15,7 @@ from upplied.catalog import Catalog
 from upplied.config import settings_for
 from upplied.errors import CatalogError
 from upplied.findings.queries import kind_map
+from upplied.geometry.scene import Scene
 from upplied.outputs.findings_page import findings_html
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
@@ -25,7 +26,6 @@ from upplied.outputs.render import brief_transfer, export_transfer
 from upplied.outputs.reports import Reader
 from upplied.proof.pictured import pictured
 from upplied.records import Camera, Cloud, Trajectory
-from upplied.scene import Scene
 from upplied.web.requests import Decisions
 
 

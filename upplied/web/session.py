@@ -17,13 +17,13 @@ from upplied.errors import InputError, UppliedError
 from upplied.fleet.editing import Base, Editing, JudgedEdit, flown_path
 from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row
 from upplied.fleet.rechecking import place_breaches
+from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.outputs.along import profile
 from upplied.outputs.display import display_states, nearest_samples, packed, structure_data
 from upplied.outputs.pair_page import path_data
 from upplied.outputs.pairs import decision_words, number
 from upplied.outputs.reports import Reader
 from upplied.outputs.verdicts import headline
-from upplied.poses import from_yaw_pitch, optical_axis
 from upplied.proof.carried_edit import kept_edit
 from upplied.proof.edit import Asked, Edit
 from upplied.records import Ints

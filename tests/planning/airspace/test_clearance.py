@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.records import Floats
-from upplied.scene import Scene
 
 TRIANGLE = np.array([[0, 1, 2]])
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.push import pushed_out
 from upplied.planning.airspace.rules import Airspace, inside_fence
 from upplied.records import Floats, Frame, Surroundings
-from upplied.scene import Scene
 
 CLEARANCE, BEYOND, INSIDE = 2.0, 0.02, 0.05
 FLOOR = np.array([[-500.0, -500, 0], [500, -500, 0], [0, 800, 0]]), np.array([[0, 1, 2]])

@@ -7,10 +7,10 @@ import itertools
 import numpy as np
 import pytest
 
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.roadmap import Roadmap, links, roadmap, shortened, way
 from upplied.planning.airspace.rules import Airspace
 from upplied.records import Cloud, Floats, Ints, Surroundings
-from upplied.scene import Scene
 
 CLEARANCE = 2.0
 

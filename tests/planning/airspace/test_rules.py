@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace, crosses_box
 from upplied.records import Floats, Frame, Surroundings
-from upplied.scene import Scene
 
 TRIANGLE = np.array([[-50.0, -50, 0], [50, -50, 0], [0, 80, 0]]), np.array([[0, 1, 2]])
 KEEP_OUT = np.array([[[2.0, -3, 4], [6, 3, 9]]])

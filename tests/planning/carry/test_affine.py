@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.poses import angle_between, from_yaw_pitch, matrices, optical_axis
 from upplied.planning.carry.affine import aimed, box_map, carried_orientation, registered_map, zscore_map
-from upplied.poses import angle_between, from_yaw_pitch, matrices, optical_axis
 from upplied.records import Cloud, Registration
 
 

@@ -10,6 +10,7 @@ from made_structures import one_piece
 
 from upplied.config import settings_for
 from upplied.errors import SettingsError
+from upplied.geometry.scene import scene_of
 from upplied.planning.carry.counterparts import counterparts_of, doubts, undecided
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import takes_of
@@ -17,7 +18,6 @@ from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.parts import labels_of, mesh_pieces
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 
 
 @pytest.fixture(scope="module")

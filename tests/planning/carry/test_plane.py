@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from upplied.config import TransferSettings
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.on_target import at_height, plane_height
 from upplied.planning.correspondence.pair import Pair
 from upplied.records import Surroundings, Trajectory, Waypoints
-from upplied.scene import Scene
 
 CARRIED = np.array([[0.0, 0, 6.0], [1, 0, 7.0], [2, 0, 11.0]])
 FLOWN = Trajectory(np.arange(3.0), np.array([[0.0, 0, 2.0], [1, 0, 3.0], [2, 0, 4.0]]), np.zeros((3, 4)))

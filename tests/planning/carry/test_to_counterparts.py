@@ -5,9 +5,9 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from upplied.config import TransferSettings
+from upplied.geometry.poses import angle_between, look_at
 from upplied.planning.carry.affine import AxisMap
 from upplied.planning.carry.to_counterparts import _filled, _smoothed, follow_counterparts
-from upplied.poses import angle_between, look_at
 from upplied.records import Camera, Cloud, Correspondences, Trajectory, Visibility
 
 CAMERA = Camera(max_range_m=200)

@@ -10,6 +10,7 @@ import pytest
 
 from upplied.config import CorrespondenceSettings, settings_for
 from upplied.errors import SettingsError
+from upplied.geometry.scene import scene_of
 from upplied.planning.correspondence.correspondences import correspond
 from upplied.planning.correspondence.registration import register
 from upplied.planning.geometry.clouds import box_scale
@@ -18,7 +19,6 @@ from upplied.records import Cloud, Correspondences, Registration
 from upplied.samples.correspondence import true_counterparts
 from upplied.samples.fleet import member
 from upplied.samples.turbine import TURBINE_1, turbine
-from upplied.scene import scene_of
 
 PAPER = settings_for("paper")
 

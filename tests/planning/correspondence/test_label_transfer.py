@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from upplied.config import settings_for
+from upplied.geometry.scene import scene_of
 from upplied.planning.correspondence.label_transfer import fragments, has_parts, parts_like
 from upplied.planning.correspondence.registration import box_on_box
 from upplied.planning.geometry.clouds import in_source_frame
@@ -16,7 +17,6 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
 from upplied.records import Cloud, Structure
 from upplied.samples.fleet import member
-from upplied.scene import scene_of
 
 CLOUDS = settings_for("recommended").clouds
 

@@ -9,6 +9,8 @@ import pytest
 from made_scans import END, as_cloud, body, cut
 
 from upplied.config import settings_for
+from upplied.geometry.scene import Scene, scene_of
+from upplied.geometry.supposed_scene import obstacle, scene_for, with_supposed
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.never_scanned import (
     NOTHING_MISSING,
@@ -20,8 +22,6 @@ from upplied.planning.correspondence.never_scanned import (
 from upplied.planning.correspondence.pair import surfaces_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud, Correspondences, Floats, Registration, Structure, SupposedSurface
-from upplied.scene import Scene, scene_of
-from upplied.supposed_scene import obstacle, scene_for, with_supposed
 
 CLOUDS = settings_for("recommended").clouds
 SAME = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, True)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from upplied.config import settings_for
+from upplied.geometry.scene import scene_of
 from upplied.planning.correspondence.misfit import misfit_of
 from upplied.planning.correspondence.partial import as_likely, is_open, registered_partly
 from upplied.planning.correspondence.registration import box_on_box, fitted, register
@@ -15,7 +16,6 @@ from upplied.planning.geometry.clouds import diagonal_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud, Registration
 from upplied.samples.fleet import member
-from upplied.scene import scene_of
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from upplied.config import CloudSettings, settings_for
+from upplied.geometry.scene import open3d, scene_of
 from upplied.planning.correspondence.orientation import _cost
 from upplied.planning.correspondence.registration import register
 from upplied.planning.geometry.clouds import box_scale, icp, mean_squared_nn_distance, rigid_fit
@@ -18,7 +19,6 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud
 from upplied.samples.fleet import member
 from upplied.samples.turbine import TURBINE_2, turbine
-from upplied.scene import open3d, scene_of
 
 PAPER = settings_for("paper").registration
 

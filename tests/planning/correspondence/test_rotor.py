@@ -11,12 +11,12 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from upplied.config import settings_for
+from upplied.geometry.scene import scene_of
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.correspondence.part_alignment import _hub, _in_box_of, rotor_turned
 from upplied.planning.surface.parts import blades_of
 from upplied.records import Cloud, Structure
 from upplied.samples.fleet import member
-from upplied.scene import scene_of
 
 
 def stopped(degrees: float) -> tuple[Structure, np.ndarray]:

@@ -15,6 +15,7 @@ from made_structures import one_piece
 
 from upplied import simulate
 from upplied.config import settings_for
+from upplied.geometry.scene import scene_of
 from upplied.planning import plan as planning
 from upplied.planning.correspondence import certainty as probabilities
 from upplied.planning.correspondence import siblings as telling
@@ -28,7 +29,6 @@ from upplied.planning.surface.parts import labels_of
 from upplied.records import Cloud, Correspondences, Counterpart, Plan
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 
 SETTINGS = settings_for("recommended")
 

@@ -10,10 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 from winding import turning_deg_per_m
 
+from upplied.geometry.poses import from_yaw_pitch, look_at, matrices, normalised, optical_axis, yaw_pitch
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.planning.demonstration.denoise import smoothed
 from upplied.planning.demonstration.stations import pauses
-from upplied.poses import from_yaw_pitch, look_at, matrices, normalised, optical_axis, yaw_pitch
 from upplied.records import Floats, Trajectory
 
 RING = 20.0

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from winding import turning_deg_per_m
 
+from upplied.geometry.poses import angle_between, from_yaw_pitch, look_at, yaw_pitch
 from upplied.planning.demonstration.stations import axes_of, looking, stations_of
-from upplied.poses import angle_between, from_yaw_pitch, look_at, yaw_pitch
 from upplied.records import Floats, Trajectory
 
 

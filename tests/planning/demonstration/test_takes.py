@@ -12,6 +12,7 @@ from made_clouds import boxes
 
 from upplied.config import settings_for
 from upplied.errors import SettingsError
+from upplied.geometry.poses import from_yaw_pitch, yaw_pitch
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration import repetition
@@ -31,7 +32,6 @@ from upplied.planning.demonstration.repetition import (
     takes_of,
 )
 from upplied.planning.surface.parts import parts_of
-from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import (
     Cloud,
     Correspondences,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.scene import open3d
 from upplied.planning.geometry.clouds import icp, mean_squared_nn_distance, rigid_fit
 from upplied.records import Floats
-from upplied.scene import open3d
 
 
 def cloud(number: int, seed: int = 0) -> Floats:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from upplied.config import CloudSettings, VisibilitySettings
+from upplied.geometry.poses import look_at
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.measures.attainable import (
     _ask_neighbours,
@@ -20,9 +22,7 @@ from upplied.planning.measures.attainable import (
 )
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.line_of_sight import visible
-from upplied.poses import look_at
 from upplied.records import Camera, Cloud, Floats, Structure, Surroundings
-from upplied.scene import Scene
 
 TRULY = VisibilitySettings(occlusion=True, max_incidence_deg=75.0)
 

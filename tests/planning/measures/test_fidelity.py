@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.vectors import sphere
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.measures.fidelity import (
     Patches,
@@ -18,7 +19,6 @@ from upplied.planning.measures.fidelity import (
 from upplied.planning.visibility.looks import Looks
 from upplied.planning.visibility.moments import Moments, moments
 from upplied.records import Bools, Cloud, Floats, Trajectory
-from upplied.vectors import sphere
 
 NAN, INF = float("nan"), float("inf")
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from upplied.config import settings_for
+from upplied.geometry.poses import interpolate, look_at
 from upplied.planning.carry.inspected_surface import inspected_by
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, look_limits, takes_of
@@ -17,7 +18,6 @@ from upplied.planning.measures.measure import inspected_measures, shown_of
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import moments, rates
 from upplied.planning.visibility.observations import TRULY, stations, views
-from upplied.poses import interpolate, look_at
 from upplied.records import Bools, Floats, Trajectory
 from upplied.samples.box import box
 from upplied.samples.pilot import fly

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from upplied.geometry.poses import interpolate, look_at
+from upplied.geometry.scene import Scene
 from upplied.planning.carry.inspected_surface import InspectedSurface, coverage, inspected_surface
 from upplied.planning.measures.measure import Shown, measure, path_length, peaks, surface_states
 from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, stations, views
-from upplied.poses import interpolate, look_at
 from upplied.records import Camera, Cloud, Correspondences, Floats, Trajectory
-from upplied.scene import Scene
 
 SIDE = 10.0
 

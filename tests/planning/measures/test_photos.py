@@ -11,13 +11,13 @@ from made_missions import PLACE
 from upplied.catalog import Catalog
 from upplied.catalog.verbs.verification import verify
 from upplied.config import settings_for
+from upplied.geometry.scene import scene_of
 from upplied.outputs.missions import MissionOptions, missions_of
 from upplied.overlap import Frames
 from upplied.planning.plan import plan_transfer
 from upplied.records import Camera, Plan, Structure
 from upplied.samples.box import box
 from upplied.samples.pilot import fly
-from upplied.scene import scene_of
 
 SETTINGS = settings_for("recommended", clouds={"surface_samples": 600})
 CAMERA = Camera(75.0, 60.0, 2.0, 50.0, 4000, 3200, trigger_s=4.0, exposure_s=1 / 800)

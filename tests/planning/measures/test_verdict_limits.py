@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from upplied.config import Settings, settings_for
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.measures import verdict
 from upplied.planning.measures.verdict import shortfalls
 from upplied.planning.plan import _sizes_beyond
 from upplied.records import Measures, Structure, Surroundings, Trajectory
-from upplied.scene import Scene
 
 SETTINGS = settings_for(
     "recommended",

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from upplied.config import settings_for
+from upplied.geometry.scene import open3d, scene_of
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.measures.evaluate import _warnings
 from upplied.records import Measures, Structure
-from upplied.scene import open3d, scene_of
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from upplied.config import CloudSettings
+from upplied.geometry.scene import scene_of
 from upplied.planning.correspondence.pair import grained
 from upplied.planning.surface.samples import FINE, beside, surface_samples, with_fine
 from upplied.records import Cloud, Floats, Structure
 from upplied.samples.fleet import member
-from upplied.scene import scene_of
 
 
 def structure_and_cloud(name: str = "a320-v1") -> tuple[Structure, Cloud]:

@@ -8,10 +8,10 @@ from typing import cast
 import numpy as np
 import pytest
 
+from upplied.geometry.scene import Scene
+from upplied.geometry.vectors import sphere
 from upplied.planning.surface.escape import Floor, lets_out
 from upplied.records import Bools, Floats
-from upplied.scene import Scene
-from upplied.vectors import sphere
 
 REACH = 50.0
 UP, DOWN = np.array([[0.0, 0, 1]]), np.array([[0.0, 0, -1]])

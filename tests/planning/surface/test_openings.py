@@ -9,10 +9,10 @@ import pytest
 from made_scans import as_cloud, body, cut
 
 from upplied.config import settings_for
+from upplied.geometry.scene import scene_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud, Structure
 from upplied.samples.fleet import member
-from upplied.scene import scene_of
 
 CLOUDS = settings_for("recommended").clouds
 

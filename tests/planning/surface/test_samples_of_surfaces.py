@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial import ConvexHull, cKDTree
 
 from upplied.config import CloudSettings
+from upplied.geometry.scene import scene_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Cloud, Structure
-from upplied.scene import scene_of
 
 SETTINGS = CloudSettings(surface_samples=1500)
 BOX = np.array(

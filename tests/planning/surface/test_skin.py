@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from upplied.config import CloudSettings
+from upplied.geometry.scene import Scene, scene_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 from upplied.samples.box import box
-from upplied.scene import Scene, scene_of
 
 STEP = 0.25
 

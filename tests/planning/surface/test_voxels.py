@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from upplied.config import CloudSettings
+from upplied.geometry.vectors import points_on_triangles
 from upplied.planning.surface.thinning import voxel_cloud, voxel_filter
 from upplied.records import Structure
-from upplied.vectors import points_on_triangles
 
 
 def box(size=(4.0, 2.0, 1.0), shift=(0.0, 0.0, 0.0)):

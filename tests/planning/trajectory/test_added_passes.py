@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from upplied.config import RetimeSettings, VisibilitySettings
+from upplied.geometry.poses import from_yaw_pitch, optical_axis
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.detours import Ways
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.geometry.frechet import frechet
@@ -13,9 +15,7 @@ from upplied.planning.trajectory.added_passes import Extended, Pace, with_added_
 from upplied.planning.trajectory.lanes import STEPS, lanes_beside
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.poses import from_yaw_pitch, optical_axis
 from upplied.records import Camera, Cloud, Surroundings
-from upplied.scene import Scene
 
 AWAY, COUNT, HALF = 6.0, 81, np.radians(17.5)  # m before the wall, stations, rad
 SWATH = 2 * AWAY * np.tan(HALF)

@@ -8,6 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from upplied.config import RetimeSettings, VisibilitySettings
+from upplied.geometry.poses import from_yaw_pitch
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.extra_views import (
     Price,
@@ -19,9 +21,7 @@ from upplied.planning.trajectory.extra_views import (
 )
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.poses import from_yaw_pitch
 from upplied.records import Camera, Cloud, Surroundings
-from upplied.scene import Scene
 
 COUNT, HIGH = 61, 5.0  # stations; m, of the roof
 

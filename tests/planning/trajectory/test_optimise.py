@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from upplied.config import OptimiseSettings, RetimeSettings, VisibilitySettings
+from upplied.geometry.poses import from_yaw_pitch
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory.optimise import Problem, Start, optimise
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.path import Leaving, Shape
 from upplied.planning.trajectory.view import View
-from upplied.poses import from_yaw_pitch
 from upplied.records import Camera, Cloud, Surroundings
-from upplied.scene import Scene
 
 COUNT = 41
 

@@ -9,19 +9,19 @@ import pytest
 
 from upplied.config import CloudSettings, settings_for
 from upplied.errors import SettingsError
+from upplied.geometry.poses import from_yaw_pitch
+from upplied.geometry.scene import Scene, scene_of
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.poses import from_yaw_pitch
 from upplied.proof.looks import looks_of
 from upplied.records import Camera, Cloud, Surroundings
 from upplied.records.required import RequiredSurface
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-from upplied.scene import Scene, scene_of
 
 WALL = np.array([[-10.0, 0, 0], [10, 0, 0], [10, 0, 8], [-10, 0, 8]])
 

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from upplied.config import RetimeSettings
+from upplied.geometry.poses import from_yaw_pitch, in_a_row, look_at, matrices
 from upplied.planning.trajectory.retime import (
     Sharp,
     at_demonstrated_speed,
@@ -19,7 +20,6 @@ from upplied.planning.trajectory.retime import (
 )
 from upplied.planning.trajectory.sharpness import _swung_degps
 from upplied.planning.trajectory.speeds import _fits, corner_cap, passes
-from upplied.poses import from_yaw_pitch, in_a_row, look_at, matrices
 from upplied.records import Floats, Trajectory, Waypoints
 
 LIMITS = RetimeSettings(limits=True)

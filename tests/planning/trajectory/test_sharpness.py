@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from upplied.geometry.poses import from_yaw_pitch, matrices
 from upplied.planning.trajectory.retime import Sharp
 from upplied.planning.trajectory.sharpness import moved_in_picture, steadied_swings
-from upplied.poses import from_yaw_pitch, matrices
 from upplied.records import Trajectory
 
 AHEAD = np.array([[10.0, 0, 0]])

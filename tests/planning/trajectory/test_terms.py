@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from upplied.config import RetimeSettings, VisibilitySettings
+from upplied.geometry.poses import from_yaw_pitch
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.geometry.frechet import frechet_floored
@@ -15,9 +17,7 @@ from upplied.planning.trajectory.terms.axis import Axis, aims, angles, axes
 from upplied.planning.trajectory.terms.coverage import Coverage
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
 from upplied.planning.trajectory.view import View
-from upplied.poses import from_yaw_pitch
 from upplied.records import Camera, Cloud, Surroundings
-from upplied.scene import Scene
 
 STATIONS = 14
 NAMES = (

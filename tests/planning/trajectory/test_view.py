@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from upplied.config import RetimeSettings, VisibilitySettings
+from upplied.geometry.poses import from_yaw_pitch
+from upplied.geometry.scene import Scene
 from upplied.planning.trajectory.view import View
-from upplied.poses import from_yaw_pitch
 from upplied.records import Camera, Cloud
-from upplied.scene import Scene
 
 POINTS = np.array([[5.0, 0, 0], [8, 0, 0], [0, 5, 0], [5, 0.1, 0]])
 NORMALS = np.array([[-1.0, 0, 0], [-1, 0, 0], [0, -1, 0], [1, 0, 0]])

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from upplied.geometry.poses import look_at
+from upplied.geometry.vectors import sphere
 from upplied.planning.visibility.looks import sharp_looks, widened
 from upplied.planning.visibility.moments import Moments, moments
 from upplied.planning.visibility.observations import Views, stations_at
-from upplied.poses import look_at
 from upplied.records import Camera, Cloud, Floats, Trajectory
-from upplied.vectors import sphere
 
 SHARP, COSINE = 0.2, 0.5
 

@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from upplied.config import VisibilitySettings
 from upplied.errors import SettingsError
+from upplied.geometry.poses import look_at, matrices
+from upplied.geometry.scene import Scene, scene_of
 from upplied.planning.visibility import line_of_sight as visibility
 from upplied.planning.visibility.line_of_sight import visible
-from upplied.poses import look_at, matrices
 from upplied.records import Bools, Camera, Cloud, Floats, Structure
-from upplied.scene import Scene, scene_of
 
 FRUSTUM = VisibilitySettings()
 TRUE = VisibilitySettings(occlusion=True, max_incidence_deg=75.0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.poses import look_at
 from upplied.planning.visibility.moments import moments, motion_of, rates, sight_to
-from upplied.poses import look_at
 from upplied.records import Floats, Trajectory
 
 SPEED, TURN = np.array([1.0, -2.0, 0.5]), 0.3

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from upplied.config import VisibilitySettings
+from upplied.geometry.poses import angle_between, from_yaw_pitch
 from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, stations, views
-from upplied.poses import angle_between, from_yaw_pitch
 from upplied.records import Camera, Cloud, Trajectory
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from upplied.geometry.poses import look_at
 from upplied.planning.visibility.moments import rates
 from upplied.planning.visibility.observations import Views
-from upplied.poses import look_at
 from upplied.records import Bools, Cloud, Floats, Trajectory
 
 

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table, zoom_of
 from upplied.catalog.schema.tables import TABLES, Table
-from upplied.polylines import leg_lengths
+from upplied.geometry.polylines import leg_lengths
 from upplied.records import Camera, Demonstration, Lens, Placement, Record, Structure, Surroundings
 
 Row = dict[str, Any]

@@ -24,12 +24,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 import upplied
-from upplied import poses
 from upplied.catalog.store.files import replace_file
 from upplied.catalog.verbs.dataset_files import new_folder, with_path
 from upplied.catalog.verbs.lerobot_episodes import Episode, of_demonstrations, of_plans
 from upplied.catalog.verbs.tum import SHARES, kinds_of, split_of, write_splits
 from upplied.errors import InputError
+from upplied.geometry import poses
 from upplied.records import Floats, Trajectory
 
 if TYPE_CHECKING:

@@ -83,7 +83,7 @@ class PlannedTrajectory(Trajectory):
 
     def at(self, t_s: float | Floats) -> Trajectory:
         """Poses at other times, s: linear in position, spherical in orientation; the ends are held."""
-        from upplied import poses  # with scipy, which nothing else here needs
+        from upplied.geometry import poses  # with scipy, which nothing else here needs
 
         return poses.interpolate(self, np.atleast_1d(np.asarray(t_s, float)))
 

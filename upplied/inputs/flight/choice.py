@@ -12,13 +12,13 @@ from itertools import pairwise
 import numpy as np
 
 from upplied.errors import InputError
+from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.poses import angle_between
 from upplied.inputs.flight.clean import clean
 from upplied.inputs.flight.tracks import Track, at_times
 from upplied.inputs.schemas import geodetic, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table, joined
-from upplied.polylines import leg_lengths
-from upplied.poses import angle_between
 from upplied.records import Floats
 
 Samples = Callable[[Table, Sequence[Table], LogOptions], Track]

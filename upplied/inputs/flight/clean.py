@@ -9,11 +9,11 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from upplied.errors import InputError
+from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.poses import normalised
 from upplied.inputs.flight.tracks import AT_THE_ENDS, Track, are_unit
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
-from upplied.polylines import leg_lengths
-from upplied.poses import normalised
 from upplied.records import Bools, Floats, Ints
 
 MAX_SPAN_NS = 24 * 3600 * 10**9

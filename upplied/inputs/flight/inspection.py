@@ -15,11 +15,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
+from upplied.geometry.scene import Scene
 from upplied.inputs.flight.tracks import Track, stamps
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats
-from upplied.scene import Scene
 
 _EVENT = "foxglove.Event"
 _NAMES = ("metadata", "event_type.name")

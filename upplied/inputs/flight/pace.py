@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.poses import angle_between
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.settings import PassportSettings
-from upplied.polylines import leg_lengths
-from upplied.poses import angle_between
 from upplied.records import Bools
 
 _STILL_M, _STILL_RAD = 0.5, np.radians(5.0)  # from the beginning of a hover: wind moves a vehicle so far

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from upplied.errors import InputError
+from upplied.geometry.polylines import interpolated
+from upplied.geometry.poses import normalised
 from upplied.inputs.tables import Table
-from upplied.polylines import interpolated
-from upplied.poses import normalised
 from upplied.records import Bools, Floats, Ints, Record
 
 MAX_NORM_ERROR = 1e-2  # of a quaternion; a rounded or single-precision one is far within

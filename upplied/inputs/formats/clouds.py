@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from upplied.extras import extra
+from upplied.geometry.scene import open3d
 from upplied.inputs.files import file_of, plain_xml
 from upplied.inputs.formats.text import numbers
 from upplied.inputs.raw import RawMesh, Source
 from upplied.records import Floats
-from upplied.scene import open3d
 
 _CHUNK = 1_000_000  # points
 _PACKED = (4.0, _CHUNK)  # points per byte, and at least, that a packed file may count: real ones stay below 1

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upplied.polylines import chosen_evenly
-from upplied.poses import optical_axis
+from upplied.geometry.polylines import chosen_evenly
+from upplied.geometry.poses import optical_axis
+from upplied.geometry.scene import Scene
 from upplied.records import Floats
-from upplied.scene import Scene
 
 _POSES = 300  # spread evenly over the flight
 _LEVEL = 0.5  # least horizontal part of a direction that has a heading

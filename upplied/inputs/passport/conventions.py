@@ -14,11 +14,11 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.poses import from_yaw_pitch, yaw_pitch
+from upplied.geometry.scene import Scene
 from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track, are_unit
 from upplied.inputs.passport.settings import CONVENTIONS
-from upplied.poses import from_yaw_pitch, yaw_pitch
 from upplied.records import Floats
-from upplied.scene import Scene
 
 Poses = tuple[Floats, Floats]  # positions (M, 3), quaternions (M, 4)
 Change = Callable[[Floats, Floats], Poses]

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from upplied.geometry.scene import Scene
 from upplied.inputs.flight.inspection import met_in_the_middle
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.conventions import MOUNTS, NAMED, Convention, Poses, offsets, turns
 from upplied.inputs.passport.sight import inside
 from upplied.records import Floats
-from upplied.scene import Scene
 
 _POSES = 96  # of a flight, spread evenly, on which conventions are compared
 _STEADY = 0.05  # of the logarithm of the stand-off: no pilot keeps it better

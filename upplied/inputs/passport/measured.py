@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from upplied.geometry.polylines import chosen_evenly, leg_lengths
+from upplied.geometry.poses import optical_axis
+from upplied.geometry.scene import scene_of
 from upplied.inputs.flight.clean import UNSET
 from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.pace import Pace
@@ -28,10 +31,7 @@ from upplied.inputs.passport.velocity import (
 from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, UNVERIFIED, ZOOM_UNHEARD
 from upplied.inputs.sources.source import Source
-from upplied.polylines import chosen_evenly, leg_lengths
-from upplied.poses import optical_axis
 from upplied.records import Camera, Floats, Ints, Structure
-from upplied.scene import scene_of
 
 _LOOKS = 500  # poses of a flight that are measured against the structure, spread evenly over it
 SEEN = 1.2  # of the camera's range: a little beyond is no other convention

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.scene import Scene
 from upplied.records import Bools, Camera, Floats, Record, Structure
-from upplied.scene import Scene
 
 _PICTURE = 5  # rays along each side of a picture
 # To the corners of a cube, the middles of its edges and faces, all a little askew: no grid of a mesh is hit.

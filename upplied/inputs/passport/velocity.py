@@ -13,9 +13,9 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.polylines import interpolated
+from upplied.geometry.poses import angle_between
 from upplied.inputs.flight.tracks import Track
-from upplied.polylines import interpolated
-from upplied.poses import angle_between
 from upplied.records import Bools, Floats, Ints
 
 _SPAN_S = 0.5  # over which poses are differenced: shorter is noise

@@ -16,6 +16,7 @@ import pymap3d
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
+from upplied.geometry.poses import from_yaw_pitch
 from upplied.inputs.flight.clean import attitude_track
 from upplied.inputs.flight.tracks import Track, are_unit, source_times, stamps
 from upplied.inputs.schemas import gimbal, px4
@@ -24,7 +25,6 @@ from upplied.inputs.schemas.geoid import undulation_m
 from upplied.inputs.schemas.ros import IMU
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
-from upplied.poses import from_yaw_pitch
 from upplied.records import Bools, Floats, Ints
 
 _PLACE = ("latitude", "longitude", "altitude")

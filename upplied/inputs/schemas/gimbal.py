@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.poses import yaw_pitch
 from upplied.inputs.flight.clean import attitude_track
 from upplied.inputs.flight.tracks import Track, at_times, source_times, stamps
 from upplied.inputs.schemas import px4
 from upplied.inputs.schemas.fields import fields_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
-from upplied.poses import yaw_pitch
 from upplied.records import Bools, Floats
 
 _SCHEMAS = fields_of("gimbal")

@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from upplied.discs import Discs
+from upplied.geometry.discs import Discs
+from upplied.geometry.scene import Scene
 from upplied.outputs.colours import BACKGROUND, CLASSES, STATES, SURFACE, rgb
 from upplied.outputs.display import Neighbourhood
 from upplied.outputs.draw import shade
 from upplied.outputs.draw.tubes import Tubes
 from upplied.outputs.draw.views import Frame
 from upplied.records import Bools, Floats, Ints, Structure, SurfaceStates
-from upplied.scene import Scene
 
 _BEHIND = 0.20  # opacity of a tube behind the surface
 _FINE = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))  # rays of a pixel at an edge

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from upplied.geometry.scene import Scene
 from upplied.records import Floats, Ints
-from upplied.scene import Scene
 
 _CREASE_COS = np.cos(np.radians(40.0))  # sharper edges stay edges
 _SMOOTHED_TRIANGLES = 150_000  # finer meshes look smooth without

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upplied.polylines import arc_length
-from upplied.poses import matrices
+from upplied.geometry.polylines import arc_length
+from upplied.geometry.poses import matrices
 from upplied.records import Camera, Floats, Ints
 
 _SIDES = 6

@@ -14,11 +14,11 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
+from upplied.geometry.polylines import leg_lengths
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.gate import written
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
-from upplied.polylines import leg_lengths
 
 MAX_WAYPOINTS = 200  # what importers are known to take; the format itself counts to 65535
 #: It passes waypoints where it may; at a stop it brakes, turns the gimbal, takes the photo, and starts again.

@@ -13,11 +13,11 @@ from itertools import pairwise
 import numpy as np
 
 from upplied.errors import RefusedError
+from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.missions.geodesy import to_geodetic
 from upplied.outputs.missions.records import Fence, Mission
 from upplied.planning.airspace.rules import Airspace
 from upplied.records import Floats, Structure, SupposedSurface
-from upplied.supposed_scene import scene_for
 
 INCLUSION, EXCLUSION = 5001, 5002  # MAV_CMD_NAV_FENCE_POLYGON_VERTEX_...
 RALLY = 5100  # MAV_CMD_NAV_RALLY_POINT

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from upplied.poses import from_yaw_pitch, interpolate, yaw_pitch
+from upplied.geometry.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.records import Floats, Trajectory
 
 #: The camera turns along each leg, at its start to what the next waypoint wants, or heading along it and

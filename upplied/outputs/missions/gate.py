@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
+from upplied.geometry.scene import Scene
+from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.mission_options import DRAFTS, MissionOptions
 from upplied.outputs.missions.reading import Reading, planned
 from upplied.outputs.missions.rules import RULES
@@ -20,8 +22,6 @@ from upplied.outputs.missions.ways import ground_z_m
 from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.planning.airspace.rules import Airspace, crosses_box
 from upplied.records import Floats, Plan, Structure, SupposedSurface, Surroundings, Trajectory
-from upplied.scene import Scene
-from upplied.supposed_scene import scene_for
 
 DRAFT = "DRAFT, NOT RELEASED:"  # what a mission says of itself that nobody released
 CUSTODY = "custody"  # how a note begins that says what the mission can be traced by

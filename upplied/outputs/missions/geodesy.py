@@ -6,7 +6,7 @@ import numpy as np
 from pymap3d import enu2geodetic, geodetic2enu
 
 from upplied.errors import RefusedError
-from upplied.poses import yaw_pitch
+from upplied.geometry.poses import yaw_pitch
 from upplied.records import Floats, Placement, Structure
 
 

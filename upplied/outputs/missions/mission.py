@@ -9,6 +9,8 @@ import numpy as np
 
 from upplied.checks import pair_name
 from upplied.errors import RefusedError
+from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import gate, geodesy
 from upplied.outputs.missions.corners import passing_m
@@ -21,7 +23,6 @@ from upplied.outputs.missions.thinning import thinned
 from upplied.outputs.missions.ways import USUAL_CEILING_M, Transits, default_home, ground_z_m
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.rules import Airspace
-from upplied.polylines import leg_lengths
 from upplied.records import (
     Bools,
     Camera,
@@ -33,7 +34,6 @@ from upplied.records import (
     SurfaceStates,
     Trajectory,
 )
-from upplied.supposed_scene import scene_for
 
 ANYTHING = Flying(zooms=True)
 _SAME_PLACE_M = 0.05

@@ -8,13 +8,13 @@ import numpy as np
 
 from upplied.cameras import known_camera, least_interval, named_by_drone
 from upplied.errors import RefusedError
+from upplied.geometry.polylines import arc_length, cumulated, leg_lengths
+from upplied.geometry.poses import interpolate
+from upplied.geometry.scene import Scene
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.sorties import SLOWEST_MPS
 from upplied.photographed import MARGIN, photographed, share_shown
-from upplied.polylines import arc_length, cumulated, leg_lengths
-from upplied.poses import interpolate
 from upplied.records import Bools, Camera, Cloud, Record, SurfaceStates, Trajectory
-from upplied.scene import Scene
 
 _SLOWER_S = 1.0  # from which it is said
 

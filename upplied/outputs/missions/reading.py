@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from upplied.polylines import leg_lengths
+from upplied.geometry.polylines import leg_lengths
 from upplied.records import Floats, Record
 
 

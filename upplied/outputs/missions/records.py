@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from upplied.geometry.polylines import cumulated, leg_lengths
 from upplied.outputs.missions import gate
-from upplied.polylines import cumulated, leg_lengths
 from upplied.records import Bools, Floats, Placement, Record
 
 _SAME_PLACE_M = 0.05

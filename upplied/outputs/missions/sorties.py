@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from upplied.errors import RefusedError
+from upplied.geometry.polylines import cumulated, leg_lengths
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.ways import Transits, length
-from upplied.polylines import cumulated, leg_lengths
 from upplied.records import Floats, Trajectory
 
 _GROUND_S = 20.0  # for starting and landing

@@ -8,13 +8,13 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from upplied.geometry.poses import interpolate, matrices
+from upplied.geometry.scene import Scene
 from upplied.outputs.missions.flying import Turning, as_flown
 from upplied.outputs.missions.records import SAME_ZOOM
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.rules import Airspace
-from upplied.poses import interpolate, matrices
 from upplied.records import Bools, Camera, Floats, Ints, SurfaceStates, Trajectory
-from upplied.scene import Scene
 
 _LEAST_SEEN = 0.99  # of what the full path sees, that the thinned one must see
 _LOOKS = 160  # poses along a path at which the view is compared

@@ -14,13 +14,13 @@ import numpy as np
 
 from upplied.config import CloudSettings
 from upplied.errors import RefusedError
+from upplied.geometry.polylines import arc_length, leg_lengths
+from upplied.geometry.scene import scene_of
+from upplied.geometry.supposed_scene import extent, obstacle
 from upplied.planning.airspace.roadmap import Roadmap, roadmap, way
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
-from upplied.polylines import arc_length, leg_lengths
 from upplied.records import Floats, Structure, SupposedSurface
-from upplied.scene import scene_of
-from upplied.supposed_scene import extent, obstacle
 
 #: Above ground: the limit of the open category (Regulation (EU) 2019/947, UAS.OPEN.010).
 USUAL_CEILING_M = 120.0

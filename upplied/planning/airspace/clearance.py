@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.geometry.scene import Scene
 from upplied.records import Bools, Floats, Ints, Record, Rows
-from upplied.scene import Scene
 
 _TOLERANCE_M = 0.005
 

@@ -14,12 +14,12 @@ from scipy.spatial import cKDTree
 
 from upplied.config import Settings
 from upplied.errors import RefusedError
+from upplied.geometry.polylines import arc_length, chosen_evenly, leg_lengths
+from upplied.geometry.poses import interpolate
 from upplied.planning.airspace.push import pushed_out
 from upplied.planning.airspace.roadmap import Roadmap, links, roadmap, way
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.correspondence.pair import Pair
-from upplied.polylines import arc_length, chosen_evenly, leg_lengths
-from upplied.poses import interpolate
 from upplied.records import Bools, Cloud, Floats, Trajectory, Waypoints
 
 _BUFFER_M = 0.05  # kept beyond the safety distance while planning, so that the final test is passed

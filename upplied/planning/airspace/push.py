@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from upplied.geometry.polylines import arc_length, leg_lengths
 from upplied.planning.airspace.rules import Airspace, inside_fence
-from upplied.polylines import arc_length, leg_lengths
 from upplied.records import Floats
 
 _PUSHES = 24

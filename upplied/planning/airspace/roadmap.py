@@ -14,10 +14,10 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
+from upplied.geometry.polylines import chosen_evenly
+from upplied.geometry.vectors import across, neighbour_spacing
 from upplied.planning.airspace.rules import Airspace, inside_fence
-from upplied.polylines import chosen_evenly
 from upplied.records import Cloud, Floats, Ints, Record
-from upplied.vectors import across, neighbour_spacing
 
 _SAMPLES = 1500  # of the surface, that places are set before
 _DEGREE = 14  # edges per place

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.clearance import legs_below
 from upplied.records import Bools, Floats, Frame, Record, Surroundings
-from upplied.scene import Scene
 
 _BAND_M = 0.05  # about its plane: what a vehicle on the ground or the water does not leave
 

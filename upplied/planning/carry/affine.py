@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.poses import matrices, normalised
 from upplied.planning.geometry.clouds import axis_ratios, box_scale
-from upplied.poses import matrices, normalised
 from upplied.records import Cloud, Floats, Record, Registration
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.errors import RefusedError, SettingsError
+from upplied.geometry.poses import from_yaw_pitch, without_roll, yaw_pitch
 from upplied.planning.carry.affine import AxisMap, published_map, registered_map
 from upplied.planning.carry.inspected_surface import (
     InspectedSurface,
@@ -22,7 +23,6 @@ from upplied.planning.carry.standoff import Standoff
 from upplied.planning.carry.to_counterparts import follow_counterparts
 from upplied.planning.correspondence.registration import box_on_box
 from upplied.planning.demonstration.repetition import Take
-from upplied.poses import from_yaw_pitch, without_roll, yaw_pitch
 from upplied.records import Floats, Record, Trajectory, Waypoints
 
 

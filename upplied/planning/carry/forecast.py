@@ -15,12 +15,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.geometry.vectors import with_normals
 from upplied.planning.constants import SAME_FACE, TOLERANCE
 from upplied.planning.correspondence.certainty import logistic
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.clouds import spacing, weighted_percentile
 from upplied.records import Cloud, Floats, Record, Registration
-from upplied.vectors import with_normals
 
 _LEAST = 16  # patches: of fewer nothing is told
 _MOST = 1500  # patches that are asked

@@ -13,11 +13,11 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from upplied.config import TransferSettings
+from upplied.geometry.polylines import interpolated, leg_lengths
+from upplied.geometry.poses import without_roll
 from upplied.planning.carry.affine import AxisMap
 from upplied.planning.carry.standoff import Counted, counted, picture_share
 from upplied.planning.visibility.frustum import coarseness
-from upplied.polylines import interpolated, leg_lengths
-from upplied.poses import without_roll
 from upplied.records import Camera, Cloud, Correspondences, Floats, Record, Trajectory, Visibility
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import CorrespondenceSettings
+from upplied.geometry.vectors import with_normals
 from upplied.planning.constants import CLEARLY_BETTER, FACING, MAJORITY, SAME_FACE, TOLERANCE, TOUCH
 from upplied.planning.correspondence.coherent_point_drift import (
     ANCHORS,
@@ -29,7 +30,6 @@ from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.geometry.clouds import UNTURNED, diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import Parts, labels_of, parts_of, parts_of_both
 from upplied.records import Bools, Cloud, Correspondences, Displacement, Floats, Ints, Registration
-from upplied.vectors import with_normals
 
 _TRIED = 300  # samples of a part by which it is judged whether a drift brings it nearer
 _FACES_AWAY, _ADJACENT = 0.7, 0.5  # cosine of normals; how much nearer, with normals, an adjacent part is

@@ -14,6 +14,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from upplied.geometry.vectors import with_normals
 from upplied.planning.constants import (
     COMPACT,
     FACING,
@@ -29,7 +30,6 @@ from upplied.planning.correspondence.coherent_point_drift import brought_onto
 from upplied.planning.geometry.clouds import diagonal_of, spacing
 from upplied.planning.surface.parts import by_size, joined_small, labels_of
 from upplied.records import Bools, Cloud, Floats, Ints
-from upplied.vectors import with_normals
 
 _LEAST_SAMPLES = 15  # of a part that is compared with others
 _ROUNDS = 6  # in which a part is shifted to where it lies best

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from upplied.geometry.vectors import with_normals
 from upplied.planning.constants import LEAST_PART, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.naming import place_in
@@ -22,7 +23,6 @@ from upplied.planning.correspondence.part_alignment import aligned_parts, matche
 from upplied.planning.geometry.clouds import UNTURNED, diagonal_of, in_source_frame, spacing
 from upplied.planning.surface.parts import blades_of
 from upplied.records import Bools, Cloud, Floats, Record, Registration
-from upplied.vectors import with_normals
 
 _CELLS = 16  # along each axis of the common box
 _SAMPLES = 1000  # of each structure, asked for their distance

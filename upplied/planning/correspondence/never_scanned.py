@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.discs import Discs
+from upplied.geometry.discs import Discs
+from upplied.geometry.scene import Scene, scene_of
+from upplied.geometry.vectors import across
 from upplied.planning.constants import FRAGMENT, LEAST_PART, MAJORITY, TOUCH
 from upplied.planning.correspondence.coherent_point_drift import brought_onto
 from upplied.planning.correspondence.fit import Fit
@@ -32,8 +34,6 @@ from upplied.records import (
     Structure,
     SupposedSurface,
 )
-from upplied.scene import Scene, scene_of
-from upplied.vectors import across
 
 _SURE = 95  # percent of what was scanned as well, that lies as near to where it is brought as the error says
 

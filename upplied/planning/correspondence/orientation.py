@@ -15,11 +15,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.vectors import scaled_normals
 from upplied.planning.constants import CLEARLY_BETTER, FACING, SAME_TURN_DEG, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.geometry.clouds import box_scale, diagonal_of, icp
 from upplied.records import Cloud, Floats, Ints, Record
-from upplied.vectors import scaled_normals
 
 _STEP_DEG = 10.0  # between headings
 _COARSE, _FINE = 250, 700  # samples by which all candidates and by which the best are judged

@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from upplied.config import CloudSettings, Settings, digest
+from upplied.geometry.scene import Scene, scene_of
+from upplied.geometry.supposed_scene import obstacle, with_supposed
 from upplied.planning.constants import CLEARLY_BETTER, MAJORITY
 from upplied.planning.correspondence.correspondences import by_displacement, correspond, nearest
 from upplied.planning.correspondence.fit import (
@@ -45,8 +47,6 @@ from upplied.records import (
     Structure,
     SupposedSurface,
 )
-from upplied.scene import Scene, scene_of
-from upplied.supposed_scene import obstacle, with_supposed
 
 R = TypeVar("R")
 

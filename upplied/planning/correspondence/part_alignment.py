@@ -11,13 +11,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.vectors import scaled_normals, with_normals
 from upplied.planning.constants import FACING, SLENDER, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import Patch
 from upplied.planning.correspondence.part_assignment import Matching, match_parts, with_named
 from upplied.planning.geometry.clouds import box_scale, diagonal_of
 from upplied.planning.surface.parts import blades_of, labels_of, names_of, parts_of
 from upplied.records import Bools, Cloud, Floats, Ints
-from upplied.vectors import scaled_normals, with_normals
 
 _MISFIT = 0.022  # largest mean distance, both ways, in these units, of parts whose boxes are not alike
 _TRIED = 150  # samples by which that is judged

@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.geometry.vectors import scaled_normals, with_normals
 from upplied.planning.constants import LEAST_PART, MAJORITY
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.misfit import FACING
 from upplied.planning.geometry.clouds import diagonal_of, in_source_frame, spacing
 from upplied.records import Bools, Cloud, Floats, Registration
-from upplied.vectors import scaled_normals, with_normals
 
 Way = tuple[Floats, Floats]  # scale and shift, each (3,), of a target whose box was made equal
 

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.errors import SettingsError
+from upplied.geometry.scene import scene_of
 from upplied.planning.surface.parts import labels_of
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
-from upplied.scene import scene_of
 
 _NEIGHBOURS = 25  # samples nearest to a landmark, that say which part of the skin it lies in
 _RULE = (

@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import convolve1d, gaussian_filter1d, minimum_filter1d
 
+from upplied.geometry.polylines import interpolated, leg_lengths
+from upplied.geometry.poses import fov_at, in_a_row
 from upplied.planning.constants import JITTER_M, SMOOTH_S
 from upplied.planning.demonstration.stations import axes_of, jitter_m, looking, pauses, stations_of
-from upplied.polylines import interpolated, leg_lengths
-from upplied.poses import fov_at, in_a_row
 from upplied.records import Floats, Ints, Record, Trajectory
 
 _GRID_S = 0.05  # shortest step of the even times that a log is brought to

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from upplied.config import Settings
+from upplied.geometry.polylines import chosen_evenly
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.about import zone_of
@@ -17,7 +18,6 @@ from upplied.planning.surface.skin import Skin, middle_of
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.moments import Moments, moments
 from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
-from upplied.polylines import chosen_evenly
 from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
 
 _FOOTPRINT = 0.5  # of the picture's smaller side on the surface: how far stations are apart, at most

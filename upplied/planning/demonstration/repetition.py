@@ -13,6 +13,7 @@ import numpy as np
 
 from upplied.config import InspectionSettings, Settings
 from upplied.errors import SettingsError
+from upplied.geometry.poses import from_yaw_pitch, in_a_row, yaw_pitch
 from upplied.planning.correspondence.correspondences import correspond
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
 from upplied.planning.correspondence.naming import choices_for, side_of
@@ -27,7 +28,6 @@ from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
 from upplied.planning.surface.skin import Skin
-from upplied.poses import from_yaw_pitch, in_a_row, yaw_pitch
 from upplied.records import (
     Correspondences,
     Demonstration,

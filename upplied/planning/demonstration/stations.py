@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from upplied.geometry.polylines import cumulated, interpolated, leg_lengths
+from upplied.geometry.poses import facing, matrices
 from upplied.planning.constants import JITTER, JITTER_M, SAME_TURN_DEG, SMOOTH_S, STILL
-from upplied.polylines import cumulated, interpolated, leg_lengths
-from upplied.poses import facing, matrices
 from upplied.records import Bools, Floats, Ints, Trajectory
 
 _TICK_S = 0.1

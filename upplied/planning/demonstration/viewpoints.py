@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from upplied.config import ViewpointSettings
-from upplied.poses import mean_rotation
+from upplied.geometry.poses import mean_rotation
 from upplied.records import Ints, Trajectory, Viewpoints, Visibility
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from upplied.checks import check_finite
-from upplied.polylines import arc_length, interpolated
+from upplied.geometry.polylines import arc_length, interpolated
 from upplied.records import Floats
 
 _RELATIVE = 1e-10  # of the distance: where the bisection ends

@@ -12,10 +12,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import VisibilitySettings
+from upplied.geometry.vectors import across
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.visibility.observations import TRULY
 from upplied.records import Bools, Camera, Cloud, Floats, Ints
-from upplied.vectors import across
 
 _TILTS = (0.0, 0.3, 0.55, 0.75, 0.88, 0.98)  # of the largest incidence
 _TURNS = 16

@@ -8,6 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.config import Settings
+from upplied.geometry.polylines import chosen_evenly
+from upplied.geometry.poses import yaw_pitch
+from upplied.geometry.reconstruction import looks_scanned
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.affine import registered_map
@@ -30,9 +34,6 @@ from upplied.planning.measures.resolution import resolution
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
-from upplied.polylines import chosen_evenly
-from upplied.poses import yaw_pitch
-from upplied.reconstruction import looks_scanned
 from upplied.records import (
     Bools,
     Camera,
@@ -42,7 +43,6 @@ from upplied.records import (
     SurfaceStates,
     Trajectory,
 )
-from upplied.scene import Scene
 
 _KEPT = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LIKELY = 0.5  # probability from which correspondences count though the wholes were refused

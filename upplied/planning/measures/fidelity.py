@@ -9,13 +9,13 @@ import numpy as np
 from scipy.stats import kendalltau
 
 from upplied.config import Settings
+from upplied.geometry.polylines import arc_length, interpolated
+from upplied.geometry.poses import angle_between
 from upplied.planning.carry.inspected_surface import InspectedSurface, demonstrated_looks
 from upplied.planning.demonstration.repetition import Take, begins_of, steady_radps
 from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.visibility.looks import Looks, widened
 from upplied.planning.visibility.moments import Moments
-from upplied.polylines import arc_length, interpolated
-from upplied.poses import angle_between
 from upplied.records import Floats, Ints, Rows
 
 _ORDERED = 2000  # patches, at most, whose order is compared

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from upplied.config import Settings
+from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.carry.inspected_surface import (
@@ -28,7 +30,6 @@ from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.geometry.frechet import frechet, frechet_floored, frechet_z
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.visibility.observations import Views
-from upplied.polylines import leg_lengths
 from upplied.records import (
     Bools,
     Floats,
@@ -37,7 +38,6 @@ from upplied.records import (
     SurfaceStates,
     Trajectory,
 )
-from upplied.scene import Scene
 
 FRECHET = 1e-4  # of the distances of paths, to which they are known: a decision fewer for each half of it
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from upplied.config import InspectionSettings, focal_px
+from upplied.geometry.scene import Scene
 from upplied.overlap import Frames
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
@@ -12,7 +13,6 @@ from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import Moments, rates
 from upplied.planning.visibility.observations import TRULY, Views
 from upplied.records import Bools, Camera, Cloud, Photos, Trajectory
-from upplied.scene import Scene
 
 
 def photos_of(

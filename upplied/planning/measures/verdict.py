@@ -12,12 +12,12 @@ from dataclasses import fields
 import numpy as np
 
 from upplied.config import FIDELITIES, Settings
+from upplied.geometry.polylines import leg_lengths
 from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.carry.on_target import demonstrated_on_target
 from upplied.planning.correspondence.label_transfer import fragments
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take
-from upplied.polylines import leg_lengths
 from upplied.records import Measures, Trajectory
 
 _TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.clearance`)

@@ -17,11 +17,11 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from upplied.geometry.scene import Scene
+from upplied.geometry.vectors import area_vectors, sphere
 from upplied.planning.constants import LEAST_PART, TOUCH
 from upplied.planning.geometry.clouds import spacing
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
-from upplied.scene import Scene
-from upplied.vectors import area_vectors, sphere
 
 _CELLS = 256  # along the longer side of the plan
 ESCAPE = 0.06  # least share of a side's rays that escape: inlets reach 0.1, cabins behind a hole 0.03

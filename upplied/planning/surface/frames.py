@@ -15,10 +15,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.config import Settings
+from upplied.geometry.poses import normalised, wrapped
+from upplied.geometry.vectors import area_vectors, triangle_areas
 from upplied.planning.surface.lattice import centre
-from upplied.poses import normalised, wrapped
 from upplied.records import Demonstration, Floats, Frame, Registration, Structure, StructureInFrame
-from upplied.vectors import area_vectors, triangle_areas
 
 _ROUND = 0.02  # below it walls face all ways alike, or surface reaches as far, and no heading follows
 _SQUARE = 4.0  # weight of walls that mostly face one way and its opposite beside those of four ways

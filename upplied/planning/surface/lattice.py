@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from upplied.geometry.vectors import triangle_areas
 from upplied.records import Bools, Floats, Ints, Record, Structure
-from upplied.vectors import triangle_areas
 
 # Neither walls nor slopes of 45 deg face two lattices alike, and no edge is parallel to a row of lines.
 _HEADING = 0.56  # rad, of the first horizontal lattice

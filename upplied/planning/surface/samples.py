@@ -16,6 +16,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import CloudSettings
+from upplied.geometry.scene import Scene, discs_of
+from upplied.geometry.vectors import area_vectors, plane_normals, triangle_areas, with_normals
 from upplied.planning.constants import TOUCH
 from upplied.planning.geometry.clouds import spacing
 from upplied.planning.surface.escape import (
@@ -32,8 +34,6 @@ from upplied.planning.surface.parts import mesh_pieces, part_labels
 from upplied.planning.surface.skin import outside_like, outward_of_points
 from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
-from upplied.scene import Scene, discs_of
-from upplied.vectors import area_vectors, plane_normals, triangle_areas, with_normals
 
 _AREA = 9  # points, each with its nearest, whose circle tells the area that a point stands for
 _SPARE = 2  # candidates for each sample: all lines of a lattice for every second one

@@ -16,13 +16,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from upplied.geometry.scene import Scene
+from upplied.geometry.vectors import area_vectors, plane_normals, triangle_areas, with_normals
 from upplied.planning.constants import FRAGMENT, SAME_FACE, TOUCH
 from upplied.planning.surface.escape import floor_of, lets_out
 from upplied.planning.surface.lattice import lattice, spacing_for
 from upplied.planning.surface.parts import mesh_pieces
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
-from upplied.scene import Scene
-from upplied.vectors import area_vectors, plane_normals, triangle_areas, with_normals
 
 _FINE = 40_000  # samples that are joined
 _REACH = 3.0  # sample spacings: samples this near are asked whether the skin goes on between them

@@ -7,8 +7,8 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from upplied.config import CloudSettings
+from upplied.geometry.vectors import points_on_triangles
 from upplied.records import Cloud, Floats, Ints, Structure
-from upplied.vectors import points_on_triangles
 
 _ALIKE = 1e-6  # share by which distances may differ and be equal
 _MOST_VOXELS = 2**20  # of a box, that are counted one by one

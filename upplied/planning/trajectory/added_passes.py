@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.geometry.polylines import arc_length, cumulated, interpolated, leg_lengths
+from upplied.geometry.poses import wrapped
 from upplied.planning.airspace.detours import Ways
 from upplied.planning.airspace.roadmap import way
 from upplied.planning.trajectory.arrangement import Cover, Pass, arranged
 from upplied.planning.trajectory.lanes import STEPS, Lanes, lanes_beside
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.polylines import arc_length, cumulated, interpolated, leg_lengths
-from upplied.poses import wrapped
 from upplied.records import Bools, Floats, Ints, Record
 
 _NEEDED = 600  # samples, at most, that stand for all that is needed

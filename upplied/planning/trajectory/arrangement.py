@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.geometry.polylines import cumulated
 from upplied.planning.trajectory.lanes import STEPS, Lanes
-from upplied.polylines import cumulated
 from upplied.records import Bools, Floats, Ints, Record
 
 _APART = (3, 2)  # steps, from one pass to the next: side by side, or with a third of a swath in common

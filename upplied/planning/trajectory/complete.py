@@ -9,6 +9,8 @@ import numpy as np
 
 from upplied.config import FIDELITIES, Settings
 from upplied.errors import RefusedError
+from upplied.geometry.polylines import interpolated
+from upplied.geometry.poses import from_yaw_pitch, optical_axis, yaw_pitch
 from upplied.planning.airspace.detours import Ways, airspace_of, safe_positions
 from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.demonstration.repetition import Take, steady_radps
@@ -22,8 +24,6 @@ from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.axis import aims, angles
 from upplied.planning.trajectory.terms.path import Shape
 from upplied.planning.trajectory.view import View
-from upplied.polylines import interpolated
-from upplied.poses import from_yaw_pitch, optical_axis, yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record, Waypoints
 
 _STEP_M = 0.5  # largest leg of the result

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from upplied.geometry.polylines import arc_length, chosen_evenly
+from upplied.geometry.poses import from_yaw_pitch, matrices, optical_axis, wrapped
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.polylines import arc_length, chosen_evenly
-from upplied.poses import from_yaw_pitch, matrices, optical_axis, wrapped
 from upplied.records import Bools, Floats, Ints, Record
 
 _STATIONS = 48  # of the path, on and beside which places are tried

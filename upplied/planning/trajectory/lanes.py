@@ -12,13 +12,13 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
+from upplied.geometry.polylines import arc_length
+from upplied.geometry.poses import from_yaw_pitch, matrices, optical_axis
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.constants import SAME_FACE
 from upplied.planning.trajectory.extra_views import in_picture
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.polylines import arc_length
-from upplied.poses import from_yaw_pitch, matrices, optical_axis
 from upplied.records import Bools, Floats, Ints, Record
 
 STEPS = 7  # to each side

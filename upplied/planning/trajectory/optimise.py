@@ -15,6 +15,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from upplied.config import OptimiseSettings
+from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.poses import from_yaw_pitch
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory.extra_views import Price, with_extra_views
@@ -24,8 +26,6 @@ from upplied.planning.trajectory.terms.axis import Axis, aims, axes
 from upplied.planning.trajectory.terms.coverage import Coverage
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
 from upplied.planning.trajectory.view import View
-from upplied.polylines import leg_lengths
-from upplied.poses import from_yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record
 
 _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond the limit may come within it

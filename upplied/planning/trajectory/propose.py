@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from upplied.config import Settings
+from upplied.geometry.poses import fov_at
 from upplied.planning.airspace.detours import Ways, airspace_of, route
 from upplied.planning.carry.carried import Carried
 from upplied.planning.carry.inspected_surface import InspectedSurface
@@ -16,7 +17,6 @@ from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of
 from upplied.planning.trajectory.complete import completed
 from upplied.planning.trajectory.retime import retime
 from upplied.planning.trajectory.sharpness import sharply_timed
-from upplied.poses import fov_at
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
 

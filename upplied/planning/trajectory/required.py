@@ -13,15 +13,15 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import focal_px
+from upplied.geometry.polylines import chosen_evenly
+from upplied.geometry.vectors import with_normals
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.geometry.clouds import spacing
 from upplied.planning.trajectory.extra_views import places_beside
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.polylines import chosen_evenly
 from upplied.records import Bools, Ints
 from upplied.records.required import RequiredSurface
-from upplied.vectors import with_normals
 
 _STATIONS = 160  # of the path, that are asked what they could show
 _WITHIN = (

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from upplied.config import RetimeSettings
+from upplied.geometry.polylines import arc_length, cumulated, interpolated, leg_lengths, pieces_of_legs
+from upplied.geometry.poses import angle_between, from_yaw_pitch, yaw_pitch
 from upplied.planning.constants import STILL
 from upplied.planning.demonstration.stations import pauses, steadied
 from upplied.planning.trajectory.speeds import corner_cap, passes
-from upplied.polylines import arc_length, cumulated, interpolated, leg_lengths, pieces_of_legs
-from upplied.poses import angle_between, from_yaw_pitch, yaw_pitch
 from upplied.records import Bools, Floats, Ints, Record, Rows, Trajectory, Waypoints
 
 _STEP_M = 0.5  # largest leg of the result

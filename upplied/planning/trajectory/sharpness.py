@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 
 from upplied.config import Settings
+from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.poses import angle_between, fov_at, matrices
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.constants import MAJORITY
 from upplied.planning.demonstration.repetition import USUAL_PCT, Take, breaks_of, look_limits, steady_radps
@@ -21,8 +23,6 @@ from upplied.planning.trajectory.retime import Sharp, retime
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.moments import moments
-from upplied.polylines import leg_lengths
-from upplied.poses import angle_between, fov_at, matrices
 from upplied.records import Bools, Floats, Trajectory, Waypoints
 
 _SAMPLES = 600  # of the inspected surface, that are asked for

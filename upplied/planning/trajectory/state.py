@@ -9,7 +9,7 @@ from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_matrix
 
-from upplied.polylines import cumulated, interpolated, leg_lengths, pieces_of_legs
+from upplied.geometry.polylines import cumulated, interpolated, leg_lengths, pieces_of_legs
 from upplied.records import Floats, Record
 
 _DEGREE = 3

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from upplied.config import RetimeSettings, VisibilitySettings
+from upplied.geometry.scene import Scene
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import seen_by_any, visible
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
-from upplied.scene import Scene
 
 
 @dataclass(frozen=True, eq=False, repr=False)

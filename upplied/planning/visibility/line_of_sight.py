@@ -15,10 +15,10 @@ from numba import njit
 
 from upplied.config import VisibilitySettings
 from upplied.errors import SettingsError
+from upplied.geometry.poses import matrices
+from upplied.geometry.scene import Scene
 from upplied.planning.visibility.frustum import facing_normals, in_view, limits_of
-from upplied.poses import matrices
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Visibility
-from upplied.scene import Scene
 
 _BLOCK = 200_000  # rays at a time
 _SOME = (0.5, 0.25, 0.75)  # of the poses that may see a point, asked before all of them

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from upplied.geometry.poses import matrices
+from upplied.geometry.vectors import sphere
 from upplied.planning.visibility.moments import Moments, motion_of, sight_to
 from upplied.planning.visibility.observations import Views, stations_at
-from upplied.poses import matrices
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Rows
-from upplied.vectors import sphere
 
 _FLAT_DEG = 120.0  # of a field of view, beyond which a picture's angle grows evenly (`config.focal_px`)
 _SIDES = 60  # directions of the sphere, some 26 deg apart, that looks are distinguished by

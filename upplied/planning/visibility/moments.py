@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial.transform import Rotation
 
-from upplied.poses import fov_at, in_a_row, interpolate, normalised
+from upplied.geometry.poses import fov_at, in_a_row, interpolate, normalised
 from upplied.records import Floats, Ints, Record, Trajectory
 
 STEP_S = 0.5

@@ -8,13 +8,13 @@ import numpy as np
 from numba import njit
 
 from upplied.config import VisibilitySettings
+from upplied.geometry.polylines import cumulated, leg_lengths, pieces_of_legs
+from upplied.geometry.poses import angle_between, interpolate
+from upplied.geometry.scene import Scene
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.moments import Moments, motion_of, rates, sight_to
-from upplied.polylines import cumulated, leg_lengths, pieces_of_legs
-from upplied.poses import angle_between, interpolate
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
-from upplied.scene import Scene
 
 #: What `coverage_paper_pct` calls seen (paper, Sec. III-C), whatever the preset.
 BY_FRUSTUM = VisibilitySettings(occlusion=False)

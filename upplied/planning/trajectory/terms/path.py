@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from upplied.geometry.polylines import leg_lengths
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.constants import MOST_RATIO
 from upplied.planning.geometry.frechet import spread
 from upplied.planning.trajectory.state import Flown
-from upplied.polylines import leg_lengths
 from upplied.records import Floats, Ints, Record
 
 _BEYOND_M = 0.05  # kept beyond the limits, for what lies between the stations

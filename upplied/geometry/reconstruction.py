@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.geometry.vectors import area_vectors
 from upplied.records import Floats, Ints, Record, Structure
-from upplied.vectors import area_vectors
 
 _SLIVER = 1e-6  # area of a triangle, over its longest edge squared, that has no form
 _FOLD = np.cos(np.pi / 6)  # between the normals of triangles that a fold parts

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from upplied.vectors import (
+from upplied.geometry.vectors import (
     across,
     area_vectors,
     neighbour_spacing,

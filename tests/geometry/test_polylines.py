@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from upplied.polylines import arc_length, chosen_evenly, cumulated, interpolated, leg_lengths
+from upplied.geometry.polylines import arc_length, chosen_evenly, cumulated, interpolated, leg_lengths
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from upplied import poses
+from upplied.geometry import poses
 from upplied.records import Trajectory
 
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from upplied import reconstruction
+from upplied.geometry import reconstruction
+from upplied.geometry.scene import Scene, open3d, scene_of
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
 from upplied.records import Structure
 from upplied.samples.fleet import random_member, sample_structures
-from upplied.scene import Scene, open3d, scene_of
 
 DRAWN = [*sample_structures()] + [
     random_member(kind, 47).structure for kind in ("airliner", "wind_turbine", "bridge", "ship")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upplied.discs import DiscCells
+from upplied.geometry.discs import DiscCells
 
 
 def discs(number: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,8 +11,8 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
+from upplied.geometry.vectors import across, nearest_of_all, plane_normals
 from upplied.records import Floats, Ints, Record
-from upplied.vectors import across, nearest_of_all, plane_normals
 
 _AROUND = 12  # neighbours of a sample that tell its plane, and whose discs are to hold it
 _RIM = 6  # the neighbour as far away as a disc is wide

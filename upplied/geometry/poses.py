@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from upplied.polylines import interpolated
+from upplied.geometry.polylines import interpolated
 from upplied.records import Floats, Trajectory
 
 _STEEP = 0.1  # an optical axis that is less far across than this much of up or down has no heading

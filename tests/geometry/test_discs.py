@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upplied.discs import Discs
+from upplied.geometry.discs import Discs
+from upplied.geometry.scene import scene_of
 from upplied.records import Structure
-from upplied.scene import scene_of
 
 BOX = np.array([8.0, 3.0, 5.0])  # half sizes, m
 

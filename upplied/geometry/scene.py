@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from upplied import reconstruction
-from upplied.discs import DiscCells, Discs, hexagons
 from upplied.extras import extra
+from upplied.geometry import reconstruction
+from upplied.geometry.discs import DiscCells, Discs, hexagons
+from upplied.geometry.vectors import area_vectors
 from upplied.records import Bools, Floats, Ints, Structure
 from upplied.threads import ray_threads
-from upplied.vectors import area_vectors
 
 
 @cache

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from upplied.discs import Discs
-from upplied.scene import Scene
-from upplied.supposed_scene import SupposedScene
+from upplied.geometry.discs import Discs
+from upplied.geometry.scene import Scene
+from upplied.geometry.supposed_scene import SupposedScene
 
 ERROR_M = 0.4
 

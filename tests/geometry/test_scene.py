@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from upplied.fleet.workers import Workers
+from upplied.geometry.scene import Scene, _few, discs_of, scene_of
 from upplied.records import Structure
 from upplied.samples.fleet import member, random_member
-from upplied.scene import Scene, _few, discs_of, scene_of
 from upplied.threads import cast_rays_on, ray_threads
 
 PLOTS_TWICE = """
-from upplied.scene import _few, open3d
+from upplied.geometry.scene import _few, open3d
 module = open3d()
 drawing, box = module.visualization, module.geometry.TriangleMesh.create_box()
 print("dash" in __import__("sys").modules)
@@ -33,7 +33,7 @@ def test_open3ds_plots_load_when_they_are_asked_for():
 
 def test_an_open3d_that_is_loaded_already_stays_as_it_is():
     code = """
-from upplied.scene import _few, open3d
+from upplied.geometry.scene import _few, open3d
 before = open3d().visualization.draw_plotly
 open3d.cache_clear()
 print(open3d().visualization.draw_plotly is before)

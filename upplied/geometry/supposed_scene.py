@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from upplied.discs import hexagons
+from upplied.geometry.discs import hexagons
+from upplied.geometry.scene import Scene, scene_of
 from upplied.records import Bools, Cloud, Floats, Ints, Structure, SupposedSurface
-from upplied.scene import Scene, scene_of
 
 _ROUNDING_M = 1e-3  # beyond what single precision may be off
 
