@@ -18,15 +18,9 @@ _PACKAGE = Path(__file__).parent
 _SOURCES = (
     "planning",
     "checks.py",
-    "polylines.py",
-    "poses.py",
-    "reconstruction.py",
+    "geometry",
     "records",
-    "discs.py",
-    "scene.py",
-    "supposed_scene.py",
     "threads.py",
-    "vectors.py",
 )
 #: Distributions whose results a plan depends on; of Open3D, whichever is installed.
 _LIBRARIES = ("numpy", "scipy", "numba", "open3d", "open3d-cpu")
