@@ -60,7 +60,7 @@ def test_every_source_of_planning_counts(monkeypatch, tmp_path):
         seen.add(found())
     (tmp_path / "planning" / "b.py").write_text("")
     seen.add(found())
-    assert len(seen) == 13
+    assert len(seen) == 7
 
 
 def test_the_libraries_that_results_depend_on_are_named():
