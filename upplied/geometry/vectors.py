@@ -16,6 +16,11 @@ def sphere(number: int) -> Floats:
     return np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
 
 
+def unit(vectors: Floats) -> Floats:
+    """Vectors (..., 3) with length 1; those of none stay as they are."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))
+
+
 def across(normals: Floats) -> tuple[Floats, Floats]:
     """Two unit directions (N, 3) across each unit normal (N, 3) and across each other."""
     aside = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from upplied.geometry.polylines import arc_length
 from upplied.geometry.poses import from_yaw_pitch, matrices, optical_axis
+from upplied.geometry.vectors import unit
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.constants import SAME_FACE
 from upplied.planning.trajectory.extra_views import in_picture
@@ -69,7 +70,7 @@ def lanes_beside(path: Flown, view: View, airspace: Airspace, half_rad: float, n
     points, normals, on = _on_surface(own + away * axis, -axis, samples, np.inf)
     within = _within(way, normals)
     on &= np.linalg.norm(within, axis=1) > SAME_FACE * np.linalg.norm(way, axis=1)  # not towards the surface
-    first = points, normals, _unit(within)
+    first = points, normals, unit(within)
     share = np.einsum("sij,sj->si", _frames(first), axis)
     shape = len(station), 2 * STEPS + 1
     surface, positions, looks = (np.empty((*shape, 3)) for _ in range(3))
@@ -85,7 +86,7 @@ def lanes_beside(path: Flown, view: View, airspace: Airspace, half_rad: float, n
             positions[:, at] = here[0] - away * looks[:, at]
     aside = np.concatenate([positions, looks], axis=2) - np.concatenate([own, axis], axis=1)[:, None]
     aside = gaussian_filter1d(aside, _EVENED, axis=0, mode="nearest")
-    positions, looks = own[:, None] + aside[..., :3], _unit(axis[:, None] + aside[..., 3:])
+    positions, looks = own[:, None] + aside[..., :3], unit(axis[:, None] + aside[..., 3:])
     low, high = np.radians([view.limits.min_gimbal_pitch_deg, view.limits.max_gimbal_pitch_deg])
     pitch = np.clip(np.arcsin(np.clip(looks[..., 2], -1, 1)), low, high)
     poses = np.concatenate(
@@ -113,7 +114,7 @@ def _next_to(here: _Places, step_m: float, samples: _Samples, most_m: float) -> 
     """Places on the surface a step to the left of the way, and which of them there are."""
     points, normals, ways = here
     points, normals, on = _on_surface(points + step_m * np.cross(normals, ways), normals, samples, most_m)
-    return (points, normals, _unit(_within(ways, normals))), on
+    return (points, normals, unit(_within(ways, normals))), on
 
 
 def _on_surface(
@@ -128,7 +129,7 @@ def _on_surface(
     on = (np.linalg.norm(normal, axis=1) > SAME_FACE) & (
         np.where(weight > 0, distance, np.inf).min(axis=1) <= most_m
     )
-    normal = _unit(np.where(on[:, None], normal, like))
+    normal = unit(np.where(on[:, None], normal, like))
     middle = np.einsum("kn,kni->ki", weight, points[near]) / whole
     off = ((places - middle) * normal).sum(axis=1, keepdims=True)
     return places - np.where(on[:, None], off, 0.0) * normal, normal, on
@@ -142,10 +143,6 @@ def _frames(places: _Places) -> Floats:
 
 def _within(vectors: Floats, normals: Floats) -> Floats:
     return np.asarray(vectors - (vectors * normals).sum(axis=1, keepdims=True) * normals)
-
-
-def _unit(vectors: Floats) -> Floats:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))
 
 
 def _shown(poses: Floats, station: Ints, view: View, needed: Ints) -> Bools:

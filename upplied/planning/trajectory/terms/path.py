@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.vectors import unit
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.constants import MOST_RATIO
@@ -20,9 +21,13 @@ _SHORTEST = 0.1  # of the usual leg: what hovers is not torn apart
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Clearance(Record):
-    """Mean squared lack, m^2; the nearest places of the surface hold until they are found again."""
+    """Mean squared lack, m^2, of the height above the plane that bounds the surface nearest to each station.
+
+    The planes hold until they are found again: past the nearest point, the surface goes on.
+    """
 
     closest: Floats  # (M, 3) m
+    outward: Floats  # (M, 3) unit vectors, from there to the path
     least_m: float
     floor_m: float
     ceiling_m: float
@@ -31,7 +36,8 @@ class Clearance(Record):
     def of(cls, airspace: Airspace, path: Flown) -> Clearance:
         """The term near a path."""
         closest, _ = airspace.scene.closest(path.positions)
-        return cls(closest, airspace.clearance_m + _BEYOND_M, airspace.floor_m, airspace.ceiling_m)
+        outward = unit(path.positions - closest)
+        return cls(closest, outward, airspace.clearance_m + _BEYOND_M, airspace.floor_m, airspace.ceiling_m)
 
     def no_nearer(self, least_m: float) -> Clearance:
         """The same, for a distance that is wished for and not demanded, without ground and ceiling."""
@@ -39,12 +45,11 @@ class Clearance(Record):
 
     def value(self, flown: Flown) -> tuple[float, Flown]:
         """Mean squared lack, and its slope."""
-        away = flown.positions - self.closest
-        distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
-        lack = np.maximum(self.least_m - distance, 0)
+        height = ((flown.positions - self.closest) * self.outward).sum(axis=1)
+        lack = np.maximum(self.least_m - height, 0)
         low = np.maximum(self.floor_m - flown.positions[:, 2], 0)
         high = np.maximum(flown.positions[:, 2] - self.ceiling_m, 0)
-        slope = -2 * (lack / distance)[:, None] * away
+        slope = -2 * lack[:, None] * self.outward
         slope[:, 2] += 2 * (high - low)
         nothing = np.zeros(len(lack))
         return float((lack**2 + low**2 + high**2).mean()), Flown(slope / len(lack), nothing, nothing)
