@@ -25,7 +25,18 @@ _NEEDED = 600  # samples, at most, that stand for all that is needed
 _LEAST = 0.02  # share of the need, that a pass must show
 _TURN_S = 2.0  # to slow down and turn at each end of a pass
 _PRICES = (0.8, 0.27, 0.09, 0.03)  # of what a second shows in the mean, that a second must: few passes first
-_SHARES = (np.inf, 1.0, 0.75, 0.5)  # of the time that is left, in which a part of a pass is flown
+_SHARES = (
+    np.inf,
+    1.0,
+    0.9,
+    0.8,
+    0.7,
+    0.6,
+    0.5,
+    0.4,
+    0.3,
+    0.2,
+)  # of the time that is left, in which a part of a pass is flown
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -32,7 +32,7 @@ _LEAST_TURN_RAD = (
 )  # that a demonstration counts as having turned, so that little turning is not dear
 _HALVINGS = 20  # of the way to the demonstrated shape
 _WORTHWHILE = 5e-3  # share of the need, that added passes must show more
-_LESS = 0.9  # of the time, beside what the last try took too long, where that was not enough
+_LESS = 0.95  # of the time, beside what the last try took too long
 _TRIES = 4  # of adding passes: fewer, where they took too long
 
 
@@ -95,7 +95,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         timer = _Timer(carried, goal, settings)
         limit_s = timer.allowed_s(view)
         pace = timer.pace(problem, limit_s)
-        for number in range(_TRIES):
+        for _ in range(_TRIES):
             longer = with_added_passes(starts[0].safe, view, ways, pace, _half_rad(take, settings))
             if longer is None:
                 break
@@ -109,8 +109,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
                 break
             if (taken_s := timer.seconds(waypoints)) <= limit_s:
                 return waypoints
-            less = limit_s / taken_s * _LESS ** min(number, 1)
-            pace = replace(pace, allowed_s=pace.allowed_s * less)
+            pace = replace(pace, allowed_s=pace.allowed_s * _LESS * limit_s / taken_s)
     alone = np.arange(len(flown)), np.zeros(len(flown), bool)
     return _finished(best, *alone, carried, goal, settings, safe)
 
