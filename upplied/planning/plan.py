@@ -14,7 +14,7 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.photographed import photographed
 from upplied.planning.carry.carried import carry
 from upplied.planning.carry.counterparts import counterparts_of, doubts, least_probability, undecided
-from upplied.planning.carry.forecast import forecast_of, unlikely
+from upplied.planning.carry.forecast import forecast_of, unlikely, unlikely_together
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by
 from upplied.planning.carry.missing_parts import missing_of
 from upplied.planning.correspondence.memo import METHOD_VERSION, Memo, no_memo
@@ -164,9 +164,10 @@ def _on_pair(
     known = replace(plan.measures, counterpart_probability=least_probability(counterparts))
     warnings = *plan.warnings, *doubts(counterparts), *missing_of(counterparts)
     plan = replace(plan, counterparts=counterparts, measures=known, warnings=warnings)
-    if unsure := undecided(counterparts, settings):
-        return replace(plan, status="refused", reason=unsure), takes
-    return plan, takes
+    unsure = undecided(counterparts, settings)
+    if not unsure and least is not None:
+        unsure = unlikely_together(likely, known.counterpart_probability, least)
+    return (replace(plan, status="refused", reason=unsure) if unsure else plan), takes
 
 
 def _in_doubt(plan: Plan, takes: Sequence[Take]) -> bool:

@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 from upplied.config import Settings, settings_for
-from upplied.planning.carry.forecast import CAPS, WEIGHTS, Evidence, forecast_of, in_words, probability_of
+from upplied.planning.carry.forecast import (
+    CAPS,
+    WEIGHTS,
+    Evidence,
+    Forecast,
+    forecast_of,
+    in_words,
+    probability_of,
+    unlikely_together,
+)
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.plan import plan_transfer
@@ -97,3 +106,11 @@ def test_evidence_only_counts_against() -> None:
     assert probability_of(perfect) > 0.95 and "100 % of what was inspected has a counterpart" in in_words(
         perfect
     )
+
+
+def test_a_likely_transfer_to_a_doubtful_part_is_refused_with_both_figures() -> None:
+    likely = Forecast(0.68, "98 % of what was inspected has a counterpart")
+    reason = unlikely_together(likely, 0.62, 0.5)
+    assert "0.68" in reason and "0.62" in reason and "0.42 together, 0.5 is asked for" in reason
+    assert unlikely_together(likely, 0.8, 0.5) == ""
+    assert unlikely_together(likely, float("nan"), 0.5) == ""

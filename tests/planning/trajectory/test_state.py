@@ -13,7 +13,7 @@ def base(count: int = 60) -> Flown:
 
 
 def state(count: int = 60, unit=(20.0, 20.0, 20.0)) -> State:
-    return State.of(base(count), np.array(unit), 12, 9)
+    return State.of(base(count), np.array(unit), 12)
 
 
 def sharpest(positions: np.ndarray) -> float:
@@ -31,7 +31,7 @@ def random_slope(rng: np.random.Generator, count: int) -> Flown:
 def test_the_slope_goes_back_as_the_path_comes_forth(seed: int):
     rng, one = np.random.default_rng(seed), state()
     slope = random_slope(rng, 60)
-    variables, change = rng.normal(size=54) * 0.1, rng.normal(size=54)
+    variables, change = rng.normal(size=60) * 0.1, rng.normal(size=60)
     before, after = one.flown(variables), one.flown(variables + change)
     directional = sum(
         float((getattr(slope, name) * (getattr(after, name) - getattr(before, name))).sum())
@@ -41,11 +41,11 @@ def test_the_slope_goes_back_as_the_path_comes_forth(seed: int):
 
 
 def test_no_change_is_the_base_path():
-    np.testing.assert_allclose(state().flown(np.zeros(54)).positions, base().positions)
+    np.testing.assert_allclose(state().flown(np.zeros(60)).positions, base().positions)
 
 
 def test_a_path_of_the_state_is_met_again():
-    one, variables = state(), np.random.default_rng(4).normal(size=54) * 0.1
+    one, variables = state(), np.random.default_rng(4).normal(size=60) * 0.1
     path = one.flown(variables)
     again = one.flown(one.nearest(path))
     assert np.abs(again.positions - path.positions).max() < 0.02
@@ -54,14 +54,14 @@ def test_a_path_of_the_state_is_met_again():
 
 def test_a_level_path_stays_level():
     one = state(unit=(20.0, 20.0, 0.0))
-    variables = np.random.default_rng(5).normal(size=54)
+    variables = np.random.default_rng(5).normal(size=60)
     np.testing.assert_array_equal(one.flown(variables).positions[:, 2], base().positions[:, 2])
     lifted = Flown(base().positions + np.array([0, 0, 3.0]), base().yaw, base().pitch)
     assert np.abs(one.nearest(lifted)).max() < 1e-9
 
 
 def test_the_curve_passes_through_the_stations_and_turns_no_more():
-    one, variables = state(20), np.random.default_rng(6).normal(size=54) * 0.05
+    one, variables = state(20), np.random.default_rng(6).normal(size=60) * 0.05
     at, curve = one.curve(variables, 0.5)
     own = at == np.round(at)
     path = one.flown(variables)
@@ -75,21 +75,21 @@ def test_the_curve_passes_through_the_stations_and_turns_no_more():
 def test_a_hover_stays_where_it_is_and_short_paths_are_straight():
     still = base(30)
     still.positions[10:14] = still.positions[10]
-    at, curve = State.of(still, np.full(3, 20.0), 6, 6).curve(np.zeros(30), 0.5)
+    at, curve = State.of(still, np.full(3, 20.0), 6).curve(np.zeros(30), 0.5)
     during = (at >= 10) & (at <= 13)
     np.testing.assert_allclose(curve.positions[during], np.tile(still.positions[10], (4, 1)), atol=1e-9)
     short = Flown(np.array([[0.0, 0, 0], [3, 0, 0], [3, 3, 0]]), np.zeros(3), np.zeros(3))
-    _, curve = State.of(short, np.ones(3), 4, 4).curve(np.zeros(20), 0.5)
+    _, curve = State.of(short, np.ones(3), 4).curve(np.zeros(20), 0.5)
     assert np.linalg.norm(np.diff(curve.positions, axis=0), axis=1).sum() == pytest.approx(6)
 
 
 def test_between_two_stations_the_curve_is_straight_and_turns_evenly():
     two = Flown(np.array([[0.0, 0, 0], [4, 0, 3]]), np.array([0.0, 1.0]), np.array([0.2, -0.2]))
-    at, curve = State.of(two, np.ones(3), 4, 4).curve(np.zeros(20), 0.5)
+    at, curve = State.of(two, np.ones(3), 4).curve(np.zeros(20), 0.5)
     np.testing.assert_allclose(at, np.linspace(0, 1, 11))
     np.testing.assert_allclose(curve.positions, np.outer(np.linspace(0, 1, 11), [4.0, 0, 3]), atol=1e-9)
     np.testing.assert_allclose(curve.yaw, np.linspace(0, 1, 11), atol=1e-9)
     np.testing.assert_allclose(curve.pitch, np.linspace(0.2, -0.2, 11), atol=1e-9)
     one = Flown(np.array([[1.0, 2, 3]]), np.array([0.5]), np.array([0.1]))
-    at, curve = State.of(one, np.ones(3), 4, 4).curve(np.zeros(20), 0.5)
+    at, curve = State.of(one, np.ones(3), 4).curve(np.zeros(20), 0.5)
     assert at.tolist() == [0] and curve.positions.tolist() == [[1, 2, 3]] and curve.yaw.tolist() == [0.5]

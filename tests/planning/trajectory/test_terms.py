@@ -146,6 +146,20 @@ def test_clearance_asks_to_come_no_nearer_than_a_distance(wall: View):
     assert Clearance.of(low, near).no_nearer(2.5).value(near)[0] == pytest.approx(0, abs=1e-12)
 
 
+def test_clearance_holds_along_the_surface_past_its_nearest_point(wall: View):
+    """A path that is moved along the wall, and into it, lacks as much as one that was moved straight in."""
+    free = Airspace(wall.scene, 1.0, Surroundings(), 0.0)
+    before = replace(flown(), positions=flown().positions * [1, 0, 1] - [0, 2, 0])
+
+    def moved(x: float, y: float, z: float) -> Flown:
+        return replace(before, positions=before.positions + np.array([x, y, z]))
+
+    straight, aslant, through = moved(0, 1.5, 0), moved(1, 1.5, 0.5), moved(0, 3, 0)
+    one = Clearance.of(free, before)
+    assert one.value(aslant)[0] == pytest.approx(one.value(straight)[0])
+    assert one.value(through)[0] > one.value(straight)[0] > 0  # as far off, on the other side
+
+
 def test_a_camera_turned_aside_once_and_for_all_costs_no_turning():
     path = flown()
     one = Turning(path.yaw, path.pitch, 2.0)

@@ -135,6 +135,22 @@ def unlikely(likely: Forecast, least: float, wholes: Registration) -> str:
     return reason if wholes.accepted else f"{reason}; {wholes.reason}"
 
 
+def unlikely_together(likely: Forecast, counterpart: float, least: float) -> str:
+    """Why a transfer is refused that may show the wrong part, in words; empty where it is not.
+
+    To show what was inspected takes both: that it can be shown, and that its counterpart (a probability, NaN
+    where it is not known) is the right one.
+    """
+    both = likely.probability * counterpart
+    if not both < least:
+        return ""
+    return (
+        f"what was inspected cannot be shown here for certain: it can with probability "
+        f"{likely.probability:.2f}, and its counterpart is the right one with {counterpart:.2f}; {both:.2f} "
+        f"together, {least:g} is asked for (registration.least_probability); {likely.evidence}"
+    )
+
+
 def in_words(evidence: Evidence) -> str:
     """The evidence as a sentence of figures."""
     if evidence.without >= 1:

@@ -254,7 +254,7 @@ def _state(problem: Problem, start: Start, weights: OptimiseSettings) -> State:
     unit_m = np.full(3, float(problem.demonstrated.unit_m.max()))
     if problem.level:
         unit_m[2] = 0.0
-    return State.of(start.mapped, unit_m, controls, controls)
+    return State.of(start.mapped, unit_m, controls)
 
 
 def _progress(problem: Problem, path: Flown) -> float:

@@ -32,37 +32,35 @@ class Flown(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class State(Record):
-    """A base path and the B-splines over its stations that displace it.
+    """A base path and the B-splines over its stations that displace it and turn its camera.
 
-    The variables are one vector: K control points of the displacement, in units of `unit_m`, then C of
-    the yaw's and C of the pitch's change, rad.
+    The variables are K control points of five coordinates: the displacement along three axes, in units of
+    `unit`, and the changes of yaw and pitch, rad.
     """
 
     base: Flown
-    unit_m: Floats  # (3,) along each axis; 0: the path keeps its coordinate
-    moving: csr_matrix  # (M, K) of the displacement
-    turning: csr_matrix  # (M, C) of the camera's directions
+    unit: Floats  # (5,) m along each axis (0: the path keeps its coordinate), and 1 rad
+    basis: csr_matrix  # (M, K)
+    back: csr_matrix  # (K, M), the same the other way round, by rows
 
     @classmethod
-    def of(cls, base: Flown, unit_m: Floats, moving: int, turning: int) -> State:
-        """The state with so many control points for the displacement and for each angle."""
-        return cls(base, unit_m, _basis(len(base), moving), _basis(len(base), turning))
+    def of(cls, base: Flown, unit_m: Floats, controls: int) -> State:
+        """The state with so many control points."""
+        basis = _basis(len(base), controls)
+        return cls(base, np.append(unit_m, [1.0, 1.0]), basis, basis.T.tocsr())
 
     def flown(self, variables: Floats) -> Flown:
         """The path at the stations of the base."""
-        return self._with(self.base, variables, self.moving, self.turning)
+        return self._with(self.base, variables, self.basis)
 
     def pulled_back(self, slope: Flown) -> Floats:
         """The slope with respect to the variables, from that with respect to the path at its stations."""
-        moved = (self.moving.T @ slope.positions) * self.unit_m
-        return np.concatenate([moved.ravel(), self.turning.T @ slope.yaw, self.turning.T @ slope.pitch])
+        return np.asarray((self.back @ _columns(slope) * self.unit).ravel())
 
     def nearest(self, path: Flown) -> Floats:
         """The variables whose path comes nearest to one of as many stations (least squares)."""
-        unit = np.where(self.unit_m > 0, self.unit_m, np.inf)
-        moved = _fitted(self.moving, (path.positions - self.base.positions) / unit)
-        angles = np.column_stack([path.yaw - self.base.yaw, path.pitch - self.base.pitch])
-        return np.concatenate([moved.ravel(), _fitted(self.turning, angles).T.ravel()])
+        unit = np.where(self.unit > 0, self.unit, np.inf)
+        return _fitted(self.basis, (_columns(path) - _columns(self.base)) / unit).ravel()
 
     def curve(self, variables: Floats, step_m: float) -> tuple[Floats, Flown]:
         """The path as a curve with legs of about `step_m`, and the station (a fraction) of each vertex.
@@ -77,14 +75,15 @@ class State(Record):
             angles = PchipInterpolator(index, angles)(at)
         base = Flown(positions, *angles.T)
         share = at / max(index[-1], 1.0)
-        bases = [_splines(share, of.shape[1]) for of in (self.moving, self.turning)]
-        return at, self._with(base, variables, *bases)
+        return at, self._with(base, variables, _splines(share, self.basis.shape[1]))
 
-    def _with(self, base: Flown, variables: Floats, moving: csr_matrix, turning: csr_matrix) -> Flown:
-        moved, turned = np.split(variables, [3 * self.moving.shape[1]])
-        yaw, pitch = turned.reshape(2, -1)
-        offset = (moving @ moved.reshape(-1, 3)) * self.unit_m
-        return Flown(base.positions + offset, base.yaw + turning @ yaw, base.pitch + turning @ pitch)
+    def _with(self, base: Flown, variables: Floats, basis: csr_matrix) -> Flown:
+        change = basis @ (variables.reshape(-1, 5) * self.unit)
+        return Flown(base.positions + change[:, :3], base.yaw + change[:, 3], base.pitch + change[:, 4])
+
+
+def _columns(path: Flown) -> Floats:
+    return np.column_stack([path.positions, path.yaw, path.pitch])
 
 
 def _basis(stations: int, controls: int) -> csr_matrix:
