@@ -155,6 +155,19 @@ PATHS = st.integers(0, 2**31).map(lambda seed: np.random.default_rng(seed))
 
 
 @settings(max_examples=40, deadline=None)
+@given(PATHS, st.sampled_from([1e-2, 1e-4, 1e-5]))
+def test_a_share_asked_for_is_kept_and_never_below(rng: np.random.Generator, share: float) -> None:
+    """Curves of hundreds of vertices, smooth and rough, near and far, there and back."""
+    at = np.linspace(0, 1, int(rng.integers(30, 400)))
+    a = np.column_stack([np.cos(6 * at), np.sin(6 * at), at]) * rng.uniform(1, 60)
+    waves = np.column_stack([np.sin(rng.uniform(1, 20) * at) for _ in range(3)])
+    b = a + rng.uniform(0, 10) * waves + rng.uniform(0, 0.2) * rng.normal(size=a.shape)
+    b = np.concatenate([b, b[:: -int(rng.integers(1, 3))]]) if rng.random() < 0.3 else b
+    true = frechet(a, b)
+    assert true * (1 - 1e-9) <= frechet(a, b, share) <= true * (1 + share)
+
+
+@settings(max_examples=40, deadline=None)
 @given(PATHS)
 def test_laws(rng: np.random.Generator) -> None:
     a, b, c = (np.cumsum(rng.normal(size=(int(rng.integers(2, 30)), 3)), axis=0) for _ in range(3))

@@ -15,6 +15,8 @@ from upplied.geometry.polylines import arc_length, interpolated
 from upplied.records import Floats
 
 _RELATIVE = 1e-10  # of the distance: where the bisection ends
+_FINE = 1e-6  # an asked share, below which no vertex of a curve is left out
+_ROUGH = 0.02  # of the distance, to which it is known at first
 _SMALLEST_SHARE = 0.1  # see `spread`
 _FLAT = 1e-6  # of the largest deviation: rounding, not a height that varies
 
@@ -52,7 +54,19 @@ def frechet(first: Floats, second: Floats, relative: float = _RELATIVE) -> float
     second = np.ascontiguousarray(check_finite(second, (None, first.shape[1]), "second curve"))
     check_finite(first[:1], (1, None), "first curve")
     check_finite(second[:1], (1, None), "second curve")
-    return float(_bisect(first, second, _abreast(first, second), relative))
+    high = _abreast(first, second)
+    if relative < _FINE or high <= 0:
+        return float(_bisect(first, second, 0.0, high, relative))
+    # First on curves of few vertices, which bound the distance, then on ones as fine as it asks for.
+    low, off = 0.0, _ROUGH * high
+    while low < high / 2 and off > relative * high:
+        few = _simplified(first, off / 4), _simplified(second, off / 4)
+        rough = float(_bisect(*few, low, high + off / 2, _ROUGH))
+        low, high = max(low, rough * (1 - _ROUGH) - off / 2), min(high, rough + off / 2)
+        off = _ROUGH * high
+    off = relative * low / 2
+    few = _simplified(first, off / 4), _simplified(second, off / 4)
+    return float(_bisect(*few, max(low - off / 2, 0.0), high + off / 2, relative / 2)) + off / 2
 
 
 def _abreast(first: Floats, second: Floats) -> float:
@@ -147,8 +161,45 @@ def curve_spread(path: Floats) -> tuple[Floats, Floats]:
 
 
 @njit(cache=True)
-def _bisect(first: Floats, second: Floats, high: float, relative: float) -> float:
-    low = max(_distance(first[0], second[0]), _distance(first[-1], second[-1]))
+def _simplified(curve: Floats, off: float) -> Floats:
+    """The curve without vertices that its chords pass within a distance, in their order (greedy).
+
+    The Frechet distance of both is at most that distance: along each chord they advance together.
+    """
+    chosen, count, dimensions = np.zeros(len(curve), np.bool_), len(curve), curve.shape[1]
+    chosen[0] = chosen[count - 1] = True
+    start = 0
+    while start < count - 1:
+        stop = start + 1
+        while stop + 1 < count:
+            length2 = 0.0
+            for axis in range(dimensions):
+                length2 += (curve[stop + 1, axis] - curve[start, axis]) ** 2
+            before, fits = 0.0, length2 > 0
+            for between in range(start + 1, stop + 1):
+                along, gap2 = 0.0, 0.0
+                for axis in range(dimensions):
+                    leg = curve[stop + 1, axis] - curve[start, axis]
+                    along += leg * (curve[between, axis] - curve[start, axis])
+                along /= max(length2, 1e-300)
+                for axis in range(dimensions):
+                    leg = curve[stop + 1, axis] - curve[start, axis]
+                    gap2 += (curve[between, axis] - curve[start, axis] - along * leg) ** 2
+                if not (before <= along <= 1.0 and gap2 <= off * off):
+                    fits = False
+                    break
+                before = along
+            if not fits:
+                break
+            stop += 1
+        chosen[stop] = True
+        start = stop
+    return curve[chosen]
+
+
+@njit(cache=True)
+def _bisect(first: Floats, second: Floats, low: float, high: float, relative: float) -> float:
+    low = max(low, _distance(first[0], second[0]), _distance(first[-1], second[-1]))
     high = max(low, high)
     extent = 0.0
     for axis in range(first.shape[1]):
