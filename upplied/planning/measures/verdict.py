@@ -14,6 +14,7 @@ import numpy as np
 from upplied.config import FIDELITIES, Settings
 from upplied.geometry.polylines import leg_lengths
 from upplied.planning.airspace.detours import airspace_of
+from upplied.planning.carry.inspected_surface import area_ratio, inspected_by
 from upplied.planning.carry.on_target import demonstrated_on_target
 from upplied.planning.correspondence.label_transfer import fragments
 from upplied.planning.correspondence.pair import Pair
@@ -83,15 +84,17 @@ def _near(trajectory: Trajectory, measures: Measures, takes: Sequence[Take], set
 
 
 def _long(measures: Measures, takes: Sequence[Take], settings: Settings) -> list[str]:
-    """Path and time beside the demonstration's, carried to the target's size."""
+    """Path and time beside the demonstration's, carried to the target's size, or to its inspected area."""
     length_m = time_s = 0.0
     for take in takes:
         flown = take.inspection.by_frustum.stations
         before, carried = (
             float(leg_lengths(path).sum()) for path in (flown.positions, demonstrated_on_target(take))
         )
-        length_m += max(before, carried)
-        time_s += float(flown.t_s[-1] - flown.t_s[0]) * max(1.0, carried / max(before, 1e-9))
+        larger = area_ratio([take], inspected_by(take, settings)) if settings.refine.added_passes else 1.0
+        times = max(1.0, carried / max(before, 1e-9), larger)
+        length_m += max(carried, before * times)
+        time_s += float(flown.t_s[-1] - flown.t_s[0]) * times
     reasons = []
     floors = settings.verdict
     if measures.path_length_m > floors.longest_path * length_m + _TRANSIT_M * len(takes):

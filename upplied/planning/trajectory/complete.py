@@ -31,7 +31,7 @@ _LEAST_TURN_RAD = (
     np.pi / 2
 )  # that a demonstration counts as having turned, so that little turning is not dear
 _HALVINGS = 20  # of the way to the demonstrated shape
-_WORTHWHILE = 5e-3  # share of the need, that added passes must show more
+_WORTHWHILE = 0.01  # share of the need, that added passes must show more: as near as coverage is known
 _LESS = 0.95  # of the time, beside what the last try took too long
 _TRIES = 4  # of adding passes: fewer, where they took too long
 
