@@ -170,7 +170,7 @@ class VerdictSettings:
     longest_path: float = 3.0  # times the demonstration's, carried to the target's size
     longest_time: float = 4.0  # the same; the demonstrated speed is an upper bound, turns cost time
     # Of the diagonals, target to source or back: a unit that was mistaken looks so. Inches for metres are 39
-    # times; the paper's own pairs reach 7.9 (cruise ship to yacht), real ones that can be shown 11 (catamaran).
+    # times; the paper's own pairs reach 7.9 (cruise ship to yacht), real ones that can be shown 11.
     most_size_ratio: float = 20.0  # refused beyond
     odd_size_ratio: float = 3.0  # warned of beyond
 
