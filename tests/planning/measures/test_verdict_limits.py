@@ -34,9 +34,9 @@ GOOD = Measures(coverage_inspected_pct=60.0, min_clearance_m=1.99, path_length_m
                 peak_speed_mps=8.4, peak_acceleration_mps2=2.1)  # fmt: skip
 
 
-def take(stretch: float = 2.0) -> Take:
+def take(stretch: float = 2.0, larger: float = 1.0) -> Take:
     inspection = SimpleNamespace(by_frustum=SimpleNamespace(stations=FLOWN))
-    return cast(Take, SimpleNamespace(inspection=inspection, pair=None, stretch=stretch))
+    return cast(Take, SimpleNamespace(inspection=inspection, pair=None, stretch=stretch, larger=larger))
 
 
 @pytest.fixture(autouse=True)
@@ -44,6 +44,7 @@ def open_air(monkeypatch: pytest.MonkeyPatch) -> None:
     air = Airspace(FAR, 2.0, Surroundings(ceiling_z_m=20.0))
     monkeypatch.setattr(verdict, "airspace_of", lambda pair, settings: air)
     monkeypatch.setattr(verdict, "demonstrated_on_target", lambda one: one.stretch * FLOWN.positions)
+    monkeypatch.setattr(verdict, "_larger", lambda one, settings: one.larger)
 
 
 def short(
@@ -80,6 +81,15 @@ def test_a_smaller_target_is_given_the_way_and_the_time_of_the_demonstration() -
     small = [take(0.5)]
     assert short(takes=small, path_length_m=350.0, duration_s=220.0) == ()
     assert len(short(takes=small, path_length_m=350.1, duration_s=220.1)) == 2
+
+
+def test_an_area_that_is_larger_is_given_the_way_and_the_time_for_its_passes() -> None:
+    """Four times the area: 400 m and 160 s count as the demonstration's, where its shape is twice as long."""
+    assert short(takes=[take(larger=4.0)], path_length_m=1250.0, duration_s=700.0) == ()
+    (said,) = short(takes=[take(larger=4.0)], path_length_m=1250.1)
+    assert "where the demonstration is 400 m long" in said
+    (said,) = short(takes=[take(larger=4.0)], duration_s=700.1)
+    assert "where the demonstration takes 160 s" in said
 
 
 def test_several_takes_add_up() -> None:

@@ -91,8 +91,7 @@ def _long(measures: Measures, takes: Sequence[Take], settings: Settings) -> list
         before, carried = (
             float(leg_lengths(path).sum()) for path in (flown.positions, demonstrated_on_target(take))
         )
-        larger = area_ratio([take], inspected_by(take, settings)) if settings.refine.added_passes else 1.0
-        times = max(1.0, carried / max(before, 1e-9), larger)
+        times = max(1.0, carried / max(before, 1e-9), _larger(take, settings))
         length_m += max(carried, before * times)
         time_s += float(flown.t_s[-1] - flown.t_s[0]) * times
     reasons = []
@@ -108,6 +107,11 @@ def _long(measures: Measures, takes: Sequence[Take], settings: Settings) -> list
             f"{floors.longest_time:g} times as much is allowed (verdict.longest_time)"
         )
     return reasons
+
+
+def _larger(take: Take, settings: Settings) -> float:
+    """How many times the inspected area is larger on the target, where passes are added to show it."""
+    return area_ratio([take], inspected_by(take, settings)) if settings.refine.added_passes else 1.0
 
 
 def _hard(measures: Measures, settings: Settings) -> list[str]:

@@ -78,7 +78,7 @@ class State(Record):
         return at, self._with(base, variables, _splines(share, self.basis.shape[1]))
 
     def _with(self, base: Flown, variables: Floats, basis: csr_matrix) -> Flown:
-        change = basis @ (variables.reshape(-1, 5) * self.unit)
+        change = basis @ (variables.reshape(-1, len(self.unit)) * self.unit)
         return Flown(base.positions + change[:, :3], base.yaw + change[:, 3], base.pitch + change[:, 4])
 
 
