@@ -39,7 +39,7 @@ from upplied.records import Demonstration, Placement, Structure
 
 __all__ = ["FIELDS", "LogOptions", "fingerprint", "read_demonstration"]
 
-_OF_FACTS = ("demonstration_id", "structure_id", "operator", "site", "about")
+_OF_FACTS = ("demonstration_id", "structure_id", "operator", "site", "about", "accuracy_m")
 
 
 def read_demonstration(
