@@ -39,7 +39,7 @@ from upplied.records import Demonstration, Placement, Structure
 
 __all__ = ["FIELDS", "LogOptions", "fingerprint", "read_demonstration"]
 
-_OF_FACTS = ("demonstration_id", "structure_id", "operator", "site", "about", "accuracy_m")
+_OF_FACTS = ("demonstration_id", "structure_id", "operator", "site", "about")
 
 
 def read_demonstration(
@@ -185,6 +185,7 @@ def _demonstration(
         passport=passport,
         wind=wind.wind_of(tables, shortened, facts.structure_heading_deg),
         stills=source.stills,
+        accuracy_m=facts.accuracy_m if flight else None,
     )
     return demonstration, declared
 
