@@ -178,8 +178,8 @@ def _tlog(folder: Path, flight: Flight) -> Written:
     return folder / "flight.tlog", PLACE | {"geoid_undulation_m": 0.0}
 
 
-def photos(folder: Path, flight: Flight, relative_yaw: bool = False) -> Written:
-    """Photos as DJI writes them: places and angles in XMP, times to the second in EXIF."""
+def photos(folder: Path, flight: Flight, relative_yaw: bool = False, **fixed: str) -> Written:
+    """Photos as DJI writes them: places and angles in XMP, times to the second in EXIF; `fixed`: of RTK."""
     folder.mkdir(exist_ok=True)
     lat, lon, alt, _ = on_earth(flight)
     for at, (yaw, pitch, roll) in enumerate(angles(flight)):
@@ -189,7 +189,7 @@ def photos(folder: Path, flight: Flight, relative_yaw: bool = False) -> Written:
             "GpsLatitude": f"{lat[at]:.9f}", "GpsLongitude": f"{lon[at]:.9f}",
             "AbsoluteAltitude": f"{alt[at] + 40:+.2f}", "RelativeAltitude": f"{alt[at] - TAKEOFF_M:+.2f}",
             "GimbalYawDegree": f"{gimbal:+.2f}", "GimbalPitchDegree": f"{pitch:+.2f}",
-            "GimbalRollDegree": f"{roll:+.2f}", "FlightYawDegree": f"{flown:+.2f}",
+            "GimbalRollDegree": f"{roll:+.2f}", "FlightYawDegree": f"{flown:+.2f}", **fixed,
         }  # fmt: skip
         attributes = " ".join(f'drone-dji:{name}="{value}"' for name, value in said.items())
         xmp = (

@@ -26,6 +26,7 @@ from upplied.fleet.promoting import promote_flight
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import scene_of
 from upplied.inputs.photos import photo_times
+from upplied.inputs.sidecar import LogOptions
 from upplied.outputs import logs
 from upplied.outputs.flown import seen_as_flown
 from upplied.outputs.logs import write_log
@@ -360,7 +361,7 @@ def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, mad
     both = row["inspected_pct"] + 100 * colour[required].mean()
     assert both == pytest.approx(stored)  # the two figures are what the two colours show
     # With a stated accuracy no more than that is corrected.
-    fixed = judge_log(catalog.location, str(log), ID, None, None, 0.1).row
+    fixed = judge_log(catalog.location, str(log), ID, None, LogOptions(accuracy_m=0.1)).row
     assert fixed["shift_m"] == 0 and fixed["assumed_pct"] == 0 and "left as logged" in fixed["findings"]
     assert fixed["inspected_if_corrected_pct"] is None  # nothing of it hangs on a correction
 

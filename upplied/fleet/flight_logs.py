@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -88,8 +88,11 @@ def add_flight_log(
     """
     if accuracy_m is not None and not 0 <= accuracy_m < np.inf:
         raise InputError("accuracy", f"is {accuracy_m:g} m", "0 m or more")
+    options = options or LogOptions()
+    if accuracy_m is not None:
+        options = replace(options, accuracy_m=accuracy_m)
     with Workers(1, limits=limits or Limits()) as workers:
-        return _added(workers, catalog, log, transfer_id, photos, options, accuracy_m)
+        return _added(workers, catalog, log, transfer_id, photos, options)
 
 
 def _added(workers: Workers, catalog: Catalog, log: str | Path, *given: Any) -> Row:
@@ -118,20 +121,21 @@ def judge_log(
     transfer_id: str = "",
     photos: str | Path | None = None,
     options: LogOptions | None = None,
-    accuracy_m: float | None = None,
 ) -> Judged:
     """In a worker: a log read, laid on its plan and judged."""
     catalog = open_catalog(location)
-    laid = plan_of_flight(catalog, log, transfer_id, options or LogOptions(), accuracy_m)
+    laid = plan_of_flight(catalog, log, transfer_id, options or LogOptions())
     photo_ns = None if photos is None else photo_times(photos)
     if photo_ns is not None and STEPPED in laid.flown.notes:
         fault = "cannot be placed: the clock of the log stepped in flight"
         raise InputError(str(photos), fault, "one clock for log and photos", "leave the photos out")
-    return _judged(catalog, laid, photo_ns, accuracy_m)
+    return _judged(catalog, laid, photo_ns)
 
 
-def _judged(catalog: Catalog, laid: Laid, photo_ns: Ints | None, accuracy_m: float | None) -> Judged:
+def _judged(catalog: Catalog, laid: Laid, photo_ns: Ints | None) -> Judged:
     row, flown = laid.row, laid.flown
+    if photo_ns is None and flown.stills:  # a pose for each photo
+        photo_ns = flown.t_ns
     photo_s = None if photo_ns is None else np.asarray((photo_ns - flown.t_ns[0]) * 1e-9, np.float64)
     # Where it flew, and what it saw, nothing stood that is only supposed: what was scanned counts.
     scene = scene_of(catalog.structure(row["target_id"]))
@@ -140,7 +144,6 @@ def _judged(catalog: Catalog, laid: Laid, photo_ns: Ints | None, accuracy_m: flo
     )
     parts = ["flown", row["transfer_id"], row["waypoints_sha256"], flown.sha256]
     parts.append("" if photo_ns is None else hashlib.sha256(photo_ns.tobytes()).hexdigest())
-    parts += [] if accuracy_m is None else [accuracy_m]
     wind = flown.wind
     own = {
         "flight_id": digest(parts),

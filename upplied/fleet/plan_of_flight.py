@@ -40,9 +40,7 @@ class Laid:
         return self.on.residual_p95_m + _OFF_PLAN_M * (1 - float(self.on.on_plan.mean()))
 
 
-def plan_of_flight(
-    catalog: Catalog, log: str, transfer_id: str, options: LogOptions, accuracy_m: float | None = None
-) -> Laid:
+def plan_of_flight(catalog: Catalog, log: str, transfer_id: str, options: LogOptions) -> Laid:
     """Read a log and lay it on the plan that was flown.
 
     Raises
@@ -52,29 +50,27 @@ def plan_of_flight(
     RefusedError
         If it lies on no plan, on another one than is named, or is what was planned or simulated.
     """
-    laid = _laid(catalog, log, transfer_id, options, accuracy_m)
-    _check_mission(catalog, log, laid, accuracy_m)
+    laid = _laid(catalog, log, transfer_id, options)
+    _check_mission(catalog, log, laid)
     _check_flown(catalog, log, laid)
     return laid
 
 
-def _laid(
-    catalog: Catalog, log: str, transfer_id: str, options: LogOptions, accuracy_m: float | None
-) -> Laid:
+def _laid(catalog: Catalog, log: str, transfer_id: str, options: LogOptions) -> Laid:
     if transfer_id:
         row = catalog.transfer(catalog.find_transfer(transfer_id))
         flown = _read(catalog, log, replace(options, structure_id=options.structure_id or row["target_id"]))
         if flown.structure_id != row["target_id"]:
             fault = f"was flown round {flown.structure_id}, plan {transfer_id} is for {row['target_id']}"
             raise InputError(log, fault, "a flight is judged on the plan that was flown")
-        return _best(catalog, log, [(row, flown)], accuracy_m)
+        return _best(catalog, log, [(row, flown)])
     try:
         flown = _read(catalog, log, options)
-        return _best(catalog, log, [(row, flown) for row in _plans(catalog, flown)], accuracy_m)
+        return _best(catalog, log, [(row, flown) for row in _plans(catalog, flown)])
     except InputError as error:
         if options.structure_id or error.rule != "a structure_id":
             raise
-        return _best(catalog, log, list(_anywhere(catalog, log, options, error)), accuracy_m)
+        return _best(catalog, log, list(_anywhere(catalog, log, options, error)))
 
 
 def _check_flown(catalog: Catalog, log: str, laid: Laid) -> None:
@@ -95,7 +91,7 @@ def _check_flown(catalog: Catalog, log: str, laid: Laid) -> None:
             raise RefusedError(log, fault, "the log of a vehicle that flew")
 
 
-def _check_mission(catalog: Catalog, log: str, laid: Laid, accuracy_m: float | None) -> None:
+def _check_mission(catalog: Catalog, log: str, laid: Laid) -> None:
     """Refuse a flight of another mission than the one that it is laid on: it lies far better on that one."""
     if laid.off_m < _CLOSE_M:
         return
@@ -104,7 +100,7 @@ def _check_mission(catalog: Catalog, log: str, laid: Laid, accuracy_m: float | N
     others = every[(every["transfer_id"] != row["transfer_id"])]["transfer_id"][-_MOST_PLANS:]
     rows = _made_before([catalog.transfer(str(name)) for name in others], laid.flown)
     try:
-        best = _best(catalog, log, [(row, laid.flown) for row in rows], accuracy_m)
+        best = _best(catalog, log, [(row, laid.flown) for row in rows])
     except RefusedError:
         return
     if best.off_m < _MUCH_BETTER * laid.off_m:
@@ -138,9 +134,7 @@ def _anywhere(
         yield from ((row, flown) for row in _plans(catalog, flown))
 
 
-def _best(
-    catalog: Catalog, log: str, tried: list[tuple[Row, Demonstration]], accuracy_m: float | None
-) -> Laid:
+def _best(catalog: Catalog, log: str, tried: list[tuple[Row, Demonstration]]) -> Laid:
     """The plan that the path lies on best."""
     candidates, why = list[Laid](), []
     for row, flown in tried:
@@ -148,7 +142,7 @@ def _best(
             plan = catalog.plan(row["transfer_id"])
             if plan.trajectory is None:
                 raise RefusedError(f"plan {row['transfer_id']}", f"has no path: it is {plan.status}")
-            on = align(plan.trajectory, flown.trajectory, accuracy_m)
+            on = align(plan.trajectory, flown.trajectory, flown.accuracy_m)
         except RefusedError as refusal:
             why.append(f"{row['transfer_id']}: {refusal}")
             continue

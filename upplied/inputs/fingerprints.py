@@ -19,7 +19,7 @@ _LATER = (
     "publisher", "convention", "unit_m", "takeoff_alt_m", "points", "body_T_antenna_position_m",
     "camera_model", "camera_file_format", "camera_width_px", "camera_height_px", "camera_exposure_s",
     "camera_trigger_s", "camera_focus_m", "camera_focal_mm", "camera_f_number", "camera_distortion",
-    "camera_distortion_model", "camera_middle_px",
+    "camera_distortion_model", "camera_middle_px", "accuracy_m",
 )  # fmt: skip
 _PHOTO_HEAD = 1 << 17  # bytes by which a photo is known: reading all of them would take longer than the rest
 

@@ -185,6 +185,7 @@ def _demonstration(
         passport=passport,
         wind=wind.wind_of(tables, shortened, facts.structure_heading_deg),
         stills=source.stills,
+        accuracy_m=facts.accuracy_m if flight else None,
     )
     return demonstration, declared
 

@@ -79,6 +79,7 @@ class LogOptions:
     body_T_camera_position_m: Place = None
     body_T_camera_quat_xyzw: Turn = None
     body_T_antenna_position_m: Place = None  # of the satellite receiver, whose positions are logged
+    accuracy_m: Annotated[float | None, number(0, 1000)] = None  # of the positions, one sigma, as of RTK
     camera_frame_id: Text = ""  # name of the camera's optical frame in TF
     camera_min_range_m: Annotated[float | None, number(0, 10_000)] = None
     camera_max_range_m: Annotated[float | None, number(0.01, 100_000)] = None

@@ -21,7 +21,7 @@ from upplied.proof.frame import FrameError, frame_error
 from upplied.proof.matching import Matched, matched, projected
 from upplied.records import Bools, Floats, Record, Trajectory
 
-_SILENT_S, _SILENT_STEPS = 1.0, 3.0  # between two poses, and at least so many usual steps: nothing is known
+SILENT_S, SILENT_STEPS = 1.0, 3.0  # between two poses, and at least so many usual steps: nothing is known
 _JUMP_M, _JUMP_MPS2 = 0.3, 20.0  # a step of the position that no vehicle flies: twice the force of gravity
 _JUMP_NOISES = 6.0  # times what the positions usually differ by from their neighbours
 _NEAR_M = 4.0  # from the plan, within which a pose belongs to it
@@ -161,7 +161,7 @@ def follows_exactly(path: Trajectory, found: Alignment) -> bool:
 def silence_s(flown: Trajectory) -> float:
     """How long a log may say nothing, s, before nothing is known of what the camera saw meanwhile."""
     step = float(np.median(np.diff(flown.t_s))) if len(flown) > 1 else 0.0
-    return max(_SILENT_S, _SILENT_STEPS * step)
+    return max(SILENT_S, SILENT_STEPS * step)
 
 
 def silences(flown: Trajectory) -> list[tuple[float, float]]:
@@ -188,7 +188,7 @@ def without_jumps(log: Trajectory) -> tuple[Trajectory, tuple[tuple[float, float
     found &= (
         (size > _JUMP_NOISES * np.median(size))
         & (size <= _LARGEST_M)
-        & (gap <= _SILENT_STEPS * np.median(gap))
+        & (gap <= SILENT_STEPS * np.median(gap))
     )
     peak = size >= np.maximum(np.append(size[1:], 0), np.insert(size[:-1], 0, 0))  # its neighbours echo it
     at = np.flatnonzero(found & peak)

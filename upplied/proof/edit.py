@@ -21,7 +21,7 @@ from upplied.planning.airspace.push import pushed_out
 from upplied.planning.airspace.roadmap import Roadmap, way
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.retime import retime
-from upplied.records import Bools, Floats, Ints, Record, Trajectory, Waypoints
+from upplied.records import Bools, Floats, Ints, Rows, Trajectory, Waypoints
 
 _SAME_M, _SAME_DEG = 1e-3, 0.05  # of what a file keeps of a pose: less is no change
 _APART_M = 1e-6
@@ -68,7 +68,7 @@ class Asked:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _Piece(Record):
+class _Piece(Rows):
     positions: Floats  # (K, 3) m
     yaw: Floats  # (K,) rad
     pitch: Floats  # (K,) rad
@@ -119,7 +119,8 @@ def edited(
     kept = [number for number in range(len(index)) if number not in edit.deleted]
     if len(kept) < 2:
         raise RefusedError("the plan", f"has {len(kept)} viewpoints left", "at least two")
-    whole = _piece(plan, np.arange(len(plan)), is_viewpoint)
+    yaw, pitch = yaw_pitch(plan.quat_xyzw)
+    whole = _Piece(plan.positions, np.unwrap(yaw), pitch, plan.t_s, np.asarray(is_viewpoint, bool))
     stops = {number: _stop(whole, int(index[number]), edit.changed.get(number)) for number in kept}
     for number, stop in stops.items():
         if number not in edit.changed:
@@ -129,37 +130,22 @@ def edited(
     first, last = kept[0], kept[-1]
     parts = []
     if first == 0 and first not in edit.changed:
-        parts.append(_cut(whole, 0, int(index[first])))
+        parts.append(whole.rows(slice(0, int(index[first]))))
     parts.append(stops[first])
     for one, other in pairwise(kept):
         parts += _between(whole, index, (one, other), stops, edit, graph)
         parts.append(stops[other])
     if last == len(index) - 1 and last not in edit.changed:
-        parts.append(_cut(whole, int(index[last]) + 1, len(plan)))
+        parts.append(whole.rows(slice(int(index[last]) + 1, None)))
     made = _joined(parts, graph)
     path = Waypoints(made.positions, from_yaw_pitch(made.yaw, made.pitch), made.t_s, made.is_viewpoint)
     timed, flags, demonstrated_s, _ = retime(path, plan, limits)
     return replace(timed, fov_deg=fov_at(plan, demonstrated_s)), flags
 
 
-def _piece(plan: Trajectory, rows: Ints, is_viewpoint: Bools) -> _Piece:
-    yaw, pitch = yaw_pitch(plan.quat_xyzw)
-    yaw = np.unwrap(yaw)
-    return _Piece(
-        plan.positions[rows], yaw[rows], pitch[rows], plan.t_s[rows], np.asarray(is_viewpoint, bool)[rows]
-    )
-
-
-def _cut(whole: _Piece, start: int, stop: int) -> _Piece:
-    part = slice(start, stop)
-    return _Piece(
-        whole.positions[part], whole.yaw[part], whole.pitch[part], whole.t_s[part], whole.is_viewpoint[part]
-    )
-
-
 def _stop(whole: _Piece, at: int, wanted: Viewpoint | None) -> _Piece:
     """A viewpoint as it was, or as it is wanted; its heading turns the short way from what it was."""
-    own = _cut(whole, at, at + 1)
+    own = whole.rows(slice(at, at + 1))
     if wanted is None:
         return own
     turn = np.angle(np.exp(1j * (np.radians(wanted.yaw_deg) - own.yaw)))
@@ -182,7 +168,7 @@ def _between(
     moved = [not np.array_equal(stops[n].positions[0], whole.positions[int(index[n])]) for n in pair]
     untouched = other == one + 1 and not any(moved) and one not in edit.changed and other not in edit.changed
     if untouched and not graph.airspace.broken(whole.positions[start : stop + 1]).any():
-        return [_cut(whole, start + 1, stop)]
+        return [whole.rows(slice(start + 1, stop))]
     a, b = stops[one], stops[other]
     line = way(graph, a.positions[0], b.positions[0])
     if line is None:
@@ -199,20 +185,11 @@ def _between(
     return [_Piece(line[1:-1], yaw, pitch, t_s, np.zeros(len(share), bool))]
 
 
-def _joined(parts: Sequence[_Piece], graph: Roadmap) -> _Piece:
+def _joined(parts: list[_Piece], graph: Roadmap) -> _Piece:
     """All pieces in order; before the first viewpoint and after the last nothing forbidden is flown."""
-    while parts and graph.airspace.broken(np.concatenate([p.positions for p in parts[:2]])).any():
-        if parts[0].is_viewpoint.any():
-            break
-        parts = parts[1:]
-    while parts and graph.airspace.broken(np.concatenate([p.positions for p in parts[-2:]])).any():
-        if parts[-1].is_viewpoint.any():
-            break
-        parts = parts[:-1]
-    return _Piece(
-        positions=np.concatenate([part.positions for part in parts]),
-        yaw=np.concatenate([part.yaw for part in parts]),
-        pitch=np.concatenate([part.pitch for part in parts]),
-        t_s=np.concatenate([part.t_s for part in parts]),
-        is_viewpoint=np.concatenate([part.is_viewpoint for part in parts]),
-    )
+    for end, outer in ((0, slice(2)), (-1, slice(-2, None))):
+        while not parts[end].is_viewpoint.any():
+            if not graph.airspace.broken(np.concatenate([part.positions for part in parts[outer]])).any():
+                break
+            del parts[end]
+    return _Piece.stacked(parts)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.geometry.poses import interpolate, optical_axis
-from upplied.proof.align import Alignment, silences
+from upplied.proof.align import SILENT_S, Alignment, silences
 from upplied.records import Bools, Floats, Ints, Trajectory
 
 #: How findings begin after which it is not known what was seen.
@@ -75,6 +75,9 @@ def _missing(plan: Trajectory, aligned: Alignment, flown_pct: float) -> Iterator
         yield f"begun late, or the log is cut: it begins {before_s:.0f} s after its plan"
     for when, length in _waits(aligned):
         yield f"waited for {length:.0f} s at {when:.0f} s"
+    usual_s = float(np.median(np.diff(aligned.flown.t_s)))
+    if usual_s > SILENT_S:
+        yield f"its poses are {usual_s:.1f} s apart: how near it came between them is not known"
     for when, length in silences(aligned.flown):
         what = "what was seen and how near it came then is not known"
         yield f"{SILENT} for {length:.0f} s at {when:.0f} s: {what}"

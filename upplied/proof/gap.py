@@ -21,14 +21,14 @@ from scipy.spatial.transform import Rotation
 from upplied.config import InspectionSettings, RetimeSettings
 from upplied.errors import RefusedError
 from upplied.geometry.polylines import arc_length, leg_lengths
-from upplied.geometry.poses import from_yaw_pitch, yaw_pitch
+from upplied.geometry.poses import from_yaw_pitch, in_a_row, yaw_pitch
 from upplied.planning.airspace.roadmap import Roadmap, way
 from upplied.planning.trajectory.retime import retime
 from upplied.planning.visibility.looks import sampled_m
 from upplied.planning.visibility.observations import stations
 from upplied.proof.bound import bound_m
 from upplied.proof.tour import short_tour
-from upplied.proof.zone_gap import Part, ZoneGap, joined, poses_for
+from upplied.proof.zone_gap import Part, ZoneGap, poses_for
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory, Waypoints
 
 _STATIONS = 500  # poses of the plan, at most, that viewpoints are chosen from
@@ -107,10 +107,10 @@ def gap_flight(
     looks, best = _planned_looks(parts[0], every, graph)
     lacking = ~_shown(parts[0], poses, looks, graph).any(axis=0)
     if len(every) and lacking.any():  # a look that so many poses miss
-        poses = joined(poses, every.take(np.unique(best[lacking])))
+        poses = in_a_row([poses, every.take(np.unique(best[lacking]))])
     shown = _shown(parts[0], poses, looks, graph)
     for one in parts[1:]:
-        poses = joined(poses, poses_for(one, poses, graph, limits, usual_m))
+        poses = in_a_row([poses, poses_for(one, poses, graph, limits, usual_m)])
     others = np.zeros(
         (len(poses) - len(shown), _LOOKS * len(part)), bool
     )  # what was planned is shown as planned

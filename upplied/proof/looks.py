@@ -139,9 +139,10 @@ def pieces(flown: Trajectory) -> list[Ints]:
 
 
 def recorded(flown: Trajectory, moments: Floats) -> Floats:
-    """Those of the moments at which the log is not silent."""
+    """Those of the moments at which the log is not silent, or has a pose."""
     after = np.clip(np.searchsorted(flown.t_s, moments), 1, len(flown) - 1)
-    return moments[flown.t_s[after] - flown.t_s[after - 1] <= silence_s(flown)]
+    known = flown.t_s[after] - flown.t_s[after - 1] <= silence_s(flown)
+    return moments[known | np.isin(moments, flown.t_s)]
 
 
 @njit(cache=True)

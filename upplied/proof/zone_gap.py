@@ -8,7 +8,7 @@ import numpy as np
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.geometry.polylines import chosen_evenly
-from upplied.geometry.poses import from_yaw_pitch, look_at, yaw_pitch
+from upplied.geometry.poses import from_yaw_pitch, in_a_row, look_at, yaw_pitch
 from upplied.planning.airspace.roadmap import Roadmap, links
 from upplied.planning.measures.attainable import seen_from
 from upplied.planning.visibility.line_of_sight import visible
@@ -102,17 +102,9 @@ def poses_for(
         new = new.take(np.array([len(links(graph, place)) > 0 for place in new.positions], bool))
         if len(new):
             left &= ~part.well(new, graph).any(axis=0)
-            made = joined(made, new)
+            made = in_a_row([made, new])
         left[tried] = False
     return made
-
-
-def joined(first: Trajectory, second: Trajectory) -> Trajectory:
-    """Poses of both, whose times mean nothing."""
-    count = len(first) + len(second)
-    positions = np.concatenate([first.positions, second.positions])
-    quats = np.concatenate([first.quat_xyzw, second.quat_xyzw])
-    return Trajectory(np.arange(count, dtype=float), positions, quats)
 
 
 def _before(

@@ -98,6 +98,7 @@ class Demonstration(Record):
     fov_deg: Floats | None = field(default=None, metadata={"later": True})
     wind: LoggedWind | None = field(default=None, metadata={"later": True})  # None: not logged
     stills: bool = field(default=False, metadata={"later": True})  # photos, a pose each, and no film
+    accuracy_m: float | None = field(default=None, metadata={"later": True})  # of a flight, if stated
 
     def __len__(self) -> int:
         return len(self.t_ns)

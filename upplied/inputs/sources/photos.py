@@ -23,7 +23,7 @@ from upplied.records import Floats, Ints
 
 ENDINGS = (".jpg", ".jpeg", ".dng", ".tif", ".tiff")
 MAX_PHOTOS = 100_000
-_RTK_FIXED = 50
+_RTK_FIXED, _RTK_M = 50, 0.05
 _NADIR_DEG, _TURN_DEG, _STILL_DEG = 85.0, 60.0, 15.0
 
 
@@ -56,7 +56,8 @@ def read(path: Path, fields: Fields) -> Source:
     t_ns = _times(at["t_ms"], notes)
     order = np.argsort(t_ns, kind="stable")
     at, t_ns = {name: column[order] for name, column in at.items()}, t_ns[order]
-    return Source([*_tables(at, t_ns, notes)], notes=notes, stills=True, defaults=_lens(at, models[0]))
+    facts = _lens(at, models[0]) | ({"accuracy_m": _accuracy_m(at)} if _fixed(at) else {})
+    return Source([*_tables(at, t_ns, notes)], notes=notes, stills=True, defaults=facts)
 
 
 def _lens(at: dict[str, Floats], model: str) -> dict[str, Any]:
@@ -69,13 +70,23 @@ def _lens(at: dict[str, Floats], model: str) -> dict[str, Any]:
     return facts | ({"camera_model": name} if name else {})
 
 
+def _fixed(at: dict[str, Floats]) -> bool:
+    """Whether RTK fixed the place of every photo."""
+    return bool((at["rtk"] == _RTK_FIXED).all() and np.isfinite(at["absolute"]).all())
+
+
+def _accuracy_m(at: dict[str, Floats]) -> float:
+    """One sigma of the worst place that RTK fixed, m; what is usual where some photo does not state it."""
+    sigma = np.sqrt(at["sigma"] ** 2 + at["sigma_east"] ** 2 + at["sigma_north"] ** 2)
+    return float(sigma.max()) if np.isfinite(sigma).all() else _RTK_M
+
+
 def _tables(at: dict[str, Floats], t_ns: Ints, notes: list[str]) -> Iterator[Table]:
     def mostly(name: str) -> bool:
         return bool(np.isfinite(at[name]).mean() >= 0.5)
 
-    if (at["rtk"] == _RTK_FIXED).all() and np.isfinite(at["absolute"]).all():
-        error = f", heights to {np.nanmedian(at['sigma']):.2f} m" if np.isfinite(at["sigma"]).any() else ""
-        notes.append(f"fixed by RTK{error}")
+    if _fixed(at):
+        notes.append(f"fixed by RTK to {_accuracy_m(at):.2f} m")
         yield fill.fixes("/photos", t_ns, at["lat"], at["lon"], alt_ellipsoid=at["absolute"])
     elif mostly("relative"):
         yield fill.fixes("/photos", t_ns, at["lat"], at["lon"], alt_takeoff=at["relative"])
