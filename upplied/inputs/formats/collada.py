@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from upplied.inputs.files import plain_xml
-from upplied.inputs.formats.text import integers, numbers
-from upplied.inputs.raw import Assembly, RawMesh, Source, counted, flatten
+from upplied.inputs.raw import Assembly, RawMesh, Source, counted, flatten, integers, numbers
 from upplied.records import Floats, Ints
 
 _UP = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from upplied.inputs.formats.text import numbers, whole
-from upplied.inputs.raw import RawMesh, Source, counted
+from upplied.inputs.raw import RawMesh, Source, counted, numbers, whole
 from upplied.records import Ints
 
 _TYPES = {

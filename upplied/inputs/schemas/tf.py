@@ -17,8 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
-from upplied.inputs.flight.tracks import Track, are_unit, at_times, groups_of
-from upplied.inputs.schemas.fields import shapes_of
+from upplied.inputs.flight.tracks import Track, are_unit, at_times, groups_of, shapes_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints
