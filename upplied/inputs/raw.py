@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -65,6 +66,17 @@ class Source:
     def error(self, finding: str, rule: str = "", remedy: str = "export the file again") -> InputError:
         """An error about this file."""
         return InputError(str(self.path), finding, rule, remedy)
+
+    @contextmanager
+    def as_xml(self) -> Iterator[None]:
+        """Whatever expat, entities, encodings and numbers raise, as an error about this file."""
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as error:
+            finding, rule = f"its XML cannot be read: {type(error).__name__}", "XML without DTD and entities"
+            raise self.error(finding, f"well-formed {rule}") from None
 
     def most(self, count: int, what: str, per_byte: float, least: int) -> None:
         """Refuse a count that no file of this size holds in honesty: packed formats count on trust."""

@@ -198,8 +198,7 @@ def registered(
 def _similarity(points: Floats, goals: Floats, scaled: bool) -> tuple[float, Floats, Floats]:
     """Scale, turn (3, 3) and shift (3,) that bring points (N, 3) nearest to goals (N, 3)."""
     middle, goal = points.mean(axis=0), goals.mean(axis=0)
-    left, size, right = np.linalg.svd((goals - goal).T @ (points - middle))
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(left) * np.linalg.det(right))])
-    turn = left @ np.diag(sign) @ right
-    scale = float((size * sign).sum() / ((points - middle) ** 2).sum()) if scaled else 1.0
+    turn = Rotation.align_vectors(goals - goal, points - middle)[0].as_matrix()
+    along = ((goals - goal) * ((points - middle) @ turn.T)).sum()
+    scale = float(along / ((points - middle) ** 2).sum()) if scaled else 1.0
     return scale, turn, goal - scale * turn @ middle

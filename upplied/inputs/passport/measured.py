@@ -15,10 +15,9 @@ from upplied.inputs.flight.clean import UNSET
 from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.pace import Pace
 from upplied.inputs.flight.tracks import Track
-from upplied.inputs.passport.aim import Aim, aim_of
 from upplied.inputs.passport.fits import Fit, best_fits, steadier
 from upplied.inputs.passport.settings import PassportSettings
-from upplied.inputs.passport.sight import Sight, ground_of, sight_of
+from upplied.inputs.passport.sight import Aim, Sight, aim_of, ground_of, sight_of
 from upplied.inputs.passport.velocity import (
     Motion,
     Pace99,

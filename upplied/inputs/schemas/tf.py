@@ -179,13 +179,10 @@ def _cleaned(track: Track, limits: LogOptions) -> Track:
 
 
 def _merged(tracks: list[Track]) -> Track:
-    if len(tracks) == 1:
-        return tracks[0]
     names = ("t_ns", "positions", "quat_xyzw", "log_ns")
-    joined: dict[str, Any] = {
-        name: np.concatenate([getattr(track, name) for track in tracks]) for name in names
-    }
-    return replace(tracks[0], **joined).take(np.argsort(joined["log_ns"], kind="stable"))  # as recorded
+    whole: dict[str, Any] = {name: np.concatenate([getattr(it, name) for it in tracks]) for name in names}
+    order = np.argsort(whole["log_ns"], kind="stable")  # as recorded
+    return replace(tracks[0], **whole).take(order) if len(tracks) > 1 else tracks[0]
 
 
 def _hold(tree: Tree, link: Link, track: Track) -> None:
