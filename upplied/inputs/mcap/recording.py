@@ -13,7 +13,6 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -114,11 +113,13 @@ class Recording:
         Damaged chunks are skipped and named in `losses`.
         """
         most, budget, lost, size = self.limit(MAX_MESSAGES), self.budget(), Counter[str](), 0
+        sinks: dict[int, Sink | None] = {}
 
-        @cache
         def sink_at(channel_id: int) -> Sink | None:
-            channel = self.channel(channel_id)
-            return None if channel is None else sink_of(channel)
+            if channel_id not in sinks:
+                channel = self.channel(channel_id)
+                sinks[channel_id] = None if channel is None else sink_of(channel)
+            return sinks[channel_id]
 
         with self.path.open("rb") as stream:
             for ref in [*self.chunks, *self.loose]:
