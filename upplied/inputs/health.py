@@ -85,9 +85,10 @@ def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:
     InputError
         Where the file cannot be read at all. A size off the nominal one is reported, not raised.
     """
-    entry = entry_or_path if isinstance(entry_or_path, StructureEntry) else None
-    raw, sha256 = read_raw(entry.path if entry else entry_or_path)
-    entry, assumed = (entry, ()) if entry else _assumed(Path(entry_or_path), raw)
+    declared = entry_or_path if isinstance(entry_or_path, StructureEntry) else None
+    path = declared.path if declared else Path(str(entry_or_path))
+    raw, sha256 = read_raw(path)
+    entry, assumed = (declared, ()) if declared else _assumed(path, raw)
     structure, findings = normalise(entry, raw, sha256)
     if assumed:
         where = "file" if raw.unit_m is not None else "assumed"
