@@ -16,10 +16,9 @@ from upplied.geometry.poses import angle_between
 from upplied.geometry.scene import scene_of
 from upplied.inputs.logs import LogOptions, fingerprint, read_demonstration
 from upplied.inputs.passport import conventions, fits, measured, rules
-from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.measured import Measured
 from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings, changed
-from upplied.inputs.passport.sight import inside
+from upplied.inputs.passport.sight import aim_of, inside
 from upplied.inputs.rules import check_allowed, refusals
 from upplied.records import Demonstration
 from upplied.samples.fleet import member
@@ -55,6 +54,7 @@ BREAKS = {  # of each rule, figures that break it
     "looks-aside": {"axis_pct": 60.0},
     "little-off-centre": {"off_centre_m": (1.0, 1.5), "off_centre_sure": 0.95},
     "stand-off": {"stand_off_varies": 0.9, "other_varies": 0.06, "other": "swapped-xy-poses"},
+    "horizon": {"rolls_deg": 9.0, "other_rolls_deg": 0.1, "other": "inverse-quaternion"},
     "velocity": {"motion_fit_pct": 20.0, "motion_ratio": 3.28},
     "turns-otherwise": {"felt_turn_pct": -98.0},
     "aim-drifts": {"aim_drift_deg": -22.0},
@@ -351,6 +351,17 @@ def test_a_stand_off_that_comes_and_goes_names_the_convention_in_which_it_is_kep
     assert overruled["verdict"] == "overruled"
 
 
+def test_a_camera_that_rolls_names_the_convention_in_which_it_holds_the_horizon(tmp_path: Path) -> None:
+    """Over one side of an airliner, by inverse quaternions: all but few poses still look at it."""
+    log = right(50)
+    unit = log.quats / np.linalg.norm(log.quats, axis=1, keepdims=True)
+    wrong = replace(log, quats=conventions.NAMED["inverse-quaternion"].change(log.positions, unit)[1])
+    with pytest.raises(InputError, match=r"horizon: as .* \(inverse-quaternion\)"):
+        taken(wrong, tmp_path / "a.mcap")
+    repaired = taken(wrong, tmp_path / "a.mcap", convention="inverse-quaternion")
+    assert repaired.passport["measured"]["rolls_deg"] < 0.1
+
+
 @pytest.mark.parametrize(
     ("share", "rule", "name"), [(0.9, "fits-otherwise", "ned"), (0.7, "stand-off", "y-up")]
 )
@@ -359,7 +370,9 @@ def test_the_convention_that_fits_clearly_better_is_named_before_the_steadier_on
 ) -> None:
     better, steadier = (fits.Fit(conventions.NAMED[each], share) for each in ("ned", "y-up"))
     monkeypatch.setattr(measured, "best_fits", lambda *_: (0.6, [better]))
-    monkeypatch.setattr(measured, "steadier", lambda *_: (0.9, 0.1, [steadier]))
+    monkeypatch.setattr(
+        measured, "steadier", lambda *_: (np.array([0.9, 0.0]), np.array([0.1, 0.0]), [steadier])
+    )
     with pytest.raises(InputError) as error:
         taken(right(0), tmp_path / "a.mcap")
     assert f"{rule}: as" in str(error.value) and f"({name})" in str(error.value)

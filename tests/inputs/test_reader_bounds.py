@@ -20,10 +20,9 @@ from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.tracks import Track, at_times
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.passport import conventions, fits
-from upplied.inputs.passport.aim import aim_of
 from upplied.inputs.passport.measured import _best, _off_centre
 from upplied.inputs.passport.settings import PassportSettings
-from upplied.inputs.passport.sight import inside, sight_of
+from upplied.inputs.passport.sight import aim_of, inside, sight_of
 from upplied.inputs.passport.velocity import steadiness
 from upplied.inputs.raw import RawMesh
 from upplied.inputs.repair import topology_of
@@ -113,16 +112,18 @@ def test_a_steadier_stand_off_is_named_beyond_its_ratio_alone(ratio: float, name
                         np.column_stack([along, 0 * along + 8, 0 * along + 3])])  # fmt: skip
     quats = from_yaw_pitch(np.repeat([np.pi, -np.pi / 2], 40), np.zeros(80))
 
-    def steadier(poses: conventions.Poses, reach: float = 1e3) -> tuple[float, float, list[fits.Fit]]:
+    def steadier(
+        poses: conventions.Poses, reach: float = 1e3
+    ) -> tuple[np.ndarray, np.ndarray, list[fits.Fit]]:
         track = Track(np.arange(80) + 1, *poses, np.arange(80) + 1)
         near = lambda logged: logged.take(logged.positions[:, 0] < reach)  # noqa: E731 - what a mount is known for
         return fits.steadier(track, near, scene_of(box), 0.0, 1e3, ratio)
 
-    assert steadier((places, quats)) == (pytest.approx(0, abs=1e-6), pytest.approx(0, abs=1e-6), [])
+    assert steadier((places, quats)) == (pytest.approx([0, 0], abs=1e-6), pytest.approx([0, 0], abs=1e-6), [])
     varies, least, found = steadier(conventions.NAMED["swapped-xy-poses"].change(places, quats))
-    assert varies == pytest.approx(np.log(2) / 2, abs=1e-3)
+    assert varies == pytest.approx([np.log(2) / 2, 0], abs=1e-3)
     assert [fit.convention.name for fit in found] == ["swapped-xy-poses"] * named
-    assert least == pytest.approx(0 if named else varies, abs=1e-6)
+    assert least == pytest.approx([0, 0] if named else varies, abs=1e-6)
     poses = conventions.NAMED["swapped-xy-poses"].change(places, quats)
     assert not steadier(poses, 8.5)[2]  # by that convention half of the poses have no mount
 

@@ -85,15 +85,12 @@ def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:
     InputError
         Where the file cannot be read at all. A size off the nominal one is reported, not raised.
     """
-    if isinstance(entry_or_path, StructureEntry):
-        entry = entry_or_path
-        raw, sha256 = read_raw(entry.path)
-        structure, findings = normalise(entry, raw, sha256)
-    else:
-        path = Path(entry_or_path)
-        raw, sha256 = read_raw(path)
-        entry, assumed = _assumed(path, raw)
-        structure, findings = normalise(entry, raw, sha256)
+    declared = entry_or_path if isinstance(entry_or_path, StructureEntry) else None
+    path = declared.path if declared else Path(str(entry_or_path))
+    raw, sha256 = read_raw(path)
+    entry, assumed = (declared, ()) if declared else _assumed(path, raw)
+    structure, findings = normalise(entry, raw, sha256)
+    if assumed:
         where = "file" if raw.unit_m is not None else "assumed"
         findings = replace(findings, unit_from=where, assumed=assumed)
     size = np.ptp(structure.vertices, axis=0)

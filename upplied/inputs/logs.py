@@ -24,13 +24,12 @@ from upplied.inputs.flight.choice import NOTHING, READERS, check_one, choose, no
 from upplied.inputs.flight.clean import breaks, check_dropped, clean, reasons, silence_s, steady, timed
 from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_frame, registered
 from upplied.inputs.flight.pace import paced
-from upplied.inputs.flight.tracks import Track
+from upplied.inputs.flight.tracks import FIELDS, Track
 from upplied.inputs.passport.conventions import converted
 from upplied.inputs.passport.measured import SEEN, Reading
 from upplied.inputs.passport.rules import RULES, passport_of
 from upplied.inputs.rules import Verdict, broken
 from upplied.inputs.schemas import cameras, geodetic, gimbal, ros, tf, wind
-from upplied.inputs.schemas.fields import FIELDS
 from upplied.inputs.sidecar import LogOptions, inspection, placed, stated
 from upplied.inputs.sources import door
 from upplied.inputs.sources.source import Source

@@ -1,9 +1,11 @@
-"""What a mesh file holds before anything is converted or repaired, and the bytes it is read from."""
+"""What a mesh file holds before it is converted or repaired, its bytes, and numbers in text."""
 
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -64,6 +66,17 @@ class Source:
     def error(self, finding: str, rule: str = "", remedy: str = "export the file again") -> InputError:
         """An error about this file."""
         return InputError(str(self.path), finding, rule, remedy)
+
+    @contextmanager
+    def as_xml(self) -> Iterator[None]:
+        """Whatever expat, entities, encodings and numbers raise, as an error about this file."""
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as error:
+            finding, rule = f"its XML cannot be read: {type(error).__name__}", "XML without DTD and entities"
+            raise self.error(finding, f"well-formed {rule}") from None
 
     def most(self, count: int, what: str, per_byte: float, least: int) -> None:
         """Refuse a count that no file of this size holds in honesty: packed formats count on trust."""
@@ -209,3 +222,54 @@ def _ears(points: Floats) -> Ints:
     side, other = flat[cut[:, 1]] - flat[cut[:, 0]], flat[cut[:, 2]] - flat[cut[:, 0]]
     turned = (side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0]).sum() < 0
     return cut[:, ::-1] if turned else cut
+
+
+def numbers(text: bytes) -> Floats:
+    """All numbers of a text that white space separates.
+
+    Raises ValueError where something else stands among them.
+
+    Examples
+    --------
+    >>> numbers(b"1 2.5\\n-3e1")
+    array([  1. ,   2.5, -30. ])
+    """
+    text = text.strip()
+    if not text:
+        return np.empty(0)
+    if b"\0" in text or b"," in text:
+        raise ValueError("not a number")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # older numpy warns where newer raises
+        try:
+            return np.fromstring(text, sep=" ")
+        except DeprecationWarning as error:
+            raise ValueError(str(error)) from None
+
+
+def integers(text: bytes) -> Ints:
+    """All whole numbers of a text that white space separates."""
+    return whole(numbers(text))
+
+
+def whole(values: Floats) -> Ints:
+    """Numbers that must be whole as integers."""
+    if not (np.abs(values) < 2**53).all() or (values != np.rint(values)).any():
+        raise ValueError("not a whole number")
+    return values.astype(np.int64)
+
+
+def widths(text: bytes) -> Ints:
+    """How many words stand on each line; every line ends with a line feed.
+
+    Examples
+    --------
+    >>> widths(b"1 2\\n\\n3\\n")
+    array([2, 0, 1])
+    """
+    characters = np.frombuffer(text, np.uint8)
+    inside = characters > ord(" ")
+    begins = inside.copy()
+    begins[1:] &= ~inside[:-1]
+    ends = np.flatnonzero(characters == ord("\n"))
+    return np.diff(np.searchsorted(np.flatnonzero(begins), ends), prepend=0)

@@ -33,10 +33,13 @@ class Rule:
 
 def rules_of(group: str) -> dict[str, Rule]:
     """The rules of a group of `rules.toml` (flight, reading, structure) by their names, in order."""
-    return {
-        name: Rule(name, **row | {"bounds": tuple(row.get("bounds", "").split())})
-        for name, row in table("rules.toml")[group].items()
-    }
+    rules = {}
+    for severity, rows in table("rules.toml")[group].items():
+        for name, row in rows.items():
+            bound = row.get("broken", "0").split()[-1]
+            bounds = row.get("bounds", "" if bound == "0" else bound).split()
+            rules[name] = Rule(name, severity, **row | {"bounds": tuple(bounds)})
+    return rules
 
 
 @dataclass(frozen=True)

@@ -127,10 +127,9 @@ def _agreeing(usable: list[Table], tables: Sequence[Table], facts: LogOptions) -
             tracks.append(clean(READERS[table.schema](table, tables, facts), facts, table.channel.topic))
         except InputError:
             tracks.append(None)
-    first = tracks[0]
-    if first is None or any(track is None or not _same(first, track, facts) for track in tracks[1:]):
-        return usable
-    return usable[:1]
+    first, *others = tracks
+    alike = first is not None and all(each is not None and _same(first, each, facts) for each in others)
+    return usable[:1] if alike else usable
 
 
 def _same(first: Track, other: Track, facts: LogOptions) -> bool:

@@ -126,7 +126,7 @@ def phases(flown: Track, scene: Scene, reach_m: float) -> Phases | None:
     ends = [_in_air(at, places), _in_air(at[-1] - at[::-1], places[::-1])]
     if ends == [None, None]:
         return None
-    looks, distance = _looks(places, turns, scene, reach_m)
+    looks, distance = met_in_the_middle(places, turns, scene, reach_m).any(axis=1), scene.distance(places)
     flying = np.ones(len(some), bool)
     for end, order in zip(ends, (slice(None), slice(None, None, -1)), strict=True):
         if end is not None:
@@ -155,11 +155,6 @@ def _in_air(at: Floats, places: Floats) -> tuple[int, int, float] | None:
     aside = np.hypot(*(places[:, :2] - start[:2]).T) > _ASIDE_M
     aside &= places[:, 2] > start[2] + _LIFT_M
     return lifted, int(np.argmax(aside)) if aside.any() else lifted, float(at[lifted])
-
-
-def _looks(places: Floats, turns: Floats, scene: Scene, reach_m: float) -> tuple[Bools, Floats]:
-    """At which stations the middle of the picture shows the structure, and how far the structure is."""
-    return np.asarray(met_in_the_middle(places, turns, scene, reach_m).any(axis=1)), scene.distance(places)
 
 
 def met_in_the_middle(places: Floats, turns: Floats, scene: Scene, reach_m: float) -> Bools:

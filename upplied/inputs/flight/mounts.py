@@ -11,13 +11,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
-from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track, at_times
+from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track
 from upplied.inputs.schemas.geodetic import STRUCTURE, structure_R_enu
 from upplied.inputs.schemas.gimbal import Gimbal
 from upplied.inputs.schemas.px4 import turned
 from upplied.inputs.schemas.tf import Tree
 from upplied.inputs.sidecar import LogOptions
-from upplied.records import Bools, Floats, Ints, Structure
+from upplied.records import Floats, Structure
 
 _NOWHERE = np.zeros(3)
 NO_MOUNT = "no camera mount in the log: the camera is taken to look along the body's x axis"
@@ -63,11 +63,13 @@ def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
         finding = f"gives poses in the frame {track.parent!r}, the structure is placed in {wanted!r}"
         rule = "frame-unconnected: one frame, or transforms between them"
         raise InputError(what, finding, rule, "place the structure in the frame of the poses")
-    fixed = tree.fixed(track.parent, wanted)
-    if fixed is not None:
-        return _under(track, np.tile(fixed[0], (len(track), 1)), fixed[1], wanted)
-    positions, quats, known = _at(tree, track.parent, wanted, track.t_ns, facts)
-    moved = _under(track, positions, Rotation.from_quat(quats), wanted)
+    positions, turn, known = tree.at(track.parent, wanted, track.t_ns, facts.gap_s)
+    moved = replace(
+        track,
+        positions=positions + turn.apply(track.positions),
+        quat_xyzw=(turn * Rotation.from_quat(track.quat_xyzw)).as_quat(),
+        parent=wanted,
+    )
     return moved.during(known, f"transform to {wanted}")
 
 
@@ -136,30 +138,9 @@ def _on_tree(track: Track, tree: Tree, body: str, camera_frame: str, facts: LogO
     if track.child not in ("", body):
         note += f", {body} taken for {track.child}"
     sensor = Rotation.identity() if camera_frame.endswith("_link") else OPTICAL_R_CAMERA  # REP-103
-    fixed = tree.fixed(camera_frame, body)
-    if fixed is not None:
-        return _noted(mounted(track, fixed[0], fixed[1] * sensor), note)
-    positions, quats, known = _at(tree, camera_frame, body, track.t_ns, facts)
-    moving = mounted(track, positions, Rotation.from_quat(quats) * sensor)
+    positions, turn, known = tree.at(camera_frame, body, track.t_ns, facts.gap_s)
+    moving = mounted(track, positions, turn * sensor)
     return _noted(moving.during(known, "transform to the camera"), note)
-
-
-def _at(tree: Tree, leaf: str, root: str, t_ns: Ints, facts: LogOptions) -> tuple[Floats, Floats, Bools]:
-    """Pose of `leaf` in `root` at these times, and where it is known; no rotation where it is not."""
-    positions, quats = at_times(tree.track(leaf, root, facts), t_ns, facts.gap_s)
-    known: Bools = np.isfinite(quats[:, 0])
-    positions[~known], quats[~known] = 0.0, (0.0, 0.0, 0.0, 1.0)
-    return positions, quats, known
-
-
-def _under(track: Track, positions: Floats, rotation: Rotation, parent: str) -> Track:
-    """The track, seen from a frame in which its own parent has this pose."""
-    return replace(
-        track,
-        positions=positions + rotation.apply(track.positions),
-        quat_xyzw=(rotation * Rotation.from_quat(track.quat_xyzw)).as_quat(),
-        parent=parent,
-    )
 
 
 def _noted(track: Track, note: str) -> Track:
@@ -217,8 +198,7 @@ def registered(
 def _similarity(points: Floats, goals: Floats, scaled: bool) -> tuple[float, Floats, Floats]:
     """Scale, turn (3, 3) and shift (3,) that bring points (N, 3) nearest to goals (N, 3)."""
     middle, goal = points.mean(axis=0), goals.mean(axis=0)
-    left, size, right = np.linalg.svd((goals - goal).T @ (points - middle))
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(left) * np.linalg.det(right))])
-    turn = left @ np.diag(sign) @ right
-    scale = float((size * sign).sum() / ((points - middle) ** 2).sum()) if scaled else 1.0
+    turn = Rotation.align_vectors(goals - goal, points - middle)[0].as_matrix()
+    along = ((goals - goal) * ((points - middle) @ turn.T)).sum()
+    scale = float(along / ((points - middle) ** 2).sum()) if scaled else 1.0
     return scale, turn, goal - scale * turn @ middle

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from upplied.errors import InputError
 from upplied.geometry.polylines import interpolated
 from upplied.geometry.poses import normalised
+from upplied.inputs.files import table as toml_table
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints, Record
 
@@ -153,6 +155,31 @@ class PoseShape(NamedTuple):
         times, clock = source_times(table, stamps(table, self.stamp))
         values = table.stack(*self.values)
         return Track(times, values[:, :3], values[:, 3:], table.log_ns, clock=clock)
+
+
+_FAMILIES = toml_table("schemas/schemas.toml")
+
+
+def shapes_of(family: str) -> dict[str, PoseShape]:
+    """Where the poses of each schema of a family stand in its messages."""
+    return {schema: PoseShape(*paths) for schema, paths in _FAMILIES[family].get("poses", {}).items()}
+
+
+def fields_of(family: str) -> dict[str, tuple[str, ...]]:
+    """All paths that are read of each schema of a family; ``{x,y}`` stands for several."""
+    paths = {schema: shape.paths for schema, shape in shapes_of(family).items()}
+    for schema, text in _FAMILIES[family].get("fields", {}).items():
+        paths[schema] = (*paths.get(schema, ()), *_paths(text))
+    return paths
+
+
+def _paths(text: str) -> Iterator[str]:
+    for word in text.split():
+        start, _, ends = word.rstrip("}").partition("{")
+        yield from (start + end for end in ends.split(","))
+
+
+FIELDS = {schema: paths for family in _FAMILIES for schema, paths in fields_of(family).items()}
 
 
 def pose_track(table: Table, shape: PoseShape, only: str = "") -> Track:

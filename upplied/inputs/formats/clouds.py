@@ -12,8 +12,7 @@ import numpy as np
 from upplied.extras import extra
 from upplied.geometry.scene import open3d
 from upplied.inputs.files import file_of, plain_xml
-from upplied.inputs.formats.text import numbers
-from upplied.inputs.raw import RawMesh, Source
+from upplied.inputs.raw import RawMesh, Source, numbers
 from upplied.records import Floats
 
 _CHUNK = 1_000_000  # points

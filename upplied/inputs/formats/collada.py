@@ -8,13 +8,14 @@ it, leaves skinned meshes and broken references out in silence.
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from upplied.inputs.files import plain_xml
-from upplied.inputs.formats.text import integers, numbers
-from upplied.inputs.raw import Assembly, RawMesh, Source, counted, flatten
+from upplied.inputs.raw import Assembly, RawMesh, Source, counted, flatten, integers, numbers
 from upplied.records import Floats, Ints
 
 _UP = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
@@ -24,12 +25,8 @@ _LINES = ("lines", "linestrips")
 
 def read_collada(source: Source) -> RawMesh:
     """The scene of a COLLADA file, flattened; each instance of a geometry is a part."""
-    try:
+    with source.as_xml():
         root = plain_xml(source.data)
-    except Exception as error:  # expat, entities and encodings each raise their own
-        raise source.error(
-            f"its XML cannot be read: {type(error).__name__}", "well-formed XML without DTD and entities"
-        ) from None
     if root.tag != "COLLADA":
         raise source.error(f"is XML of {root.tag[:40]!r}", "COLLADA")
     return _Reader(source, root).read()
@@ -40,7 +37,7 @@ class _Reader:
         self._source, self._root = source, root
         self._by_id = {element.get("id"): element for element in root.iter() if element.get("id")}
         self._geometries: dict[int, tuple[Floats, Ints]] = {}
-        self._counts: dict[str, int] = {}
+        self._counts = Counter[str]()
 
     def read(self) -> RawMesh:
         assembly = Assembly(self._source)
@@ -71,7 +68,7 @@ class _Reader:
             elif child.tag in ("instance_geometry", "instance_node", "instance_controller"):
                 children.append(self._target(child))
             elif child.tag in ("skin", "morph") and element.tag == "controller":
-                self._count("skinned meshes taken in their pose of rest", 1)
+                self._counts["skinned meshes taken in their pose of rest"] += 1
                 children.append(self._target(child, "source"))
         return [(child, self._placed(child)) for child in children]
 
@@ -106,7 +103,7 @@ class _Reader:
         known: dict[int, tuple[int, Floats]] = {}  # of each source: its first vertex, and its positions
         for group in mesh:
             if group.tag in _LINES:
-                self._count("groups of lines left aside", 1)
+                self._counts["groups of lines left aside"] += 1
             if group.tag not in _FACES:
                 continue
             source = self._input(group)
@@ -123,7 +120,7 @@ class _Reader:
         corners, sizes = self._corners(group)
         if group.tag in ("trifans", "tristrips"):
             return _strips(corners, sizes, group.tag)  # the assembly checks its indices
-        self._count("polygons triangulated", int((sizes > 3).sum()))
+        self._counts["polygons triangulated"] += int((sizes > 3).sum())
         return self._source.triangulated(positions, corners, sizes)[0]
 
     def _input(self, group: Any) -> Any:
@@ -148,16 +145,15 @@ class _Reader:
 
     def _corners(self, group: Any) -> tuple[Ints, Ints]:
         """Vertex indices and the number of corners of each face of a group."""
-        stride = 1 + max(int(item.get("offset", "0")) for item in group.findall("input"))
-        offset = next(
-            int(item.get("offset", "0"))
-            for item in group.findall("input")
-            if item.get("semantic") == "VERTEX"
+        offsets = [(item.get("semantic"), int(item.get("offset", "0"))) for item in group.findall("input")]
+        stride, offset = (
+            1 + max(at for _, at in offsets),
+            next(at for what, at in offsets if what == "VERTEX"),
         )
         if stride > 64 or offset < 0:
             raise ValueError("offsets out of all proportion")
         rings = group.findall("p") + group.findall("ph/p")
-        self._count("holes in polygons closed", len(group.findall("ph/h")))
+        self._counts["holes in polygons closed"] += len(group.findall("ph/h"))
         lists = [integers((ring.text or "").encode()).reshape(-1, stride)[:, offset] for ring in rings]
         corners = np.concatenate([np.empty(0, np.int64), *lists])
         if group.tag == "triangles":
@@ -170,9 +166,6 @@ class _Reader:
         if (sizes < 0).any() or sizes.sum() != len(corners) or stated != len(sizes):
             raise self._source.error(f"a group says {stated} faces, it holds {len(sizes)}", "a complete file")
         return corners, sizes
-
-    def _count(self, what: str, number: int) -> None:
-        self._counts[what] = self._counts.get(what, 0) + number
 
 
 def _strips(corners: Ints, sizes: Ints, tag: str) -> Ints:
@@ -191,13 +184,7 @@ def _translate(values: Floats) -> Floats:
     return matrix
 
 
-def _scale(values: Floats) -> Floats:
-    return np.diag([*values.reshape(3), 1.0])
-
-
 def _rotate(values: Floats) -> Floats:
-    from scipy.spatial.transform import Rotation
-
     axis, matrix = values[:3] / np.linalg.norm(values[:3]), np.eye(4)
     matrix[:3, :3] = Rotation.from_rotvec(axis * np.radians(values[3])).as_matrix()
     return matrix
@@ -216,6 +203,6 @@ _TRANSFORMS = {
     "matrix": lambda values: values.reshape(4, 4),
     "translate": _translate,
     "rotate": _rotate,
-    "scale": _scale,
+    "scale": lambda values: np.diag([*values.reshape(3), 1.0]),
     "lookat": _lookat,
 }

@@ -10,8 +10,7 @@ import re
 
 import numpy as np
 
-from upplied.inputs.formats.text import integers, numbers, widths
-from upplied.inputs.raw import RawMesh, Source, counted
+from upplied.inputs.raw import RawMesh, Source, counted, integers, numbers, widths
 from upplied.records import Floats, Ints
 
 _REST = re.compile(rb"/[^\s]*")  # texture and normal indices

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from upplied.inputs.formats.text import numbers, whole
-from upplied.inputs.raw import RawMesh, Source, counted
+from upplied.inputs.raw import RawMesh, Source, counted, numbers, whole
 from upplied.records import Ints
 
 _TYPES = {
@@ -118,13 +117,9 @@ def _lists(source: Source, body: memoryview, element: _Element, wanted: int) -> 
     lengths = [length for *_, length in element.properties]
     if any(length is not None and length.kind == "f" and length.itemsize < 8 for length in lengths):
         raise source.error("gives the length of a list as a float", "whole numbers")
-    forms = [
-        (0 if length is None else length.itemsize, "iuf".find(getattr(length, "kind", "u")))
-        for length in lengths
-    ]
-    widths = np.array(
-        [(*form, kind.itemsize) for form, (_, kind, _) in zip(forms, element.properties, strict=True)]
-    )
+    single = np.dtype("V0")  # of a property that is no list
+    forms = [(length or single, kind) for _, kind, length in element.properties]
+    widths = np.array([(form.itemsize, "iuf".find(form.kind), kind.itemsize) for form, kind in forms])
     data, big = np.frombuffer(body, np.uint8), any(length and length.str[0] == ">" for length in lengths)
     sizes, starts = np.zeros((2, element.count), np.int64)
     used = _walk(data, widths, wanted, big, sizes, starts)

@@ -1,15 +1,16 @@
-"""The reader of each format, chosen by suffix and held against the content."""
+"""The reader of each format, by suffix, held against the content; what to do with those not read."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from upplied.errors import UppliedError
+from upplied.inputs.files import table
 from upplied.inputs.formats import clouds, collada, gltf, obj, ply, stl, threemf
-from upplied.inputs.formats.content import REFUSED, SAME, content_of
 from upplied.inputs.raw import RawMesh, Source
 from upplied.inputs.repair import used_vertices
 
@@ -18,6 +19,13 @@ READERS: dict[str, Callable[[Source], RawMesh]] = {
     "glb": gltf.read_gltf, "gltf": gltf.read_gltf, "dae": collada.read_collada, "3mf": threemf.read_threemf,
     "pcd": clouds.read_pcd, "las": clouds.read_las, "laz": clouds.read_las, "e57": clouds.read_e57,
 }  # fmt: skip
+
+_TABLES = table("kinds.toml")["mesh"]
+#: Formats that are not read, and what to do with each.
+REFUSED: dict[str, str] = _TABLES["refused"]
+SAME: dict[str, str] = _TABLES["same"]
+_MAGIC = {name: re.compile(pattern.encode("ascii")) for name, pattern in _TABLES["bytes"].items()}
+_OBJ = re.compile(rb"^[ \t]*(v|f|vn|vt|o|g|mtllib|usemtl)[ \t]+\S", re.MULTILINE)
 
 
 def read_raw(path: Path | str) -> tuple[RawMesh, str]:
@@ -58,6 +66,21 @@ def _check_content(source: Source, suffix: str) -> None:
         raise source.error(f"has the suffix .{suffix[:20]}", _known(), "export it in one of these formats")
     remedy = f"name it .{content}, or export it again" if content in READERS else "export it again"
     raise source.error(f"is named .{suffix} but holds {content.upper()}", "suffix and content agree", remedy)
+
+
+def content_of(data: bytes) -> str:
+    """What the first bytes of a file say it is: a suffix without its dot; empty where nothing is known."""
+    head = data[:8192]
+    for name, pattern in _MAGIC.items():
+        if pattern.match(head):
+            if name == "las" and data[104:105] >= b"\x40":  # bits of its point format say that it is packed
+                return "laz"
+            return "3mf" if name == "zip" and re.search(rb"(?i)3D/[^\0]{1,200}\.model", data) else name
+    if stl.is_text_stl(data) or (
+        len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+    ):
+        return "stl"
+    return "obj" if b"\0" not in head and _OBJ.search(head) else ""
 
 
 def _checked(source: Source, raw: RawMesh) -> RawMesh:

@@ -7,7 +7,6 @@ import re
 
 import numpy as np
 
-from upplied.inputs.formats.content import is_text_stl
 from upplied.inputs.raw import RawMesh, Source, counted
 
 _HEAD, _FACET = 84, 50
@@ -47,3 +46,8 @@ def _text(source: Source) -> list[dict]:
 def _soup(solids: list[dict], remarks: tuple[str, ...] = ()) -> RawMesh:
     corners = np.concatenate([np.empty((0, 3)), *(solid["vertices"] for solid in solids)])
     return RawMesh(corners, np.arange(len(corners)).reshape(-1, 3), remarks=remarks)
+
+
+def is_text_stl(data: bytes) -> bool:
+    """Whether an STL is text: some binary ones start with `solid` as well."""
+    return data[:80].lstrip()[:5].lower() == b"solid" and b"\0" not in data[:512]

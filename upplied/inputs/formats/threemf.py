@@ -42,12 +42,8 @@ def read_threemf(source: Source) -> RawMesh:
     units = set()
     for name, text in _models(source).items():
         handler = _Handler(source, name, objects, built)
-        try:
+        with source.as_xml():
             sax.parseString(text, handler, forbid_dtd=True)
-        except (ValueError, sax.xml.sax.SAXException) as error:
-            raise source.error(
-                f"its XML cannot be read: {type(error).__name__}", "well-formed XML without DTD and entities"
-            ) from None
         units.add(handler.unit)
     if len(units) > 1:
         raise source.error("its models differ in their units", "one unit", "export it as one model")

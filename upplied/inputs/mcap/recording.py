@@ -112,11 +112,18 @@ class Recording:
 
         Damaged chunks are skipped and named in `losses`.
         """
-        sinks, most, budget = _Sinks(self, sink_of), self.limit(MAX_MESSAGES), self.budget()
-        lost, size = Counter[str](), 0
+        most, budget, lost, size = self.limit(MAX_MESSAGES), self.budget(), Counter[str](), 0
+        sinks: dict[int, Sink | None] = {}
+
+        def sink_at(channel_id: int) -> Sink | None:
+            if channel_id not in sinks:
+                channel = self.channel(channel_id)
+                sinks[channel_id] = None if channel is None else sink_of(channel)
+            return sinks[channel_id]
+
         with self.path.open("rb") as stream:
             for ref in [*self.chunks, *self.loose]:
-                if ref.channel_ids and all(sinks[channel_id] is None for channel_id in ref.channel_ids):
+                if ref.channel_ids and all(sink_at(number) is None for number in ref.channel_ids):
                     continue
                 try:
                     stream.seek(ref.start)
@@ -130,7 +137,7 @@ class Recording:
                     for inner in inside:
                         if not isinstance(inner, Message):
                             self.add(inner)
-                        elif (sink := sinks[inner.channel_id]) is not None:
+                        elif (sink := sink_at(inner.channel_id)) is not None:
                             sink.append((inner.log_time, inner.publish_time, inner.data))
                             if len(sink) > most:
                                 break
@@ -153,28 +160,10 @@ class Recording:
         return int(bound[0] + bound[1] * self.size)
 
     def check(self, number: int, bound: tuple[float, float], what: str) -> None:
-        """Refuse a log that holds more than a log of its size can.
-
-        Raises
-        ------
-        InputError
-        """
+        """Raise InputError of a log that holds more than a log of its size can."""
         if number > self.limit(bound):
             finding = f"holds more than {self.limit(bound)} {what}"
             raise InputError(str(self.path), finding, "what a log of its size can hold", "check its origin")
-
-
-class _Sinks(dict[int, "Sink | None"]):
-    """The sink of each channel id, asked for once."""
-
-    def __init__(self, recording: Recording, sink_of: Callable[[Channel], Sink | None]) -> None:
-        super().__init__()
-        self._recording, self._sink_of = recording, sink_of
-
-    def __missing__(self, channel_id: int) -> Sink | None:
-        channel = self._recording.channel(channel_id)
-        self[channel_id] = sink = None if channel is None else self._sink_of(channel)
-        return sink
 
 
 def open_recording(path: Path) -> Recording:

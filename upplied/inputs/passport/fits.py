@@ -1,4 +1,4 @@
-"""How well the poses of a flight fit as given and in other conventions, and how steady their stand-off is."""
+"""How well the poses of a flight fit as given and in other conventions, and how steady and level they are."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from upplied.geometry.scene import Scene
 from upplied.inputs.flight.inspection import met_in_the_middle
@@ -15,7 +16,7 @@ from upplied.inputs.passport.sight import inside
 from upplied.records import Floats
 
 _POSES = 96  # of a flight, spread evenly, on which conventions are compared
-_STEADY = 0.05  # of the logarithm of the stand-off: no pilot keeps it better
+_STEADY = np.array([0.05, 1.0])  # logarithm of the stand-off, and roll, deg: no pilot keeps them better
 _AS_WELL = 0.02  # share of the poses by which what is steadier may fit worse
 
 
@@ -70,25 +71,26 @@ def steadier(
     ground_m: float,
     reach_m: float,
     ratio: float,
-) -> tuple[float, float, list[Fit]]:
-    """How much the stand-off varies, how much in other conventions, and those in which it is the steadier.
+) -> tuple[Floats, Floats, list[Fit]]:
+    """How unsteady the flight is, how much so in other conventions, and those in which it is the steadier.
 
-    It varies by the standard deviation of its logarithm: by so much less, in a ratio, where a convention is
-    named, in which as many poses could be of an inspection. Parameters as for `best_fits`.
+    Both are (2,): the standard deviation of the logarithm of the stand-off, and the roll, deg. One of them is
+    so much less, in a ratio, where a convention is named, in which as many poses could be of an inspection.
+    Parameters as for `best_fits`.
     """
     thin, given = _thinned(track, to_camera)
-    as_given = _variation(given[0], scene)
-    if as_given < ratio * _STEADY:
+    as_given = _unsteadiness(given, scene)
+    if (as_given < ratio * _STEADY).all():
         return as_given, as_given, []
-    tried = [(_variation(poses[0], scene), item, poses) for item, poses in _as_logged(thin, to_camera)]
-    tried = [(varies, item, poses) for varies, item, poses in tried
-             if ratio * max(varies, _STEADY) <= as_given and len(poses[0]) == len(given[0])]  # fmt: skip
+    measured = [(_unsteadiness(poses, scene), item, poses) for item, poses in _as_logged(thin, to_camera)]
+    tried = [each for each in measured if (ratio * np.maximum(each[0], _STEADY) <= as_given).any()]
+    tried = [each for each in tried if len(each[2][0]) == len(given[0])]
     poses = [given, *(poses for _, _, poses in tried)]
     positions, quats = (np.stack(part) for part in zip(*poses, strict=True))
     share, *shares = fits(positions, quats, scene, ground_m, reach_m).tolist()
     good = [(varies, Fit(item, fit)) for (varies, item, _), fit in zip(tried, shares, strict=True)
             if fit >= share - _AS_WELL]  # fmt: skip
-    best = sorted(good, key=lambda each: (-round(each[1].share, 2), each[0]))
+    best = sorted(good, key=lambda each: (-round(each[1].share, 2), *each[0]))
     return as_given, best[0][0] if best else as_given, [fit for _, fit in best]
 
 
@@ -110,8 +112,13 @@ def _as_logged(thin: Track, to_camera: Callable[[Track], Track]) -> list[tuple[C
     return tried
 
 
-def _variation(positions: Floats, scene: Scene) -> float:
-    return float(np.std(np.log(np.maximum(scene.distance(positions), 0.05))))
+def _unsteadiness(poses: Poses, scene: Scene) -> Floats:
+    """Standard deviation of the logarithm of the stand-off; roll, deg, that nine in ten poses keep within."""
+    turns = Rotation.from_quat(poses[1]).as_matrix()
+    roll_deg = np.degrees(np.arcsin(np.abs(turns[:, 2, 1]).clip(0, 1)))
+    roll_deg[turns[:, 2, 2] < 0] = 90.0  # upside down
+    stand_off = np.log(np.maximum(scene.distance(poses[0]), 0.05))
+    return np.array([np.std(stand_off), np.percentile(roll_deg, 90)])
 
 
 def fits(positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_m: float) -> Floats:

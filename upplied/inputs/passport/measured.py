@@ -15,10 +15,9 @@ from upplied.inputs.flight.clean import UNSET
 from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.pace import Pace
 from upplied.inputs.flight.tracks import Track
-from upplied.inputs.passport.aim import Aim, aim_of
 from upplied.inputs.passport.fits import Fit, best_fits, steadier
 from upplied.inputs.passport.settings import PassportSettings
-from upplied.inputs.passport.sight import Sight, ground_of, sight_of
+from upplied.inputs.passport.sight import Aim, Sight, aim_of, ground_of, sight_of
 from upplied.inputs.passport.velocity import (
     Motion,
     Pace99,
@@ -79,6 +78,8 @@ class Measured(Steadiness, Motion, Pace99, Aim, Pace):
     other_fit_pct: float = 0.0
     stand_off_varies: float = 0.0  # standard deviation of its logarithm
     other_varies: float = 0.0  # in that convention, where it is the steadier
+    rolls_deg: float = 0.0  # of the camera, in nine of ten poses
+    other_rolls_deg: float = 0.0
     off_centre_m: tuple[float, float] = (0.0, 0.0)  # by the stand-off, horizontally
     off_centre_sure: float = 0.0  # share of the stand-off's variance that it explains
     felt_turn_pct: float = float("nan")  # correlation of how the poses turn with inertial units
@@ -117,6 +118,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     given, others = best_fits(logged, reading.to_camera, scene, floor, SEEN * camera.max_range_m, enough)
     seen_m = SEEN * camera.max_range_m
     varies, least, steady = steadier(logged, reading.to_camera, scene, floor, seen_m, settings.steadier_ratio)
+    varies, least = varies.tolist(), least.tolist()
     if steady and (not others or others[0].share - given < settings.fit_gain_pct / 100):
         others = steady
     zoomed = _zoomed(flown, settings.zoom_pct) or [(camera.hfov_deg, 0.0)]
@@ -138,8 +140,10 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         shown_pct=_pct(sight.shown > 0),
         range_m=float(np.median(sight.range_m[sight.meets])) if sight.meets.any() else float("nan"),
         fit_pct=100 * given,
-        stand_off_varies=varies,
-        other_varies=least if others is steady else varies,
+        stand_off_varies=varies[0],
+        other_varies=(least if others is steady else varies)[0],
+        rolls_deg=varies[1],
+        other_rolls_deg=(least if others is steady else varies)[1],
         off_centre_m=(round(off[0], 1), round(off[1], 1)),
         off_centre_sure=sure,
         felt_turn_pct=100 * turning_of(logged, reading.gyroscopes),

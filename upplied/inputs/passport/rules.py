@@ -66,6 +66,7 @@ _BROKEN: dict[str, Callable[[Measured, PassportSettings], object]] = {
         m.other_fit_pct - m.fit_pct >= s.fit_gain_pct and m.other_fit_pct >= s.fit_least_pct
     ),
     "stand-off": lambda m, s: s.steadier_ratio * max(m.other_varies, 0.05) <= m.stand_off_varies,
+    "horizon": lambda m, s: s.steadier_ratio * max(m.other_rolls_deg, 1.0) <= m.rolls_deg,
     "looks-away": lambda m, s: (
         m.axis_pct < s.least_axis_pct or (m.axis_pct < s.odd_axis_pct and m.fit_pct < s.least_fit_pct)
     ),
@@ -153,7 +154,7 @@ def _with_hint(verdicts: tuple[Verdict, ...], measured: Measured) -> list[Verdic
     names = {verdict.rule for verdict in refusals(verdicts)}
     if (
         names
-        and not names & {"fits-otherwise", "stand-off"}
+        and not names & {"fits-otherwise", "stand-off", "horizon"}
         and measured.other_fit_pct - measured.fit_pct >= 5
     ):
         share = f"{measured.other_fit_pct:.0f} %, as given {measured.fit_pct:.0f} %"

@@ -1,4 +1,8 @@
-"""How a flight lies against its structure: clearance, height over ground, and what the camera meets."""
+"""How a flight lies against its structure: clearance, height over ground, what the camera meets, and its aim.
+
+Who inspects looks at the surface before the camera, now a little to the left and now to the right. A
+heading that drifts turns that steadily to one side; one that is off holds it on one side from end to end.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.polylines import chosen_evenly
+from upplied.geometry.poses import optical_axis
 from upplied.geometry.scene import Scene
 from upplied.records import Bools, Camera, Floats, Record, Structure
 
@@ -82,3 +88,57 @@ def inside(positions: Floats, scene: Scene) -> Bools:
         crossed = scene.hits(starts, np.tile(_AROUND, (len(maybe), 1))).reshape(-1, len(_AROUND))
         surrounded[maybe] = ((crossed > 0).mean(axis=1) > 0.9) & ((crossed % 2 == 1).mean(axis=1) > 0.6)
     return surrounded
+
+
+_POSES = 300  # spread evenly over the flight
+_LEVEL = 0.5  # least horizontal part of a direction that has a heading
+_LEAST = 60  # poses that have a heading
+_CLOSE_DEG = 12.0  # of the line: farther is a look at something else
+_SHARE = 0.7  # of the poses that the line must explain
+_ROUNDS = 5  # of fitting again, outliers counting less
+_WIDTH_DEG = 10.0  # beyond which it counts less
+_PITCHES_DEG = 8.0  # standard deviation of pitch and of the surface's elevation that is compared
+
+
+@dataclass(frozen=True)
+class Aim:
+    """The straight line through the aim over time, both zero where there is none; and the pitch."""
+
+    aim_drift_deg: float = 0.0  # from end to end, to the left of the nearest surface
+    aim_off_deg: float = 0.0  # in the middle
+    pitch_fit_pct: float = float("nan")  # correlation of the pitch with the elevation of the nearest surface
+    pitch_span_deg: float = float("nan")  # of the pitch, nine tenths of the poses
+    pitch_want_deg: float = 0.0  # elevation of the nearest surface, up or down, 75th percentile
+
+
+def aim_of(positions: Floats, quat_xyzw: Floats, scene: Scene) -> Aim:
+    """The camera's heading and pitch beside the nearest surface; poses are (M, 3), m, and (M, 4)."""
+    some = chosen_evenly(len(positions), _POSES)
+    ahead = optical_axis(quat_xyzw[some])
+    near = scene.closest(positions[some])[0] - positions[some]
+    near /= np.maximum(np.linalg.norm(near, axis=1, keepdims=True), 1e-9)
+    pitch, want = (np.degrees(np.arcsin(np.clip(part[:, 2], -1, 1))) for part in (ahead, near))
+    fit = float("nan")
+    if len(some) >= _LEAST and min(np.std(pitch), np.std(want)) > _PITCHES_DEG:
+        fit = 100 * float(np.corrcoef(pitch, want)[0, 1])
+    span = float(np.ptp(np.percentile(pitch, [5, 95]))) if len(some) >= _LEAST else float("nan")
+    level = (np.hypot(*ahead[:, :2].T) > _LEVEL) & (np.hypot(*near[:, :2].T) > _LEVEL)
+    across = near[:, 0] * ahead[:, 1] - near[:, 1] * ahead[:, 0]
+    left = np.degrees(np.arctan2(across, (ahead[:, :2] * near[:, :2]).sum(axis=1)))[level]
+    line = _line(np.linspace(-0.5, 0.5, len(some))[level], left)
+    return Aim(*line, fit, span, float(np.percentile(np.abs(want), 75)))
+
+
+def _line(time: Floats, left: Floats) -> tuple[float, float]:
+    """Slope and middle of the line that most angles (K,), deg, lie on; zeros where there is none."""
+    if len(time) < _LEAST:
+        return 0.0, 0.0
+    rows, weight = np.column_stack([time, np.ones(len(time))]), np.ones(len(time))
+    for _ in range(_ROUNDS):
+        line = np.linalg.lstsq(rows * weight[:, None], left * weight, rcond=None)[0]
+        weight = 1 / np.sqrt(np.maximum(np.abs(left - rows @ line) / _WIDTH_DEG, 1.0))
+    near_line = np.abs(left - rows @ line) < _CLOSE_DEG
+    thirds = [near_line[(time >= at) & (time < at + 1 / 3)] for at in (-0.5, -1 / 6, 1 / 6 - 1e-9)]
+    if near_line.mean() < _SHARE or any(len(third) < _LEAST // 6 or third.mean() < 0.5 for third in thirds):
+        return 0.0, 0.0
+    return float(line[0]), float(line[1])

@@ -11,8 +11,7 @@ import numpy as np
 
 from upplied.cameras import completed, known_camera, unverified
 from upplied.errors import InputError
-from upplied.inputs.flight.tracks import Track, names, source_times, stamps
-from upplied.inputs.schemas.fields import fields_of
+from upplied.inputs.flight.tracks import Track, fields_of, names, source_times, stamps
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Camera, Floats, Ints, Lens

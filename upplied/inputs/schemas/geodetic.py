@@ -18,9 +18,8 @@ from scipy.spatial.transform import Rotation
 from upplied.errors import InputError
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.inputs.flight.clean import attitude_track
-from upplied.inputs.flight.tracks import Track, are_unit, source_times, stamps
+from upplied.inputs.flight.tracks import Track, are_unit, fields_of, source_times, stamps
 from upplied.inputs.schemas import gimbal, px4
-from upplied.inputs.schemas.fields import fields_of
 from upplied.inputs.schemas.geoid import undulation_m
 from upplied.inputs.schemas.ros import IMU
 from upplied.inputs.sidecar import LogOptions

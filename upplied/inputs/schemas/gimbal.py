@@ -14,9 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from upplied.geometry.poses import yaw_pitch
 from upplied.inputs.flight.clean import attitude_track
-from upplied.inputs.flight.tracks import Track, at_times, source_times, stamps
+from upplied.inputs.flight.tracks import Track, at_times, fields_of, source_times, stamps
 from upplied.inputs.schemas import px4
-from upplied.inputs.schemas.fields import fields_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from upplied.inputs.flight.tracks import Track, pose_track, source_times, stamps
-from upplied.inputs.schemas.fields import fields_of, shapes_of
+from upplied.inputs.flight.tracks import Track, fields_of, pose_track, shapes_of, source_times, stamps
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Floats, Ints

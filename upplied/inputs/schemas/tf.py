@@ -17,8 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
 from upplied.inputs.flight.clean import clean
-from upplied.inputs.flight.tracks import Track, are_unit, at_times, groups_of
-from upplied.inputs.schemas.fields import shapes_of
+from upplied.inputs.flight.tracks import Track, are_unit, at_times, groups_of, shapes_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints
@@ -71,41 +70,32 @@ class Tree:
         """Whether a moving link lies above a frame."""
         return any(link in self.moving for link in self.path(frame))
 
-    def fixed(self, leaf: str, root: str) -> tuple[Floats, Rotation] | None:
-        """The pose of `leaf` in `root` where every link between them is static."""
-        links = self.path(leaf, root)
-        if not links or any(link in self.moving for link in links):
-            return None
-        position, rotation = np.zeros(3), Rotation.identity()
-        for link in links:
-            step, turn = self.static[link]
-            position, rotation = position + rotation.apply(step), rotation * turn
-        return position, rotation
+    def at(self, leaf: str, root: str, t_ns: Ints, gap_s: float) -> tuple[Floats, Rotation, Bools]:
+        """Poses of `leaf` in `root` at these times (N,), and where known; static links always are."""
+        positions, rotation = np.zeros((len(t_ns), 3)), Rotation.identity(len(t_ns))
+        known = np.ones(len(t_ns), bool)
+        for link in self.path(leaf, root):
+            step, turn = self.static.get(link, (np.zeros(3), Rotation.identity()))
+            if track := self.moving.get(link):
+                usual_s = (
+                    float(np.median(np.diff(track.t_ns))) * 1e-9
+                )  # a localisation corrects once a second
+                step, quats = at_times(track, t_ns, max(gap_s, 3 * usual_s))
+                there = np.isfinite(step).all(axis=1)
+                step[~there], quats[~there] = 0.0, (0.0, 0.0, 0.0, 1.0)
+                turn, known = Rotation.from_quat(quats), known & there
+            positions, rotation = positions + rotation.apply(step), rotation * turn
+        return positions, rotation, known
 
     def track(self, leaf: str, root: str, limits: LogOptions) -> Track:
         """Poses of `leaf` in `root` at the stamps of the busiest moving link between them."""
         links = self.path(leaf, root)
         lead = max((self.moving[link] for link in links if link in self.moving), key=len)
-        positions, rotation = np.zeros((len(lead), 3)), Rotation.identity(len(lead))
-        known = np.ones(len(lead), bool)
-        for link in links:
-            step, turn, there = self._link(link, lead.t_ns, limits)
-            positions = positions + rotation.apply(step)
-            rotation, known = rotation * turn, known & there
-        chain = replace(lead, positions=positions, quat_xyzw=rotation.as_quat(), parent=links[0][0])
-        chain = replace(chain, child=leaf)
+        positions, rotation, known = self.at(leaf, root, lead.t_ns, limits.gap_s)
+        chain = replace(
+            lead, positions=positions, quat_xyzw=rotation.as_quat(), parent=links[0][0], child=leaf
+        )
         return chain.during(known, "complete chain of transforms")
-
-    def _link(self, link: Link, t_ns: Ints, limits: LogOptions) -> tuple[Floats, Rotation, Bools]:
-        if link not in self.moving:
-            step, turn = self.static[link]
-            return step, turn, np.ones(len(t_ns), bool)
-        track = self.moving[link]
-        usual_s = float(np.median(np.diff(track.t_ns))) * 1e-9  # a localisation corrects once a second or so
-        step, quats = at_times(track, t_ns, max(limits.gap_s, 3 * usual_s))
-        known = np.asarray(np.isfinite(step).all(axis=1))
-        step[~known], quats[~known] = 0.0, (0.0, 0.0, 0.0, 1.0)
-        return step, Rotation.from_quat(quats), known
 
 
 def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
@@ -189,13 +179,10 @@ def _cleaned(track: Track, limits: LogOptions) -> Track:
 
 
 def _merged(tracks: list[Track]) -> Track:
-    if len(tracks) == 1:
-        return tracks[0]
     names = ("t_ns", "positions", "quat_xyzw", "log_ns")
-    joined: dict[str, Any] = {
-        name: np.concatenate([getattr(track, name) for track in tracks]) for name in names
-    }
-    return replace(tracks[0], **joined).take(np.argsort(joined["log_ns"], kind="stable"))  # as recorded
+    whole: dict[str, Any] = {name: np.concatenate([getattr(it, name) for it in tracks]) for name in names}
+    order = np.argsort(whole["log_ns"], kind="stable")  # as recorded
+    return replace(tracks[0], **whole).take(order) if len(tracks) > 1 else tracks[0]
 
 
 def _hold(tree: Tree, link: Link, track: Track) -> None:

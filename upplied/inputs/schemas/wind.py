@@ -10,8 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from upplied.inputs.flight.tracks import Track
-from upplied.inputs.schemas.fields import fields_of
+from upplied.inputs.flight.tracks import Track, fields_of
 from upplied.inputs.tables import Table
 from upplied.records.flights import LoggedWind
 

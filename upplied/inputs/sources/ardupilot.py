@@ -39,7 +39,7 @@ def _mount(topic: str, t_ns: Ints, values: Floats) -> Table:
 def _local(topic: str, t_ns: Ints, values: Floats) -> Table:
     core = values[:, 3] == 0 if values.shape[1] > 3 else np.ones(len(values), bool)
     t_ns, (x, y, z) = t_ns[core], values[core, :3].T
-    return fill.table(topic, "px4_msgs/VehicleLocalPosition", t_ns, timestamp=t_ns // 1000, x=x, y=y, z=z)
+    return fill.table(topic, "px4_msgs/VehicleLocalPosition", t_ns, x=x, y=y, z=z)
 
 
 def _wind(topic: str, t_ns: Ints, values: Floats) -> Table:

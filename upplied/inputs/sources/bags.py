@@ -9,6 +9,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ def read(path: Path, fields: Fields) -> Source:
     if head == MAGIC:
         log = open_recording(path)
     else:
-        log = (_Bag1 if head.startswith(b"#ROSBAG") else _Bag2)(path, path.stat().st_size)
+        log = (_ros1 if head.startswith(b"#ROSBAG") else _ros2)(path, path.stat().st_size)
     tables = read_tables(log, lambda channel: fields.get(channel.schema_short, ()))
     return Source(tables, log.metadata, log.losses, log.listed(), log.read_pct)
 
@@ -43,21 +44,21 @@ def siblings(path: Path) -> list[Path]:
     return split if path in split else [path]
 
 
+@dataclass
 class _Bag(Recording):
     """A bag in the form that `read_tables` reads."""
 
+    #: Channel, time, ns, and payload of each message of the wanted channels.
+    messages: Callable[[set[int]], Iterator[tuple[int, int, bytes]]] = lambda wanted: iter(())
+
     def channel(self, channel_id: int) -> Channel | None:
         return self.channels.get(channel_id)
-
-    def _messages(self, wanted: set[int]) -> Iterator[tuple[int, int, bytes]]:
-        """Channel, time, ns, and payload of each message."""
-        raise NotImplementedError
 
     def read(self, sink_of: Callable[[Channel], Sink | None]) -> Iterator[None]:
         sinks = {number: sink_of(channel) for number, channel in self.channels.items()}
         wanted = {number: sink for number, sink in sinks.items() if sink is not None}
         waiting = unpacked = 0
-        for number, t_ns, payload in self._messages(set(wanted)):
+        for number, t_ns, payload in self.messages(set(wanted)):
             wanted[number].append((t_ns, t_ns, payload))
             waiting, unpacked = waiting + 1, unpacked + len(payload)
             if waiting >= _BATCH:
@@ -67,69 +68,65 @@ class _Bag(Recording):
         yield
 
 
-class _Bag1(_Bag):
-    """A bag of ROS 1."""
+def _ros1(path: Path, size: int) -> _Bag:
+    reader = Reader(path)
+    try:
+        reader.open()
+    except Exception as error:  # the library has no class of its own for many kinds of damage
+        finding, remedy = f"cannot be read as a ROS 1 bag ({error})", "rosbag reindex, or copy it again"
+        raise refusal(finding, "a bag that was closed", remedy) from None
+    bag = _Bag(path, size, read_to=size)
+    for each in reader.connections:
+        package, name = each.msgtype.split("/")[0], each.msgtype.split("/")[-1]
+        text = str(getattr(each.msgdef, "data", each.msgdef)).encode()
+        bag.channels[each.id] = Channel(each.id, each.topic, "ros1", f"{package}/{name}", "ros1msg", text)
 
-    def __init__(self, path: Path, size: int) -> None:
-        super().__init__(path, size, read_to=size)
-        self._reader = Reader(path)
-        try:
-            self._reader.open()
-        except Exception as error:  # the library has no class of its own for many kinds of damage
-            finding, remedy = f"cannot be read as a ROS 1 bag ({error})", "rosbag reindex, or copy it again"
-            raise refusal(finding, "a bag that was closed", remedy) from None
-        for each in self._reader.connections:
-            package, name = each.msgtype.split("/")[0], each.msgtype.split("/")[-1]
-            text = str(getattr(each.msgdef, "data", each.msgdef)).encode()
-            channel = Channel(each.id, each.topic, "ros1", f"{package}/{name}", "ros1msg", text)
-            self.channels[each.id] = channel
-
-    def _messages(self, wanted: set[int]) -> Iterator[tuple[int, int, bytes]]:
-        with closing(self._reader):
-            some = [each for each in self._reader.connections if each.id in wanted]
+    def messages(wanted: set[int]) -> Iterator[tuple[int, int, bytes]]:
+        with closing(reader):
+            some = [each for each in reader.connections if each.id in wanted]
             try:
-                for connection, t_ns, payload in self._reader.messages(some) if some else ():
+                for connection, t_ns, payload in reader.messages(some) if some else ():
                     yield connection.id, t_ns, bytes(payload)
             except Exception as error:  # a chunk that is damaged ends it
-                self.losses.append(f"the bag is damaged ({type(error).__name__}); what follows is lost")
+                bag.losses.append(f"the bag is damaged ({type(error).__name__}); what follows is lost")
+
+    bag.messages = messages
+    return bag
 
 
-class _Bag2(_Bag):
+def _ros2(path: Path, size: int) -> _Bag:
     """A bag of ROS 2 in SQLite, with the files that it was split into."""
+    bag = _Bag(path, size, read_to=size)
+    files: list[tuple[Path, dict[int, int]]] = []  # each with the channels of its topics
+    texts: dict[str, str] = {}
+    channels: dict[tuple[str, str], int] = {}
+    for file in siblings(path):
+        files.append((file, numbers := {}))
+        with _opened(file) as database:
+            query = "SELECT id, name, type, serialization_format FROM topics"
+            topics = database.execute(query).fetchall()
+            tables = database.execute("SELECT name FROM sqlite_master WHERE type='table'")
+            if "message_definitions" in {name for (name,) in tables}:
+                query = "SELECT topic_type, encoded_message_definition FROM message_definitions"
+                texts |= dict(database.execute(query))
+        for number, name, kind, encoding in topics[:_MAX_TOPICS]:
+            at = numbers[number] = channels.setdefault((name, kind), len(channels))
+            text = texts.get(kind) or _known(kind)
+            bag.channels[at] = Channel(at, name, encoding, kind, "ros2msg", text.encode())
 
-    def __init__(self, path: Path, size: int) -> None:
-        super().__init__(path, size, read_to=size)
-        self._files: list[tuple[Path, dict[int, int]]] = []  # each with the channels of its topics
-        texts: dict[str, str] = {}
-        channels: dict[tuple[str, str], int] = {}
-        for file in siblings(path):
-            numbers: dict[int, int] = {}
-            with _opened(file) as database:
-                query = "SELECT id, name, type, serialization_format FROM topics"
-                topics = database.execute(query).fetchall()
-                tables = database.execute("SELECT name FROM sqlite_master WHERE type='table'")
-                names = {name for (name,) in tables}
-                if "message_definitions" in names:
-                    query = "SELECT topic_type, encoded_message_definition FROM message_definitions"
-                    texts |= dict(database.execute(query))
-            for number, name, kind, encoding in topics[:_MAX_TOPICS]:
-                at = numbers[number] = channels.setdefault((name, kind), len(channels))
-                text = texts.get(kind) or _known(kind)
-                self.channels[at] = Channel(at, name, encoding, kind, "ros2msg", text.encode())
-            self._files.append((file, numbers))
-
-    def _messages(self, wanted: set[int]) -> Iterator[tuple[int, int, bytes]]:
+    def messages(wanted: set[int]) -> Iterator[tuple[int, int, bytes]]:
         query = "SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({}) ORDER BY timestamp, id"
-        for file, numbers in self._files:
+        for file, numbers in files:
             some = [number for number, at in numbers.items() if at in wanted]
             with _opened(file) as database:
                 try:
-                    for topic, t_ns, payload in database.execute(
-                        query.format(",".join("?" * len(some))), some
-                    ):
-                        yield numbers[topic], int(t_ns), bytes(payload)
+                    rows = database.execute(query.format(",".join("?" * len(some))), some)
+                    yield from ((numbers[topic], int(t_ns), bytes(payload)) for topic, t_ns, payload in rows)
                 except sqlite3.DatabaseError as error:
-                    self.losses.append(f"{file.name} is damaged ({error}); what follows is lost")
+                    bag.losses.append(f"{file.name} is damaged ({error}); what follows is lost")
+
+    bag.messages = messages
+    return bag
 
 
 def _opened(path: Path) -> Any:

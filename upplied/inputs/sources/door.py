@@ -12,7 +12,7 @@ import sqlite3
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -36,14 +36,6 @@ _PARSING = (
 
 
 @dataclass(frozen=True)
-class Kind:
-    """A kind of file that holds a flight."""
-
-    words: str
-    reader: str  # module of `upplied.inputs.sources`; `ERRORS` in it are what bytes make it raise besides
-
-
-@dataclass(frozen=True)
 class FileKind:
     """What one file, or folder of photos, is."""
 
@@ -58,7 +50,8 @@ class FileKind:
 
 
 _TABLES = table("kinds.toml")["flight"]
-KINDS = {kind: Kind(*row) for kind, row in _TABLES["kinds"].items()}
+#: Each kind of file that holds a flight: in words, and its reader in `upplied.inputs.sources`.
+KINDS: dict[str, tuple[str, str]] = {kind: tuple(row) for kind, row in _TABLES["kinds"].items()}
 _BYTES, _UNREAD = (
     {name: re.compile(pattern.encode("ascii")) for name, pattern in _TABLES[key].items()}
     for key in ("bytes", "unread")
@@ -127,18 +120,20 @@ def read(path: Path, fields: Fields) -> Source:
     """
     kind = kind_of(path)
     if not kind:
-        rule = f"one of: {', '.join(dict.fromkeys(each.words for each in KINDS.values()))}"
+        rule = f"one of: {', '.join(dict.fromkeys(words for words, _ in KINDS.values()))}"
         raise InputError(str(path), "is no flight that can be read", rule, "check that it is the right file")
-    module = import_module(f"upplied.inputs.sources.{KINDS[kind].reader}")
-    reader: Callable[[Path, Fields], Source] = module.read
+    words, name = KINDS[kind]
+    module = import_module(
+        f"upplied.inputs.sources.{name}"
+    )  # its `ERRORS` are what bytes make it raise besides
     try:
-        return reader(path, fields)
+        return module.read(path, fields)
     except InputError as error:
         raise InputError(error.what or str(path), error.found, error.rule, error.remedy) from None
     except (*_PARSING, *getattr(module, "ERRORS", ())) as error:
-        words = f"cannot be read as {KINDS[kind].words}: {type(error).__name__}: {str(error)[:200]}"
+        finding = f"cannot be read as {words}: {type(error).__name__}: {str(error)[:200]}"
         rule = "a whole file, as its program writes it"
-        raise InputError(str(path), words, rule, "copy or export it again") from error
+        raise InputError(str(path), finding, rule, "copy or export it again") from error
 
 
 def parts_of(path: Path, kind: str) -> list[Path]:
@@ -181,7 +176,7 @@ def _file(path: Path, alone: bool = False) -> list[FileKind]:
     if kind == "photos" and not alone:
         return []
     if kind:
-        return [FileKind(path, _FLIGHT, KINDS[kind].words)]
+        return [FileKind(path, _FLIGHT, KINDS[kind][0])]
     return [FileKind(path, _OTHER, "side-car of a flight" if path.suffix.lower() == ".toml" else "no flight")]
 
 

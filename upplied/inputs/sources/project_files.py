@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -47,12 +46,9 @@ def surface_of(cameras: Path) -> tuple[Path, Path] | None:
         for name in SURFACES:
             if (root / name).is_file():
                 return root / name, root
-    beside = [path for path in _files(cameras.resolve().parent) if path.suffix.lower() in _ENDINGS]
-    return (beside[0], cameras.resolve().parent) if len(beside) == 1 else None
-
-
-def _files(folder: Path) -> Iterator[Path]:
-    return (path for path in sorted(folder.iterdir()) if path.is_file())
+    folder = cameras.resolve().parent
+    beside = [each for each in folder.iterdir() if each.suffix.lower() in _ENDINGS and each.is_file()]
+    return (beside[0], folder) if len(beside) == 1 else None
 
 
 def project_at(cameras: Path, options: LogOptions) -> Project | None:

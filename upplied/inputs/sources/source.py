@@ -62,10 +62,13 @@ def text_of(path: Path) -> str:
 
 
 def table(topic: str, schema: str, t_ns: Ints, channel_id: int = 0, /, **columns: Any) -> Table:
-    """A table of one topic; ``__`` in the name of a column stands for a dot."""
+    """A table of one topic, stamped as its schema is; ``__`` in the name of a column stands for a dot."""
     t_ns = np.asarray(t_ns, np.int64)
+    px4 = schema.startswith("px4_msgs/")
+    stamp = {"timestamp": t_ns // 1000} if px4 else {"header.stamp.sec": t_ns // 10**9}
+    stamp |= {} if px4 else {"header.stamp.nanosec": t_ns % 10**9}
     named = {name.replace("__", "."): np.asarray(column) for name, column in columns.items()}
-    return Table(Channel(channel_id, topic, "", schema), named, t_ns, t_ns, len(t_ns))
+    return Table(Channel(channel_id, topic, "", schema), stamp | named, t_ns, t_ns, len(t_ns))
 
 
 def poses(topic: str, t_ns: Ints, positions: Floats, quat_xyzw: Floats, frame: str = "") -> Table:
@@ -73,22 +76,19 @@ def poses(topic: str, t_ns: Ints, positions: Floats, quat_xyzw: Floats, frame: s
     columns = {f"pose.position.{axis}": positions[:, at] for at, axis in enumerate("xyz")}
     columns |= {f"pose.orientation.{axis}": quat_xyzw[:, at] for at, axis in enumerate("xyzw")}
     frames = np.full(len(positions), frame, object)
-    return table(topic, "geometry_msgs/PoseStamped", t_ns, **columns, **_stamp(t_ns), header__frame_id=frames)
+    return table(topic, "geometry_msgs/PoseStamped", t_ns, **columns, header__frame_id=frames)
 
 
 def fixes(topic: str, t_ns: Ints, lat: Floats, lon: Floats, **altitude: Floats) -> Table:
     """Places, deg; `altitude` is ``alt`` (mean sea level), ``alt_ellipsoid`` or ``alt_takeoff``, m."""
     place = np.column_stack([lat, lon]).astype(float)
     place[(place == 0).all(axis=1)] = np.nan  # before the first fix
-    stamps = np.asarray(t_ns, np.int64) // 1000
-    columns = {"timestamp": stamps, "lat": place[:, 0], "lon": place[:, 1]}
-    return table(topic, "px4_msgs/VehicleGlobalPosition", t_ns, **columns, **altitude)
+    return table(topic, "px4_msgs/VehicleGlobalPosition", t_ns, lat=place[:, 0], lon=place[:, 1], **altitude)
 
 
 def attitudes(topic: str, t_ns: Ints, yaw: Floats, pitch: Floats, roll: Floats) -> Table:
     """Attitudes of a vehicle, deg: yaw clockwise from north, pitch up, roll to the right."""
-    stamps = np.asarray(t_ns, np.int64) // 1000
-    return table(topic, "px4_msgs/VehicleAttitude", t_ns, timestamp=stamps, q=ned_wxyz(yaw, pitch, roll))
+    return table(topic, "px4_msgs/VehicleAttitude", t_ns, q=ned_wxyz(yaw, pitch, roll))
 
 
 def gimbals(topic: str, t_ns: Ints, yaw: Floats, pitch: Floats, roll: Floats, north: bool = True) -> Table:
@@ -99,8 +99,7 @@ def gimbals(topic: str, t_ns: Ints, yaw: Floats, pitch: Floats, roll: Floats, no
 
 def gimbal_status(topic: str, t_ns: Ints, flags: Ints, quat_wxyz: Floats) -> Table:
     """Attitudes (N, 4) of a gimbal as GIMBAL_DEVICE_ATTITUDE_STATUS gives them, with its flags (N,)."""
-    schema, stamps = "px4_msgs/GimbalDeviceAttitudeStatus", np.asarray(t_ns, np.int64) // 1000
-    return table(topic, schema, t_ns, timestamp=stamps, device_flags=flags, q=quat_wxyz)
+    return table(topic, "px4_msgs/GimbalDeviceAttitudeStatus", t_ns, device_flags=flags, q=quat_wxyz)
 
 
 def cameras(
@@ -120,7 +119,7 @@ def cameras(
         matrix[:, [2, 5]] = np.array([lens.middle for lens in lenses]) * np.column_stack(list(sizes.values()))
         more["d"] = np.array([(*lens.coefficients, *(0.0,) * 8)[:8] for lens in lenses])
         more["distortion_model"] = np.full(len(t_ns), lenses[0].model, object)
-    return table(topic, "sensor_msgs/CameraInfo", t_ns, k=matrix, **sizes, **more, **_stamp(t_ns))
+    return table(topic, "sensor_msgs/CameraInfo", t_ns, k=matrix, **sizes, **more)
 
 
 def ned_wxyz(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
@@ -164,8 +163,3 @@ def dated(text: str) -> float:
     except (ValueError, OverflowError):
         return float("nan")
     return start + int(hit[7] or 0) + int(hit[8] or 0) * 1e-3
-
-
-def _stamp(t_ns: Ints) -> dict[str, Ints]:
-    t_ns = np.asarray(t_ns, np.int64)
-    return {"header.stamp.sec": t_ns // 10**9, "header.stamp.nanosec": t_ns % 10**9}
