@@ -15,7 +15,7 @@ import numpy as np
 
 from upplied.catalog import Catalog
 from upplied.config import Settings
-from upplied.errors import CatalogError, RefusedError
+from upplied.errors import CatalogError, RefusedError, UppliedError
 from upplied.findings.looks import Spot, off_surface, plane_axes
 from upplied.findings.sampled import Carried, Near, about, carried_samples
 from upplied.fleet.decisions import PlanRequest, SettingsOf
@@ -68,10 +68,17 @@ class Counterparts(Rows):
 
 
 class Carrying:
-    """Spots carried from a structure to others; correspondences are remembered by the catalog's cache."""
+    """Spots carried from a structure to others; correspondences are remembered by the catalog's cache.
 
-    def __init__(self, catalog: Catalog) -> None:
-        self.catalog = catalog
+    Parameters
+    ----------
+    catalog : Catalog
+    progress : callable, optional
+        Called with the names of each two structures that are studied since nothing of them is remembered.
+    """
+
+    def __init__(self, catalog: Catalog, progress: Callable[[str], object] = lambda _: None) -> None:
+        self.catalog, self._progress = catalog, progress
         self._settings = SettingsOf(catalog, PlanRequest())
         rows = catalog.structures()
         self._siblings = SiblingsOf(rows)
@@ -116,13 +123,21 @@ class Carrying:
             raise CatalogError(f"kind {kind}", "has no structure", "one at least")
         return min(self._demonstrated.intersection(members), default=members[0])
 
-    def study(self, kind: str, progress: Callable[[str], None] = lambda _: None) -> None:
-        """Remember the correspondences of a kind's structures with their map: questions then only read."""
-        reference = self.reference(kind)
-        for name in self.members(kind):
-            if name != reference:
-                progress(f"{name} with {reference}")
+    def study(self, kind: str) -> list[str]:
+        """Remember the correspondences of a kind's structures with their map: questions then only read.
+
+        Returns
+        -------
+        list of str
+            Why there is none, in words.
+        """
+        reference, problems = self.reference(kind), []
+        for name in self.targets(reference):
+            try:
                 self.carried(reference, name)
+            except UppliedError as error:
+                problems.append(f"findings on {name}: {error}")
+        return problems
 
     def to(self, spots: Sequence[Spot], target_id: str) -> Counterparts:
         """Where spots of one structure are on another."""
@@ -145,7 +160,11 @@ class Carrying:
             if name in (source_id, reference):
                 results.append(here if name == source_id else on_map)
                 continue
-            carried = self.carried(reference, name)
+            try:
+                carried = self.carried(reference, name)
+            except RefusedError:  # nothing of it corresponds
+                results.append(_nowhere(len(spots)))
+                continue
             if near is None or not np.array_equal(near[0].point, carried.point):
                 near = carried, _about(on_map.spots, carried)
             results.append(self._continued(on_map, carried, reference, name, near[1]))
@@ -185,6 +204,7 @@ class Carrying:
         settings = settings or self._settings_of(target_id)
 
         def carried() -> Carried:
+            self._progress(f"{target_id} and {source_id}")
             with one_thread():
                 return carried_samples(*self._pair(source_id, target_id, settings), settings)
 

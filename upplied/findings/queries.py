@@ -85,7 +85,12 @@ def photographed(
 
 
 def by_reference(
-    catalog: Catalog, reference_id: str, *, class_name: str | None = None, state: str | None = None
+    catalog: Catalog,
+    reference_id: str,
+    *,
+    class_name: str | None = None,
+    state: str | None = None,
+    carrying: Carrying | None = None,
 ) -> pd.DataFrame:
     """The findings of a kind with their places on one structure of it, the map for all.
 
@@ -94,6 +99,7 @@ def by_reference(
     catalog : Catalog
     reference_id : str
     class_name, state : str, optional
+    carrying : Carrying, optional
 
     Returns
     -------
@@ -101,7 +107,7 @@ def by_reference(
         As `Catalog.findings`, with `reference_x_m`, `reference_y_m`, `reference_z_m` (NaN where there is no
         counterpart), `reference_probability`, `reference_error_m` and `reference_doubtful`.
     """
-    carrying = Carrying(catalog)
+    carrying = carrying or Carrying(catalog)
     if reference_id not in carrying.kinds:
         raise CatalogError(f"structure {reference_id}", "is not in the catalog")
     rows = catalog.findings(kind=carrying.kinds[reference_id], class_name=class_name, state=state)
@@ -127,8 +133,16 @@ def by_reference(
 
 def kind_map(catalog: Catalog, kind: str) -> tuple[str, pd.DataFrame]:
     """The structure of a kind that is the map for all, and the kind's findings `by_reference` there."""
-    reference = Carrying(catalog).reference(kind)
-    return reference, by_reference(catalog, reference)
+    carrying = Carrying(catalog)
+    reference = carrying.reference(kind)
+    return reference, by_reference(catalog, reference, carrying=carrying)
+
+
+def study_kinds(catalog: Catalog) -> list[str]:
+    """Remember what questions need about each kind that has findings; what could not be, in words."""
+    carrying = Carrying(catalog)
+    kinds = sorted(set(catalog.findings()["kind"]).intersection(carrying.kinds.values()))
+    return [problem for kind in kinds for problem in carrying.study(kind)]
 
 
 def _seen(
