@@ -280,8 +280,11 @@ def carried_spots(spots: Floats, carried: Carried, size_m: float, near: Near | N
     apart = np.linalg.norm(moved - place[:, None], axis=2)
     seam = np.where(there & ~same & (near.away_m <= carried.step_m), np.nan_to_num(apart), 0.0).max(axis=1)
     stretch = np.abs(np.linalg.det(carried.linear)) ** (1 / 3)
+    stated = (share * carried.error_m[others]).sum(
+        axis=1
+    )  # it jumps between neighbours: none is known better
     inside = np.where(hidden, 2 * stretch[carried.map[first]] * np.maximum(away, carried.step_m), 0.0)
-    error, sure = np.maximum(carried.error_m[first] + inside, seam), carried.probability[carried.map[first]]
+    error, sure = np.maximum(stated + inside, seam), carried.probability[carried.map[first]]
     doubtful = ~(sure >= _LEAST) | ~there[:, 0] | (error > _FARTHEST * size_m)
     turn = _turn(spots, -offset, np.nan_to_num(places - place[:, None]), normal, weight[:, 1:] > 0)
     return Counterparts(carried.part[first], place, normal, turn, sure, error, doubtful)
