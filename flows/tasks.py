@@ -165,7 +165,8 @@ def plan_on_pool(name: str, shard: str, given: dict[str, Any]) -> None:
 @materialize(SOMEWHERE, name="publish-reports", task_run_name="publish to {folder}", **STORED)
 def publish_reports(catalog: str, folder: str) -> list[str]:
     """Write the published tables, pages and pictures; what could not be drawn, in words."""
-    return list(fleet.publish(open_catalog(catalog), folder, map_of=queries.kind_map).problems)
+    store = open_catalog(catalog)
+    return [*queries.study_kinds(store), *fleet.publish(store, folder, map_of=queries.kind_map).problems]
 
 
 @task(name="carry-edits", task_run_name="carry edits over", **STORED)

@@ -156,9 +156,12 @@ def list_findings(
 
         raise SettingsError("--out", "has no structure to show findings on", "say --reference STRUCTURE")
     if reference:
+        from upplied.findings.carried import Carrying
         from upplied.findings.queries import by_reference
 
-        rows = by_reference(store, reference, class_name=class_name, state=state)
+        with errors.status("carrying") as status:
+            carrying = Carrying(store, status.update)
+            rows = by_reference(store, reference, class_name=class_name, state=state, carrying=carrying)
         mapped = {f"reference_{name}": name for name in ("x_m", "y_m", "z_m", "probability", "doubtful")}
         keys = ("finding_id", "target_id", "class", "state")
         show_frame(f"findings on {reference}", rows, {key: LISTED[key] for key in keys} | mapped, json)
@@ -240,12 +243,14 @@ def carry(
     json: JsonOption = False,
 ) -> int:
     """Show the same place on other structures, and when it was last seen there."""
+    from upplied.findings.carried import Carrying
     from upplied.findings.queries import photographed
 
     store = opened(catalog)
     row = store.finding(finding)
-    with errors.status("carrying"):
-        spots = photographed(store, row, to, mm_px, since, every=every)
+    with errors.status("carrying") as status:
+        carrying = Carrying(store, status.update)
+        spots = photographed(store, row, to, mm_px, since, every=every, carrying=carrying)
     columns = {
         "structure_id": "structure", "part": "part", "x_m": "x m", "y_m": "y m", "z_m": "z m",
         "probability": "probability", "error_m": "error m", "looked_at": "last seen", "mm_px": "mm/px",

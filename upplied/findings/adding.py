@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from upplied.catalog import Catalog
+from upplied.catalog.verbs.findings import check_texts
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError
@@ -68,10 +69,14 @@ class Placing:
         ------
         RefusedError
             If its photo is of no known flight, it misses the structure or looks at it too obliquely.
+        SettingsError
+            If a text of it is not readable.
         """
         columns = {"class": mark.class_name, "severity": mark.severity, "note": mark.note, "state": "open"}
         columns |= {"file": mark.file, "file_sha256": mark.file_sha256}
-        return columns | (self._stated(mark) if mark.place is not None else self._seen(mark))
+        row = columns | (self._stated(mark) if mark.place is not None else self._seen(mark))
+        check_texts(row)
+        return row
 
     def _stated(self, mark: Mark) -> dict[str, Any]:
         assert mark.place is not None

@@ -171,7 +171,9 @@ def _transferred(catalog: Catalog, job: Job) -> Plan:
     plan = planner.transferred(catalog, job)
     if (plan.status, job.settings.preset, job.purpose) == ("ok", "recommended", ""):
         try:
-            Carrying(catalog).carried(job.source_id, job.target_id)
+            carrying = Carrying(catalog)
+            if job.source_id == carrying.reference(job.kind) != job.target_id:
+                carrying.carried(job.source_id, job.target_id)
         except MemoryError:
             raise
         except Exception as error:  # no plan fails for what is asked later, and then says why

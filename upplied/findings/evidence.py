@@ -18,19 +18,20 @@ from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.geometry.clouds import diagonal_of
 from upplied.records import Floats, Ints
 
-_CONES = np.array([0.7, 0.85, 0.95])  # least cosine between normals of what faces alike
+_COSINES = np.array([0.7, 0.85, 0.95])  # least cosine between normals of what faces alike
 _SLAB_CONE, _SLAB = 0.6, 0.2  # the same within a slab of the part, and half its width of the part's extent
 _FEWEST = 8  # samples that have a box
 _EVERY = 4  # of a part's samples, of which boxes are asked: they differ little between neighbours
 _STRETCH = 1.4  # most by which such boxes differ
-WAYS = 2 + len(_CONES) + 3
+CONES = slice(2, 2 + len(_COSINES))  # the ways that follow from them
+WAYS = CONES.stop + 3
 
 
 def ways_of_carrying(pair: Pair) -> Floats:
     """Where other maps carry the source's samples (N, WAYS, 3), m, frame of the registered target.
 
     They are the registration, the box of each part, what faces alike in three cones, and in slabs
-    across each axis.
+    across each axis; NaN where too little does.
     """
     fit, match = pair.surface, pair.surface.correspondences
     points = fit.source.points
@@ -61,7 +62,7 @@ def _facing_boxes(
     some: Floats, label: Ints, own: Floats, own_label: Ints, others: Floats, others_label: Ints, slab: Floats
 ) -> Floats:
     """The same of samples with their normals (N, 6)."""
-    number = len(_CONES) + 3
+    number = len(_COSINES) + 3
     places = np.empty((len(some), number, 3))
     for at in range(len(some)):
         here = _boxes(some[at], label[at], own, own_label, slab)
@@ -69,7 +70,7 @@ def _facing_boxes(
         for way in range(number):
             known = min(here[way, 6], there[way, 6]) >= _FEWEST
             for axis in range(3):
-                places[at, way, axis] = some[at, axis]
+                places[at, way, axis] = np.nan
                 if known:
                     low, high = here[way, axis], here[way, 3 + axis]
                     other_low, other_high = there[way, axis], there[way, 3 + axis]
@@ -83,7 +84,7 @@ def _facing_boxes(
 @njit(cache=True)
 def _boxes(sample: Floats, label: int, samples: Floats, labels: Ints, slab: Floats) -> Floats:
     """Boxes (6, 7) of the samples of a class that face alike: low, high, and how many they are."""
-    cones = len(_CONES)
+    cones = len(_COSINES)
     boxes = np.zeros((cones + 3, 7))
     boxes[:, :3], boxes[:, 3:6] = np.inf, -np.inf
     for row in range(len(samples)):
@@ -95,7 +96,7 @@ def _boxes(sample: Floats, label: int, samples: Floats, labels: Ints, slab: Floa
             continue
         for way in range(cones + 3):
             if way < cones:
-                if cosine <= _CONES[way]:
+                if cosine <= _COSINES[way]:
                     continue
             elif abs(other[way - cones] - sample[way - cones]) >= slab[label, way - cones]:
                 continue

@@ -174,9 +174,9 @@ def _around(place: Floats, normal: Floats, radius_m: float) -> Floats:
 
 
 def plane_axes(normal: Floats) -> tuple[Floats, Floats]:
-    """Right and up (3,) of who looks at a surface along its normal (3,); up is nearest to the vertical."""
-    level = abs(normal[2]) > 0.95
-    up = np.array([1.0, 0.0, 0.0]) if level else np.array([0.0, 0.0, 1.0])
-    up = up - (up @ normal) * normal
-    up = up / np.linalg.norm(up)
+    """Right and up (..., 3) of who looks along normals (..., 3) at a surface; up is near the vertical."""
+    level = np.abs(normal[..., 2:]) > 0.95
+    up = np.where(level, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    up = up - (up * normal).sum(axis=-1, keepdims=True) * normal
+    up = up / np.linalg.norm(up, axis=-1, keepdims=True)
     return np.cross(up, normal), up

@@ -17,6 +17,7 @@ import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.catalog.schema.rows import camera_of
+from upplied.catalog.verbs.findings import check_text
 from upplied.config import digest
 from upplied.errors import CatalogError, InputError, RefusedError, UppliedError
 from upplied.findings.rays import focal_of
@@ -164,6 +165,7 @@ def _photo_row(
 ) -> dict[str, Any]:
     from upplied.inputs.sources.photo_tags import head_of
 
+    check_text(f"photo {path.name!a}", "name", path.name)
     head = head_of(path)
     if path.name in stated:
         t_s = stated[path.name]

@@ -65,17 +65,16 @@ def photographed(
         own.setdefault(each["target_id"], []).append(each)
     rows = []
     if every:
-        places = [(name, there, 0) for name in names for there in carrying.instances(spot, name)]
+        places = [(name, there) for name in names for there in carrying.instances(spot, name)]
     else:
-        whole = carrying.everywhere(spot, names)
-        places = [(name, whole, at) for at, name in enumerate(names)]
-    for name, there, at in places:
-        place, error = there.place[at], float(np.hypot(there.error_m[at], own_error))
-        row = {"structure_id": name, "part": int(there.part[at])}
+        places = list(zip(names, carrying.everywhere([spot], names), strict=True))
+    for name, there in places:
+        place, error = there.place[0], float(np.hypot(there.error_m[0], own_error))
+        row = {"structure_id": name, "part": int(there.part[0])}
         row |= dict(zip(("x_m", "y_m", "z_m"), place, strict=True))
-        row |= {"probability": there.probability[at], "error_m": error, "doubt": there.doubt(at)}
+        row |= {"probability": there.probability[0], "error_m": error, "doubt": there.doubt(0)}
         flown = own.get(name, ()) if np.isfinite(place[0]) else ()
-        looks = [_seen(catalog, each, place, there.normal[at], focal) for each in flown]
+        looks = [_seen(catalog, each, place, there.normal[0], focal) for each in flown]
         count = [look for look in looks if look is not None and look["mm_px"] <= mm_px]
         last: dict[str, Any] = max(count, key=lambda one: one["looked_at"], default={})
         none = {"looked_at": pd.NaT, "flight_id": "", "mm_px": np.nan, "incidence_deg": np.nan}
@@ -86,7 +85,12 @@ def photographed(
 
 
 def by_reference(
-    catalog: Catalog, reference_id: str, *, class_name: str | None = None, state: str | None = None
+    catalog: Catalog,
+    reference_id: str,
+    *,
+    class_name: str | None = None,
+    state: str | None = None,
+    carrying: Carrying | None = None,
 ) -> pd.DataFrame:
     """The findings of a kind with their places on one structure of it, the map for all.
 
@@ -95,6 +99,7 @@ def by_reference(
     catalog : Catalog
     reference_id : str
     class_name, state : str, optional
+    carrying : Carrying, optional
 
     Returns
     -------
@@ -102,41 +107,42 @@ def by_reference(
         As `Catalog.findings`, with `reference_x_m`, `reference_y_m`, `reference_z_m` (NaN where there is no
         counterpart), `reference_probability`, `reference_error_m` and `reference_doubtful`.
     """
-    carrying = Carrying(catalog)
+    carrying = carrying or Carrying(catalog)
     if reference_id not in carrying.kinds:
         raise CatalogError(f"structure {reference_id}", "is not in the catalog")
     rows = catalog.findings(kind=carrying.kinds[reference_id], class_name=class_name, state=state)
-    key = [reference_id, class_name, state, carrying.named(reference_id), rows["entry_id"].tolist()]
     columns = [f"reference_{name}" for name in ("x_m", "y_m", "z_m", "probability", "error_m", "doubtful")]
     if rows.empty:
         return rows.reindex(columns=[*rows.columns, *columns])
-    order = np.argsort(rows["target_id"].to_numpy(str), kind="stable")
+    own: dict[str, list[int]] = {}
+    for at, name in enumerate(rows["target_id"]):
+        own.setdefault(name, []).append(at)
+    order, every = np.concatenate([*own.values()]), rows.to_dict("records")
+    key = [reference_id, [carrying.pair_key(name, reference_id) for name in own], rows["entry_id"].tolist()]
 
     def placed() -> Counterparts:
-        own: dict[str, list[Spot]] = {}
-        for row in rows.iloc[order].to_dict("records"):
-            own.setdefault(row["target_id"], []).append(spot_of({str(name): row[name] for name in row}))
-        return Counterparts.stacked([carrying.to(spots, reference_id) for spots in own.values()])
+        spots = ([spot_of({str(key): value for key, value in every[at].items()}) for at in some]
+                 for some in own.values())  # fmt: skip
+        return Counterparts.stacked([carrying.to(some, reference_id) for some in spots])
 
-    there = carrying.remembered("findings-on-reference", Counterparts, key, placed)
-    values = np.column_stack([there.place, there.probability, there.error_m])[np.argsort(order)]
-    rows[columns[:5]], rows[columns[5]] = values, there.doubtful[np.argsort(order)]
+    there = carrying.remembered("findings-on-reference", Counterparts, key, placed).rows(np.argsort(order))
+    values = np.column_stack([there.place, there.probability, there.error_m])
+    rows[columns[:5]], rows[columns[5]] = values, there.doubtful
     return rows
 
 
 def kind_map(catalog: Catalog, kind: str) -> tuple[str, pd.DataFrame]:
-    """The structure of a kind that is the map for all, and the kind's findings `by_reference` there.
+    """The structure of a kind that is the map for all, and the kind's findings `by_reference` there."""
+    carrying = Carrying(catalog)
+    reference = carrying.reference(kind)
+    return reference, by_reference(catalog, reference, carrying=carrying)
 
-    It is the first that a demonstration was flown round; where there is none, the one with most findings.
-    """
-    structures, own = catalog.structures(), catalog.findings(kind=kind)["target_id"]
-    known = set(structures["structure_id"][structures["kind"] == kind])
-    flown = sorted(known.intersection(catalog.demonstrations()["structure_id"]))
-    most = own[own.isin(known)].value_counts(sort=False).sort_index()
-    if not flown and most.empty:
-        raise CatalogError(f"kind {kind}", "has no structure with findings", "one at least")
-    reference = flown[0] if flown else str(most.idxmax())
-    return reference, by_reference(catalog, reference)
+
+def study_kinds(catalog: Catalog) -> list[str]:
+    """Remember what questions need about each kind that has findings; what could not be, in words."""
+    carrying = Carrying(catalog)
+    kinds = sorted(set(catalog.findings()["kind"]).intersection(carrying.kinds.values()))
+    return [problem for kind in kinds for problem in carrying.study(kind)]
 
 
 def _seen(

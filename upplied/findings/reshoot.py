@@ -13,6 +13,7 @@ from upplied.catalog import Catalog, recipe
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
 from upplied.config import CloudSettings, Settings, digest
 from upplied.errors import RefusedError
+from upplied.findings.adding import on_surface
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, spot_of
 from upplied.findings.rays import footprint_m
@@ -120,7 +121,7 @@ def depends_on(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, m
 def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_px: float) -> Reshot:
     """A mission that shows the places of findings on a structure; parameters as those of `plan_reshoot`."""
     structure_id = base.target.structure_id
-    wanted, refused = wanted_looks(carrying, rows, structure_id)
+    wanted, refused = wanted_looks(carrying, rows, base.target)
     supposed = base.about["supposed"]
     route = base.settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
@@ -213,15 +214,17 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
 
 
 def wanted_looks(
-    carrying: Carrying, rows: Sequence[dict[str, Any]], structure_id: str
+    carrying: Carrying, rows: Sequence[dict[str, Any]], target: Structure
 ) -> tuple[list[Wanted], list[str]]:
     """How findings are to be looked at on a structure, as their photos did; and what has no place there."""
-    wanted, refused = [], []
+    wanted, refused, structure_id = [], [], target.structure_id
     for source in sorted({str(row["target_id"]) for row in rows}):
         own = [row for row in rows if row["target_id"] == source]
         carrying.targets(source, structure_id)
         spots = [spot_of(row) for row in own]
         there = carrying.to(spots, structure_id)
+        known = np.isfinite(there.place[:, 0])
+        there.place[known], there.normal[known] = on_surface(scene_of(target), there.place[known])
         for at, (row, spot) in enumerate(zip(own, spots, strict=True)):
             place, normal = there.place[at], there.normal[at]
             if not np.isfinite(place).all():

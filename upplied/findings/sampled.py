@@ -6,13 +6,15 @@ unevenly its neighbours are carried: where parts meet, and where a correspondenc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import Settings
-from upplied.findings.evidence import ways_of_carrying
+from upplied.findings.evidence import CONES, ways_of_carrying
+from upplied.geometry.vectors import with_normals
 from upplied.planning.correspondence.certainty import certainty
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.geometry.clouds import spacing
@@ -20,29 +22,61 @@ from upplied.planning.surface.frames import frames_for
 from upplied.planning.surface.parts import labels_of
 from upplied.records import Floats, Ints, Record, Structure
 
-NEIGHBOURS, NEAR, ALIKE = 8, 2.2, 0.3  # samples about one: how many, spacings off, cosine between normals
+_NEIGHBOURS, _NEAR, _ALIKE = 8, 2.2, 0.3  # samples about one: how many, spacings off, cosine between normals
 # Of the target's diagonal: the error of every sample, and what is added for the way to where the
 # registration leads, the box of the part, what faces alike (the farthest of three cones, and of three slabs),
 # and for unevenness, each up to `_MOST`. A quantile regression of 95 % on half of the structures of
 # bench/findings.py.
 _WEIGHTS, _MOST = (0.0016, 0.075, 1.75, 0.39, 0.59, 0.23), 0.05
-_GROUPS = (slice(0, 1), slice(1, 2), slice(2, 5), slice(5, 8))  # of the ways
+_GROUPS = (slice(0, 1), slice(1, 2), CONES, slice(CONES.stop, None))  # of the ways
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Carried(Record):
-    """Samples of a source with their places on a target, each in its declared frame; NaN and -1 for none."""
+    """The samples of a structure with their places on another, each in its declared frame.
+
+    A map is what all samples of a part of the pair's source have in common.
+    """
 
     point: Floats  # (N, 3) m
     normal: Floats  # (N, 3) unit, outward
-    own_part: Ints  # (N,) of the source
-    part: Ints  # (N,) of the target
-    place: Floats  # (N, 3) m
+    own_part: Ints  # (N,) of the structure
+    part: Ints  # (N,) of the other one; -1 for none
+    place: Floats  # (N, 3) m; NaN for none
     towards: Floats  # (N, 3) unit, outward
-    linear: Floats  # (N, 3, 3) how offsets from the sample are carried
-    probability: Floats  # (N,) that it is the right part; NaN where that cannot be told
-    error_m: Floats  # (N,) how far off it may be in 95 % of cases
+    error_m: Floats  # (N,) how far off the place may be in 95 % of cases
+    map: Ints  # (N,) of each sample
+    linear: Floats  # (P, 3, 3) of each map: how offsets from a sample are carried
+    probability: Floats  # (P,) of each map: that it leads to the right part; NaN where that cannot be told
     step_m: float  # spacing of the samples
+
+    def inverse(self) -> Self:
+        """The samples that have a place, carried back from there."""
+        there = np.isfinite(self.place[:, 0])
+        stretch = np.abs(np.linalg.det(self.linear)) ** (1 / 3)
+        scale = stretch[self.map[there]]
+        return replace(
+            self,
+            point=self.place[there],
+            normal=self.towards[there],
+            own_part=self.part[there],
+            part=self.own_part[there],
+            place=self.point[there],
+            towards=self.normal[there],
+            error_m=self.error_m[there] / scale,
+            map=self.map[there],
+            linear=np.linalg.inv(self.linear),
+            step_m=self.step_m * float(np.median(scale)) if there.any() else self.step_m,
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Near(Record):
+    """The samples about each of N spots, the one that stands for it first."""
+
+    samples: Ints  # (N, 1 + K)
+    weight: Floats  # (N, 1 + K) 0 if far or facing away
+    away_m: Floats  # (N, 1 + K)
 
 
 def carried_samples(pair: Pair, source: Structure, target: Structure, settings: Settings) -> Carried:
@@ -58,22 +92,26 @@ def carried_samples(pair: Pair, source: Structure, target: Structure, settings: 
     def to_target(points: Floats) -> Floats:
         return there.to_declared(fit.registration.to_target(points))
 
-    linear = np.repeat(((to_target(np.eye(3)) - to_target(np.zeros((1, 3)))).T)[None], len(label), axis=0)
+    linear = (to_target(np.eye(3)) - to_target(np.zeros((1, 3)))).T
+    maps = np.repeat(np.eye(3)[None], label.max() + 1, axis=0)
     if match.displacement is not None and match.source_class is not None:
-        linear = linear @ match.displacement.matrix[match.source_class[label]]
-    linear = linear @ here.turn.T
+        maps = match.displacement.matrix[match.source_class]
+    linear = linear @ maps @ here.turn.T
     step, size = spacing(fit.source), target.diagonal_m
     off = to_target(ways_of_carrying(pair).reshape(-1, 3)).reshape(len(label), -1, 3) - place[:, None]
     off -= np.einsum("nwi,ni->nw", off, towards)[..., None] * towards[:, None]
     ways = np.linalg.norm(off, axis=2)
-    others, weight = neighbours(point, normal, point, normal, step)
-    apart = point[others] - point[:, None]
-    uneven = place[others] - place[:, None] - np.einsum("nij,nkj->nki", linear, apart)
-    uneven = np.where(weight > 0, np.nan_to_num(np.linalg.norm(uneven, axis=2)), 0.0).max(axis=1)
+    # Where nothing faces as a sample does it has no place: that no way is known is no agreement.
+    ways[np.isnan(ways[:, CONES]).all(axis=1), CONES.start] = np.inf
+    near = about(np.hstack([point, normal]), point, normal, step)
+    apart = point[near.samples] - point[:, None]
+    uneven = place[near.samples] - place[:, None] - np.einsum("nij,nkj->nki", linear[label], apart)
+    uneven = np.where(near.weight > 0, np.nan_to_num(np.linalg.norm(uneven, axis=2)), 0.0).max(axis=1)
+    ways = np.nan_to_num(ways, posinf=np.inf)
     evidence = np.column_stack([*(ways[:, group].max(axis=1) for group in _GROUPS), uneven])
     error = size * stated_error(np.minimum(evidence / size, _MOST))
     part = np.where(none, -1, labels_of(fit.target)[match.target_index])
-    return Carried(point, normal, label, part, place, towards, linear, _sure(pair, label), error, step)
+    return Carried(point, normal, label, part, place, towards, error, label, linear, _sure(pair), step)
 
 
 def stated_error(evidence: Floats) -> Floats:
@@ -81,25 +119,35 @@ def stated_error(evidence: Floats) -> Floats:
     return np.asarray(_WEIGHTS[0] + evidence @ np.array(_WEIGHTS[1:]), float)
 
 
-def neighbours(
-    points: Floats, normals: Floats, samples: Floats, facing: Floats, step_m: float
-) -> tuple[Ints, Floats]:
-    """Samples about points (N, K), the nearest first, and their weights (N, K): 0 if far or facing away."""
-    away, nearest = cKDTree(samples).query(points, min(1 + NEIGHBOURS, len(samples)))
-    cosine = np.einsum("nki,ni->nk", facing[nearest], normals)
-    near = (away < NEAR * step_m) & (cosine > ALIKE)
-    return nearest, np.where(near, 1 / (away + 0.1 * step_m) ** 2, 0.0)
+def about(spots: Floats, points: Floats, normals: Floats, step_m: float) -> Near:
+    """The samples about spots, places with normals (N, 6); the first is on their side of a thin plate."""
+    nearest = _tree(with_normals(points, normals, 2 * step_m)).query(
+        with_normals(spots[:, :3], spots[:, 3:], 2 * step_m)
+    )[1]
+    others = _tree(points).query(spots[:, :3], min(1 + _NEIGHBOURS, len(points)))[1].reshape(len(spots), -1)
+    samples = np.column_stack([nearest, others])
+    away = np.linalg.norm(spots[:, None, :3] - points[samples], axis=2)
+    cosine = np.einsum("nki,ni->nk", normals[samples], spots[:, 3:])
+    weight = np.where((away < _NEAR * step_m) & (cosine > _ALIKE), 1 / (away + 0.1 * step_m) ** 2, 0.0)
+    weight[:, 0] = 1e-9  # it counts where no other does
+    return Near(samples, weight, away)
 
 
-def _sure(pair: Pair, part: Ints) -> Floats:
-    """Probability (N,) that parts of the source have the counterparts that they were matched with."""
-    fit, sure = pair.surface, np.full(len(part), np.nan)
+def _tree(points: Floats) -> cKDTree:
+    """For few queries: made in less than half the time of a balanced one."""
+    return cKDTree(points, balanced_tree=False, compact_nodes=False)
+
+
+def _sure(pair: Pair) -> Floats:
+    """Probability (P,) that each part of the source has the counterpart that it was matched with."""
+    fit, label = pair.surface, labels_of(pair.surface.source)
+    sure = np.full(label.max() + 1, np.nan)
     if fit.carried is None:
-        one_piece = not labels_of(fit.source).any() and not labels_of(fit.target).any()
+        one_piece = not label.any() and not labels_of(fit.target).any()
         drawn = not (pair.source.is_scan or pair.target.is_scan)
-        return np.ones(len(part)) if one_piece and drawn else sure
-    for one in np.unique(part):
+        return np.ones(len(sure)) if one_piece and drawn else sure
+    for one in np.unique(label):
         partners = fit.correspondences.target_parts(int(one)).tolist()
         if partners:
-            sure[part == one] = certainty(fit, int(one), partners)
+            sure[one] = certainty(fit, int(one), partners)
     return sure

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,30 @@ if TYPE_CHECKING:
 
 STATES = ("open", "watched", "repaired", "dismissed")
 _LONGEST = 2000  # letters of a class, a severity or a note
+_TURNS = {"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"}  # direction of writing
+
+
+def check_text(what: str, name: str, text: str) -> None:
+    """Refuse a text that is too long, or hides or turns what is read.
+
+    Raises
+    ------
+    SettingsError
+        If it has control letters, which terminals obey, or turns the direction of writing.
+    """
+    if len(text) > _LONGEST:
+        raise SettingsError(what, f"its {name} is longer", f"at most {_LONGEST} letters")
+    for letter in text:
+        turns = unicodedata.bidirectional(letter) in _TURNS
+        if turns or (unicodedata.category(letter) in ("Cc", "Cs") and letter not in "\n\t"):
+            remedy = "write it in letters, digits and signs"
+            raise SettingsError(what, f"its {name} has {letter!a}, which nobody sees", "", remedy)
+
+
+def check_texts(row: Mapping[str, Any]) -> None:
+    """The same of all that a row of `findings` says of itself."""
+    for name in ("class", "severity", "note", "file"):
+        check_text(f"finding {row['finding_id']}", name, str(row.get(name) or ""))
 
 
 class Finding(Adding):
@@ -101,10 +126,7 @@ class Finding(Adding):
         return self.add_rows("flight_photos", list(new.values()))
 
     def _entry(self, row: Mapping[str, Any], by: str) -> Row:
-        for name in ("class", "severity", "note"):
-            if len(str(row.get(name) or "")) > _LONGEST:
-                rule = f"at most {_LONGEST} letters"
-                raise SettingsError(f"finding {row['finding_id']}", f"its {name} is longer", rule)
+        check_texts(row)
         drop = ("commit_id", "added_at", "commit_version", "row_sha256", "before_sha256")
         kept = {name: value for name, value in row.items() if name not in drop and value == value}
         return kept | {"entry_id": self.new_commit_id(), "by": by, "code_version": code_version()}
