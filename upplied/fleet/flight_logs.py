@@ -33,6 +33,9 @@ from upplied.proof.looks import Looks, looks_of
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Plan, Structure, Trajectory
 
 _SHOWN = 1  # of SURFACE_STATES
+#: Columns of `flights` by the names that an alignment, and a flight as flown, have for them.
+_OF_ALIGNMENT = ("clock_s", "camera_yaw_deg", "camera_pitch_deg", "residual_p95_m")
+_OF_FLIGHT = ("photos_missing", "cross_track_p95_m", "flown_pct", "silent_s")
 
 
 @dataclass(frozen=True)
@@ -135,9 +138,8 @@ def _judged(catalog: Catalog, laid: Laid, photo_ns: Ints | None, accuracy_m: flo
     photo_s = None if photo_ns is None else np.asarray((photo_ns - flown.t_ns[0]) * 1e-9, np.float64)
     # Where it flew, and what it saw, nothing stood that is only supposed: what was scanned counts.
     scene = scene_of(catalog.structure(row["target_id"]))
-    columns, surface, judged = judged_on_plan(
-        catalog, row, laid.on, flown.trajectory, scene, flown.camera, photo_s
-    )
+    logged = flown.trajectory, scene, flown.camera, photo_s
+    columns, surface, judged = judged_on_plan(catalog, row, laid.on, *logged)
     parts = ["flown", row["transfer_id"], row["waypoints_sha256"], flown.sha256]
     parts.append("" if photo_ns is None else hashlib.sha256(photo_ns.tobytes()).hexdigest())
     parts += [] if accuracy_m is None else [accuracy_m]
@@ -167,21 +169,8 @@ def judged_on_plan(
 ) -> tuple[Row, Cloud, AsFlown]:
     """What every flight says of itself, by the columns of `flights`, the surface it was judged on, and how.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    row : dict
-        Of the plan.
-    on : Alignment
-        The flight on its plan.
-    logged : Trajectory
-        As it was logged.
-    scene : Scene
-        That stood there.
-    camera : Camera, optional
-        Of the flight, where its log says; else the demonstration's.
-    photo_s : array, shape (F,), s, optional
-        Times of the photos from the first pose.
+    The row is the plan's, `on` the flight on it, the scene what stood there. The camera is the flight's, else
+    the demonstration's; `photo_s` (F,), s, are the times of its photos from the first pose.
     """
     target, plan = catalog.structure(row["target_id"]), catalog.plan(row["transfer_id"])
     planned_with = catalog.demonstration(row["demonstration_id"]).camera
@@ -191,30 +180,23 @@ def judged_on_plan(
     assert plan.trajectory is not None
     viewpoint_s = plan.trajectory.t_s[np.flatnonzero([] if plan.is_viewpoint is None else plan.is_viewpoint)]
     rule = settings_of(row["settings_json"]).inspection
-    judged = as_flown(
-        plan.trajectory, viewpoint_s, on, logged, surface, camera, scene, photo_s, planned_with, rule
-    )
+    where = surface, camera, scene, photo_s, planned_with, rule
+    judged = as_flown(plan.trajectory, viewpoint_s, on, logged, *where)
     looks = judged.looks
     of_plan = ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")
     columns = {
         **{name: row[name] for name in of_plan},
-        "photos_missing": judged.photos_missing,
-        "clock_s": on.clock_s,
+        **{name: getattr(on, name) for name in _OF_ALIGNMENT},
+        **{name: getattr(judged, name) for name in _OF_FLIGHT},
         "clock_error_s": on.clock_error_s if np.isfinite(on.clock_error_s) else None,
         "shift_m": float(np.linalg.norm(on.shift_m)),
         "place_error_m": on.place_error_m if np.isfinite(on.place_error_m) else None,
         "turn_deg": on.heading_deg,
-        "camera_yaw_deg": on.camera_yaw_deg,
-        "camera_pitch_deg": on.camera_pitch_deg,
-        "residual_p95_m": on.residual_p95_m,
-        "cross_track_p95_m": judged.cross_track_p95_m,
         "plan_frechet_m": judged.frechet_m,
-        "flown_pct": judged.flown_pct,
         "inspected_pct": _share_pct(looks.inspected, required),
         "inspected_if_corrected_pct": _share_pct(looks.inspected_if_corrected, required),
         "required_pct": _share_pct(looks.seen, required),
         "assumed_pct": _share_pct(looks.assumed, required) or 0.0,
-        "silent_s": judged.silent_s,
         "findings": "; ".join(judged.findings),
         "min_clearance_m": judged.clearance_m,
         "path_length_m": float(leg_lengths(on.flown.positions).sum()),

@@ -54,9 +54,8 @@ def promote_flight(
     if unknown := sorted(set(force) - set(RULES)):
         raise SettingsError(f"rule {unknown[0]!r}", "is unknown", f"one of {', '.join(RULES)}")
     if not by.strip():
-        raise SettingsError(
-            "a demonstration", "has no name of the person who stores it", "a name", "add --by NAME"
-        )
+        fault = "has no name of the person who stores it"
+        raise SettingsError("a demonstration", fault, "a name", "add --by NAME")
     row = catalog.flight(start)
     what = f"flight {str(row['flight_id'])[:12]}"
     plan = catalog.transfer(str(row["transfer_id"]))
