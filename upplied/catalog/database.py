@@ -87,11 +87,8 @@ class Catalog(Deciding):
         return path
 
     def _check_leaves(self, row: Row, force: Collection[str]) -> None:
-        """Refuse a plan that is for comparison, falls short of its floors, or has been followed by another.
-
-        The steps of a row are compared with its hash whenever they are read, so they are those that were
-        judged when they were planned: clearance, surroundings, speed and other floors stand in its verdict.
-        """
+        """Refuse a plan that is for comparison, falls short of its floors, or that another followed."""
+        # Its steps were compared with its hash when they were read: they are those that its verdict is of.
         broken: dict[str, str] = {}
         if row["preset"] != "recommended":
             broken["preset"] = f"the plan is of preset {row['preset']}, which is for comparison"
@@ -112,8 +109,8 @@ class Catalog(Deciding):
             names = ", ".join(f'"{rule}"' for rule in left)
             remedy = f"to look at it: plan() or waypoints(); to fly it all the same: force=[{names}]"
             words = "; ".join(f"{rule}: {found}" for rule, found in left.items())
-            rule = "only what may be flown leaves"
-            raise RefusedError(f"transfer {row['transfer_id']}", words, rule, remedy)
+            what, rule = f"transfer {row['transfer_id']}", "only what may be flown leaves"
+            raise RefusedError(what, words, rule, remedy)
 
     def plan(self, transfer_id: str) -> Plan:
         """One plan as it was made, but for what it sees of the surface; see `surface`."""

@@ -59,9 +59,8 @@ def changes_for(
     changes: Changes = {}
     for part in [*(parts if preset == FLOWN else []), asked]:
         for stage, values in part.items():
-            if not stage:  # the preset, which is the one that is flown
-                continue
-            changes[stage] = {**changes.get(stage, {}), **values}
+            if stage:  # else the preset, which is the one that is flown
+                changes[stage] = {**changes.get(stage, {}), **values}
     return changes
 
 
@@ -110,8 +109,7 @@ class OwnSettings(Requiring):
                     if name in known.get((scope, owner), {}).get(stage, {}):
                         source = f"{scope} {owner}"
                 settings.append({"setting": f"{stage}.{name}".lstrip("."), "value": value, "from": source})
-        zones = Zones(self).of(kind, structure_id)
-        if zones:
+        if zones := Zones(self).of(kind, structure_id):
             row = next(row for row in settings if row["setting"] == ZONES)
             row["value"] = ", ".join(f"{zone['zone']} ({zone['set']} {zone['version']})" for zone in zones)
             row["from"] = ", ".join(dict.fromkeys(zone["asked_by"] for zone in zones))
@@ -137,9 +135,6 @@ def _check_preset(value: object) -> None:
         return
     if value not in PRESETS:
         raise SettingsError(f"preset {str(value)[:60]!r}", "is unknown", f"{FLOWN}: the one that is flown")
-    raise SettingsError(
-        f"preset {value}",
-        "is for comparison, not for flight",
-        f"what belongs to kinds and structures is of {FLOWN}, the one that is flown",
-        f"plan it beside: upplied transfer --preset {value} --experiment NAME",
-    )
+    rule = f"what belongs to kinds and structures is of {FLOWN}, the one that is flown"
+    remedy = f"plan it beside: upplied transfer --preset {value} --experiment NAME"
+    raise SettingsError(f"preset {value}", "is for comparison, not for flight", rule, remedy)

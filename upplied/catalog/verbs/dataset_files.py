@@ -22,7 +22,7 @@ import upplied
 from upplied.catalog.schema.dictionary import data_dictionary
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store.files import replace_file
 from upplied.errors import CatalogError, InputError
 
@@ -30,12 +30,8 @@ if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
 
-#: Flights are flown again in a moment; what people decide, change, overrule and find is of one place.
-_OF_ONE_PLACE = (
-    *("flights", "decisions", "overruled", "settings", "requirements", "edits"),
-    *("flight_photos", "findings"),
-)
-EXCHANGED = [name for name in TABLES if name not in _OF_ONE_PLACE]
+#: Not flights, which are flown again in a moment, and what people decide, change, overrule and find.
+EXCHANGED = [name for name in TABLES if name in {*STEPS, *STEPS.values(), "structures"}]
 
 _DATASET = "dataset.json"
 _MAX_ABOUT_BYTES = 64 << 20  # of dataset.json
@@ -43,13 +39,7 @@ _MAX_BYTES = 8 << 30  # of one file of a folder that is imported
 
 
 def new_folder(folder: str | os.PathLike[str]) -> Path:
-    """Where a dataset may be written: nothing lies there yet.
-
-    Raises
-    ------
-    InputError
-        If the folder is not empty.
-    """
+    """Where a dataset may be written: nothing lies there yet, else it is refused."""
     place = Path(folder)
     if place.exists() and any(place.iterdir()):
         raise InputError(str(place), "is not empty", "a new folder", "choose another")
@@ -57,9 +47,13 @@ def new_folder(folder: str | os.PathLike[str]) -> Path:
 
 
 def with_path(catalog: Catalog, transfers: pd.DataFrame | Sequence[str]) -> list[Row]:
-    """The rows of some plans, those with a trajectory, as `Catalog.transfers` or their names tell them."""
-    names = list(transfers["transfer_id"] if isinstance(transfers, pd.DataFrame) else transfers)
-    return [row for row in map(catalog.transfer, names) if row["n_waypoints"]]
+    """The rows of some plans, those with a trajectory."""
+    return [row for row in map(catalog.transfer, names_of(transfers)) if row["n_waypoints"]]
+
+
+def names_of(transfers: pd.DataFrame | Sequence[str]) -> list[str]:
+    """The names of plans, of rows of `Catalog.transfers` or as they are."""
+    return list(transfers["transfer_id"] if isinstance(transfers, pd.DataFrame) else transfers)
 
 
 def describe(place: Path, about: dict[str, Any]) -> None:
@@ -83,12 +77,7 @@ def describe(place: Path, about: dict[str, Any]) -> None:
 def check_files(place: Path) -> set[str]:
     """Compare the files that are there with the hashes they should have; their names.
 
-    Nothing else of the folder is read.
-
-    Raises
-    ------
-    CatalogError
-        If one is missing, was changed, is not listed or lies elsewhere.
+    One that is missing, was changed, is not listed or lies elsewhere is an error; nothing else is read.
     """
     about = _about(place)
     try:

@@ -90,13 +90,10 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, mo
 def _texts(rows: pd.DataFrame) -> pa.Array:
     """Each row as one text."""
     table = pa.Table.from_pandas(rows, preserve_index=False)
-    columns = [table[name].combine_chunks() for name in rows]
-    texts = [
-        (column.cast(pa.int64()) if pa.types.is_timestamp(column.type) else column)
-        .cast(pa.string())
-        .fill_null("")
-        for column in columns
-    ]
+    texts = []
+    for column in (table[name].combine_chunks() for name in rows):
+        plain = column.cast(pa.int64()) if pa.types.is_timestamp(column.type) else column
+        texts.append(plain.cast(pa.string()).fill_null(""))
     return pc.binary_join_element_wise(*texts, "\x1f")
 
 

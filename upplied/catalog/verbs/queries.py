@@ -67,9 +67,8 @@ def moment(when: When) -> pd.Timestamp:
     try:
         stamp = pd.Timestamp(when)
     except ValueError:
-        raise SettingsError(
-            f"moment {when!r}", "cannot be read", "like 2026-11-21 or 2026-11-21T02:00:00Z"
-        ) from None
+        rule = "like 2026-11-21 or 2026-11-21T02:00:00Z"
+        raise SettingsError(f"moment {when!r}", "cannot be read", rule) from None
     return stamp.tz_localize("UTC") if stamp.tzinfo is None else stamp.tz_convert("UTC")
 
 
@@ -101,18 +100,9 @@ def matching(
 def completed(
     table: StoredTable, found: pd.DataFrame, wanted: list[str], of: int, version: int | None = None
 ) -> pa.Table:
-    """More columns of these rows, in their order; texts that repeat are kept once.
+    """The `wanted` columns of these rows (with `NAMED`), in their order; texts that repeat are kept once.
 
-    Parameters
-    ----------
-    table : StoredTable
-    found : DataFrame
-        Rows with what names each (`NAMED`).
-    wanted : sequence of str
-    of : int
-        How many rows there are to choose from.
-    version : int, optional
-        Of the table.
+    `of` is how many rows there are to choose from, in this version of the table.
     """
     import pandas as pd
 
@@ -130,13 +120,7 @@ def completed(
 
 
 def beginning(rows: pd.DataFrame, what: str, start: str) -> Row:
-    """The newest row of the one flight or finding whose id begins so.
-
-    Raises
-    ------
-    CatalogError
-        If there is none, or more than one.
-    """
+    """The newest row of the one flight or finding whose id begins so; none, or more than one, is an error."""
     ids = rows[f"{what}_id"]
     found = rows[ids.str.startswith(start)].drop_duplicates(f"{what}_id", keep="last")
     if len(found) != 1:
@@ -155,11 +139,8 @@ def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
 def steps(table: StoredTable, row: Row) -> pa.Table:
     """The waypoints or poses that one row owns, in order.
 
-    Raises
-    ------
-    CatalogError
-        If they are not as many as the row says, or not those whose hash it keeps: one changed bit is
-        another flight.
+    It is an error if they are not as many as the row says, or not those whose hash it keeps: one changed bit
+    is another flight.
     """
     declared = table.declared
     name, count = declared.names[0], row[f"n_{declared.name}"]
