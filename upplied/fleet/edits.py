@@ -14,6 +14,7 @@ from upplied.catalog import Catalog
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.belonging import FLOWN
+from upplied.catalog.verbs.roster import author
 from upplied.config import digest
 from upplied.errors import InputError, RefusedError, UppliedError
 from upplied.fleet.editing import Base, Editing, boxes_of
@@ -63,9 +64,7 @@ def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> 
     RefusedError
         If what is asked for cannot be flown safely.
     """
-    if not by.strip():
-        raise InputError(str(path), "has no name of the person who changed it", "", "add --by NAME")
-    editing = Editing(catalog, transfer_id)
+    by, editing = author(by, str(path)), Editing(catalog, transfer_id)
     try:
         document = json.loads(read_regular(Path(path), _MOST_BYTES).decode("utf-8"))
         if document["plan"] != transfer_id:

@@ -17,7 +17,7 @@ from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import CloudSettings, digest
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.ingest import find_logs
-from upplied.fleet.plan_of_flight import Laid, moment_of, plan_of_flight
+from upplied.fleet.plan_of_flight import moment_of, plan_of_flight
 from upplied.fleet.workers import JobKilled, Limits, Workers
 from upplied.fleet.zone_gaps import zones_left_out
 from upplied.geometry.polylines import leg_lengths
@@ -30,7 +30,7 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.proof.align import Alignment
 from upplied.proof.as_flown import AsFlown, as_flown
 from upplied.proof.looks import Looks, looks_of
-from upplied.records import Bools, Camera, Cloud, Floats, Ints, Plan, Structure, Trajectory
+from upplied.records import Bools, Camera, Cloud, Floats, Plan, Structure, Trajectory
 
 _SHOWN = 1  # of SURFACE_STATES
 #: Columns of `flights` by the names that an alignment, and a flight as flown, have for them.
@@ -130,10 +130,6 @@ def judge_log(
     if photo_ns is not None and STEPPED in laid.flown.notes:
         fault = "cannot be placed: the clock of the log stepped in flight"
         raise InputError(str(photos), fault, "one clock for log and photos", "leave the photos out")
-    return _judged(catalog, laid, photo_ns, accuracy_m)
-
-
-def _judged(catalog: Catalog, laid: Laid, photo_ns: Ints | None, accuracy_m: float | None) -> Judged:
     row, flown = laid.row, laid.flown
     photo_s = None if photo_ns is None else np.asarray((photo_ns - flown.t_ns[0]) * 1e-9, np.float64)
     # Where it flew, and what it saw, nothing stood that is only supposed: what was scanned counts.

@@ -168,11 +168,7 @@ def _axes(
 
 
 def _kind(
-    new: Member,
-    kin: Sequence[Member],
-    unlike: Floats,
-    others: Sequence[Member],
-    bounds: StructureSettings,
+    new: Member, kin: Sequence[Member], unlike: Floats, others: Sequence[Member], bounds: StructureSettings
 ) -> Iterator[Verdict]:
     """Whether it looks like its kind, or rather like another."""
     best = float(unlike.min())

@@ -120,7 +120,8 @@ def _check(setting: str, value: Any) -> None:
     """Refuse a setting that there is not, or a value that it does not take."""
     stage, dot, name = setting.partition(".")
     if setting == PRESET:
-        _check_preset(value)
+        if value not in (None, FLOWN):
+            _refuse_preset(value)
     elif not dot:
         raise SettingsError(f"setting {setting!r}", "cannot be read", "STAGE.NAME")
     elif setting == ZONES:
@@ -129,10 +130,8 @@ def _check(setting: str, value: Any) -> None:
         settings_for(FLOWN, **{stage: {name: tuples(value)}})  # which says what there is instead
 
 
-def _check_preset(value: object) -> None:
-    """Refuse a preset whose plans are not to be flown: gate, release and pages count on it."""
-    if value is None or value == FLOWN:
-        return
+def _refuse_preset(value: object) -> None:
+    """Plans of another preset are not to be flown: gate, release and pages count on it."""
     if value not in PRESETS:
         raise SettingsError(f"preset {str(value)[:60]!r}", "is unknown", f"{FLOWN}: the one that is flown")
     rule = f"what belongs to kinds and structures is of {FLOWN}, the one that is flown"

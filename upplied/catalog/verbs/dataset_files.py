@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 #: Not flights, which are flown again in a moment, and what people decide, change, overrule and find.
 EXCHANGED = [name for name in TABLES if name in {*STEPS, *STEPS.values(), "structures"}]
 
-_DATASET = "dataset.json"
+DATASET = "dataset.json"
 _MAX_ABOUT_BYTES = 64 << 20  # of dataset.json
 _MAX_BYTES = 8 << 30  # of one file of a folder that is imported
 
@@ -71,7 +71,7 @@ def describe(place: Path, about: dict[str, Any]) -> None:
     replace_file(place / "LICENCE.txt", f"{about['licence']}\n{about['attribution']}\n".encode())
     replace_file(place / "DATA_DICTIONARY.md", data_dictionary().encode())
     files = {_relative(place, path): _sha256(path) for path in sorted(place.rglob("*")) if path.is_file()}
-    replace_file(place / _DATASET, json.dumps({**about, "files": files}, indent=2).encode())
+    replace_file(place / DATASET, json.dumps({**about, "files": files}, indent=2).encode())
 
 
 def check_files(place: Path) -> set[str]:
@@ -83,7 +83,7 @@ def check_files(place: Path) -> set[str]:
     try:
         version, files = int(about["schema_version"]), dict(about["files"])
     except (ValueError, KeyError, TypeError) as error:
-        raise CatalogError(f"{place / _DATASET}", f"cannot be read: {error}", "an exported folder") from None
+        raise CatalogError(f"{place / DATASET}", f"cannot be read: {error}", "an exported folder") from None
     if version > SCHEMA_VERSION:
         found = f"has schema version {version}"
         raise CatalogError(str(place), found, f"at most {SCHEMA_VERSION}", "use a newer version")
@@ -97,17 +97,9 @@ def check_files(place: Path) -> set[str]:
     return set(files)
 
 
-def checked_bytes(place: Path, listed: Collection[str], name: str) -> bytes:
-    """The bytes of a file of a dataset; one that is not among those that were checked is refused."""
-    if name not in listed:
-        rule, remedy = f"what plans name is in {_DATASET}", "export the dataset again"
-        raise CatalogError(str(place / name), "is missing, or not listed", rule, remedy)
-    return (place / name).read_bytes()
-
-
 def _about(place: Path) -> dict[str, Any]:
     """What a dataset says of itself."""
-    path = place / _DATASET
+    path = place / DATASET
     try:
         if not path.is_file() or path.stat().st_size > _MAX_ABOUT_BYTES:
             raise OSError("it is no file, or too large")

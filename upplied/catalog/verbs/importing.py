@@ -22,7 +22,7 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import CONTENTS, NAMED_CONTENTS, States, file_name
-from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, checked_bytes, name_of
+from upplied.catalog.verbs.dataset_files import DATASET, EXCHANGED, check_files, name_of
 from upplied.catalog.verbs.ordering import by_commit
 from upplied.catalog.verbs.recipes import Recipe, settings_of, siblings_of
 from upplied.catalog.verbs.verification import Values
@@ -194,9 +194,11 @@ def _steps(place: Path, found: dict[tuple[str, str], pa.Table], name: str, row: 
 def _stored(place: Path, listed: set[str], kind: str, sha256: str) -> Any:
     """The record that a dataset keeps in a file by its content."""
     name = f"{kind}/{file_name(sha256)}"
-    content = checked_bytes(place, listed, name)
+    if name not in listed:  # and so was not checked
+        rule, remedy = f"what plans name is in {DATASET}", "export the dataset again"
+        raise CatalogError(str(place / name), "is missing, or not listed", rule, remedy)
     try:
-        return codec.decode(content, CONTENTS[kind].record_type, sha256)
+        return codec.decode((place / name).read_bytes(), CONTENTS[kind].record_type, sha256)
     except CatalogError as error:
         raise CatalogError(str(place / name), error.found) from None
 

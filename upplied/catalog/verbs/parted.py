@@ -134,23 +134,22 @@ def _place(old: pa.Table, own: pd.DataFrame) -> Ints:
 
 def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:
     declared, key = TABLES[name], TABLES[name].names[0]
-    lacking = {}
-    for file, own in files.items():
-        known = owned.named(_before(was, file, declared, [key, "commit_id"]), key).unique()
-        lacking[file] = own[~pc.is_in(owned.named(own, key), known).to_numpy(zero_copy_only=False)]
-    for lot in _lots(files, {file: own[f"n_{name}"].sum() for file, own in lacking.items()}, owned.CHUNK):
-        owners = pd.concat([lacking[file].assign(file=at) for at, file in enumerate(lot)])
-        owners = owners.sort_values([key, "commit_id"])
-        steps = owned.checked(name, owned.stored_steps(catalog, name, owners), owners)
-        number = np.repeat(owners["file"].to_numpy(), owners[f"n_{name}"])
+    for lot in _lots(files, {file: own[f"n_{name}"].sum() for file, own in files.items()}, owned.CHUNK):
+        still, lacking = [], []
+        for at, file in enumerate(lot):
+            old, owners = _before(was, file, declared), owned.named(files[file], key)
+            still.append(old.filter(pc.is_in(owned.named(old, key), owners)))
+            known = pc.is_in(owners, owned.named(still[at], key)).to_numpy(zero_copy_only=False)
+            lacking.append(files[file][~known].assign(file=at))
+        own = pd.concat(lacking).sort_values([key, "commit_id"])
+        steps = owned.checked(name, owned.stored_steps(catalog, name, own), own)
+        number = np.repeat(own["file"].to_numpy(), own[f"n_{name}"])
         steps = steps.take(pa.array(np.argsort(number, kind="stable")))
         ends = np.cumsum(np.bincount(number, minlength=len(lot)))
-        for file, first, end in zip(lot, [0, *ends], ends, strict=False):
-            own, new = files[file], steps.slice(first, end - first)
-            if len(lacking[file]) < len(own):
-                old = _before(was, file, declared)
-                still = old.filter(pc.is_in(owned.named(old, key), owned.named(own, key)))
-                new = owned.checked(name, owned.in_order(name, pa.concat_tables([still, new])), own)
+        for file, old, first, end in zip(lot, still, [0, *ends], ends, strict=False):
+            new = steps.slice(first, end - first)
+            if len(old):
+                new = owned.checked(name, owned.in_order(name, pa.concat_tables([old, new])), files[file])
             yield file, new
 
 
@@ -168,10 +167,9 @@ def _lots(files: Files, weight: Mapping[str, float], most: int) -> Iterator[list
         yield lot
 
 
-def _before(was: Before, file: str, declared: Table, columns: list[str] | None = None) -> pa.Table:
+def _before(was: Before, file: str, declared: Table) -> pa.Table:
     """What was in the file of before; nothing where there was none, or one of other columns."""
     path = was.like(file)
-    empty = declared.schema.empty_table().select(columns or declared.names)
     if path is None or pq.read_schema(path).names != declared.names:
-        return empty
-    return pq.read_table(path, columns=columns).cast(empty.schema)
+        return declared.schema.empty_table()
+    return pq.read_table(path).cast(declared.schema)

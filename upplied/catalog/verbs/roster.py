@@ -33,13 +33,10 @@ _SIGNED = ("decision_id", "transfer_id", "demonstration_id", "target_id", "purpo
 #: Scripts that one name may mix.
 _TOGETHER = ({"HIRAGANA", "KATAKANA", "KATAKANA-HIRAGANA", "CJK"}, {"HANGUL", "CJK"}, {"BOPOMOFO", "CJK"})
 #: Letters of Cyrillic and Greek by the Latin one that they look like.
-_LIKE = dict(
-    zip(
-        "\u0430\u044c\u0441\u0501\u0435\u04bb\u0456\u0458\u043a\u04cf\u043c\u043f\u043e\u0440\u0433\u0455\u0442\u0438"
-        "\u0475\u0445\u0443\u03b1\u03b5\u03b9\u03ba\u03bf\u03c1\u03c4\u03c5\u03bd\u03c7",
-        "abcdehijklmnoprstuvxyaeikoptuvx",
-        strict=True,
-    )
+_LIKE = str.maketrans(
+    "\u0430\u044c\u0441\u0501\u0435\u04bb\u0456\u0458\u043a\u04cf\u043c\u043f\u043e\u0440\u0433\u0455\u0442\u0438"
+    "\u0475\u0445\u0443\u03b1\u03b5\u03b9\u03ba\u03bf\u03c1\u03c4\u03c5\u03bd\u03c7",
+    "abcdehijklmnoprstuvxyaeikoptuvx",
 )
 
 
@@ -161,8 +158,7 @@ def check_name(name: str) -> str:
 
 def _skeleton(name: str) -> str:
     """What a name looks like."""
-    table = {ord(letter): like for letter, like in _LIKE.items()}
-    plain = unicodedata.normalize("NFKD", name.casefold()).translate(table)
+    plain = unicodedata.normalize("NFKD", name.casefold()).translate(_LIKE)
     plain = plain.replace("0", "o").replace("1", "l").replace("i", "l").replace("rn", "m")
     return "".join(letter for letter in plain if letter.isalnum())
 
