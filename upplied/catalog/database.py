@@ -10,8 +10,9 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import pandas as pd
 import pyarrow.compute as pc
 
 from upplied.catalog.reading import OWNER
@@ -23,10 +24,6 @@ from upplied.catalog.verbs.decisions import Deciding
 from upplied.catalog.verbs.queries import PlannedTrajectory
 from upplied.errors import RefusedError
 from upplied.records import Bools, Plan, Structure, SupposedSurface, SurfaceStates, Trajectory
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 #: Of a row of `transfers`, what tells whether it may leave.
 _JUDGED = ("transfer_id", "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
@@ -146,8 +143,6 @@ class Catalog(Deciding):
         Columns ``t_s``, ``x_m`` to ``z_m``, ``qx`` to ``qw`` (camera to structure), ``patches`` that it shows
         sharply, ``gsd_mm`` and ``blur_px``, medians over these, and ``overlap_pct`` with the one before.
         """
-        import pandas as pd
-
         sha256 = self._sha256(transfer_id, "photos_sha256")
         columns = photo_columns(self.contents["photos"].get(sha256)) if sha256 else {}
         return pd.DataFrame(columns, columns=list(PHOTO_COLUMNS))

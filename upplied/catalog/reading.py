@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
+import pandas as pd
 import pyarrow.compute as pc
 
 from upplied.catalog.schema import plan_rows, rows
@@ -23,9 +24,6 @@ from upplied.catalog.verbs.standing import DERIVED, Standing, standing_of, with_
 from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError
 from upplied.records import Demonstration, Structure
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: What of a plan's row says which waypoints are its own.
 OWNER = ("transfer_id", "commit_id", "n_waypoints", "waypoints_sha256", "status", "reason", "planned_at")
@@ -126,8 +124,6 @@ class Reading:
         in_force : bool
             The plans that a person released and that are in force, instead of the newest.
         """
-        import pandas as pd
-
         # Which rows those are is told from a few columns; of all that a table has, the others are read of
         # these rows alone.
         declared, tables = TABLES["transfers"], self.tables

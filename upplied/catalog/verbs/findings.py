@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from upplied.catalog.schema.rows import ADDED, Row
 from upplied.catalog.schema.tables import BEFORE_SHA256
@@ -13,9 +15,6 @@ from upplied.catalog.verbs.queries import When, moment
 from upplied.catalog.verbs.roster import author
 from upplied.errors import SettingsError
 from upplied.provenance import code_version
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 STATES = ("open", "watched", "repaired", "dismissed")
 _LONGEST = 2000  # letters of a class, a severity or a note

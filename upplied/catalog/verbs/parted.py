@@ -10,6 +10,7 @@ import hashlib
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,7 +62,7 @@ def step_files(name: str, owners: pd.DataFrame) -> Parted:
     """The files of `waypoints` or `poses`, of these owners, each with its `kind` and `target_id`."""
     key = TABLES[name].names[0]
     names = [key, "commit_id", f"{name}_sha256", f"n_{name}"]
-    owners = owners[[*names, "kind", "target_id"]].sort_values([key, "commit_id"])
+    owners = owners[[*names, "kind", "target_id"]].sort_values(key)  # of each one row
     return _files(name, owners, names, owners[f"n_{name}"].to_numpy(), _STEPS)
 
 
@@ -76,13 +77,15 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, mo
         count = 1
         while count < _FILES and weight[at].sum() > count * most:
             count *= 2
-        targets = rows["target_id"].iloc[at]
-        bucket = targets.map({one: zlib.crc32(one.encode()) % count for one in targets.unique()}).to_numpy()
+        number, targets = pd.factorize(rows["target_id"].iloc[at])
+        bucket = np.array([zlib.crc32(target.encode()) % count for target in targets.tolist()])[number]
         order = np.argsort(bucket, kind="stable")
-        for own in np.split(order, np.flatnonzero(np.diff(bucket[order])) + 1):
-            held = "\n".join([made_of, *texts.take(pa.array(at[own])).to_pylist()])
-            sha256 = hashlib.sha256(held.encode()).hexdigest()
-            found[f"{folder}/{bucket[own[0]] + 1:04}-of-{count:04}-{sha256[:16]}.parquet"] = at[own]
+        held, bucket = texts.take(pa.array(at[order])).to_pylist(), bucket[order]
+        ends = [*(np.flatnonzero(np.diff(bucket)) + 1), len(order)]
+        for first, end in pairwise([0, *ends]):
+            sha256 = hashlib.sha256("\n".join([made_of, *held[first:end]]).encode()).hexdigest()
+            file = f"{folder}/{bucket[first] + 1:04}-of-{count:04}-{sha256[:16]}.parquet"
+            found[file] = at[order[first:end]]
     nothing = {f"{name}.parquet/none-{made_of[:16]}.parquet": np.empty(0, np.int64)}
     return Parted(rows[columns], found or nothing)
 

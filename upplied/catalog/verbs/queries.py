@@ -11,9 +11,9 @@ from collections.abc import Iterable, Mapping
 from datetime import datetime
 from functools import reduce
 from operator import and_
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
@@ -25,9 +25,6 @@ from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs.ordering import NEWEST
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Floats, Trajectory
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 When = datetime | str
 
@@ -62,8 +59,6 @@ def decoded(table: pa.Table) -> pa.Table:
 
 def moment(when: When) -> pd.Timestamp:
     """A moment in UTC; a text without a zone is UTC."""
-    import pandas as pd
-
     try:
         stamp = pd.Timestamp(when)
     except ValueError:
@@ -104,8 +99,6 @@ def completed(
 
     `of` is how many rows there are to choose from, in this version of the table.
     """
-    import pandas as pd
-
     where = None
     if len(found) < max(_FEW * of, _FEW_ROWS):
         where = pc.field("transfer_id").isin(pa.array(found["transfer_id"].tolist(), pa.string()))
