@@ -18,7 +18,7 @@ from prefect.exceptions import FailedRun, ObjectNotFound
 from prefect.states import Cancelled
 
 from upplied.errors import SettingsError
-from upplied.fleet import SHARD_TARGETS
+from upplied.fleet.run import SHARD_TARGETS
 
 POOL = "planners"
 DEPLOYMENT = "plan-shard/plan-shard"

@@ -179,9 +179,7 @@ def _item_hint(hints: tuple[Any, ...], index: int) -> Any:
     return hints[min(index, len(hints) - 1)]
 
 
-@lru_cache(maxsize=64)
-def _hints(record_type: type) -> dict[str, Any]:
-    return get_type_hints(record_type)
+_hints = lru_cache(maxsize=64)(get_type_hints)
 
 
 def _join(path: str, name: str) -> str:
