@@ -99,9 +99,8 @@ def _readable(value: object) -> object:
 def maintenance_artifact(merged: dict[str, int], findings: Sequence[str]) -> str:
     """What maintenance did and found; returns the same in one line."""
     summary = f"{sum(merged.values())} files merged, {len(findings)} findings"
-    listed = (
-        "\n".join(f"* {finding}" for finding in findings[:MOST_ROWS]) or "Every reference and hash is right."
-    )
+    listed = "\n".join(f"* {finding}" for finding in findings[:MOST_ROWS])
+    listed = listed or "Every reference and hash is right."
     create_markdown_artifact(f"## maintain-catalog\n\n{summary}\n\n{listed}", key="maintain-catalog")
     return summary
 

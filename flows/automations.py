@@ -12,43 +12,31 @@ from prefect.automations import Automation, AutomationCore, ChangeFlowRunState, 
 from prefect.client.schemas.objects import StateType
 
 from .environment import SETTINGS
-from .states import TROUBLED
+from .notices import TROUBLE
 
 HEARTBEAT_S = int(SETTINGS["PREFECT_FLOWS_HEARTBEAT_FREQUENCY"])
 # Ten beats: a loaded server that answers late, or drops some events, must not kill a healthy run.
 SILENCE_S = 10 * HEARTBEAT_S
+ALIVE, ENDED = ("Running", "heartbeat"), ("Completed", "Cancelled", *TROUBLE)  # events of a run
 
 
 def zombies(silence_s: int = SILENCE_S) -> AutomationCore:
     """Mark a run crashed that was heard of, and then not for so many seconds."""
+    message = f"No sign of life for {silence_s} s: the run was killed together with its worker."
     return AutomationCore(
         name="a silent run is marked crashed",
         description="A run that was killed together with its worker says no more, and would stay Running.",
         trigger=EventTrigger(
             posture=Posture.Proactive,
             # Armed before the first heartbeat, which a run may not live to send.
-            after={"prefect.flow-run.Pending", "prefect.flow-run.Running", "prefect.flow-run.heartbeat"},
-            expect={
-                "prefect.flow-run.Running",
-                "prefect.flow-run.heartbeat",
-                "prefect.flow-run.Completed",
-                f"prefect.flow-run.{TROUBLED}",
-                "prefect.flow-run.Failed",
-                "prefect.flow-run.TimedOut",
-                "prefect.flow-run.Cancelled",
-                "prefect.flow-run.Crashed",
-            },
+            after={f"prefect.flow-run.{sign}" for sign in ("Pending", *ALIVE)},
+            expect={f"prefect.flow-run.{sign}" for sign in (*ALIVE, *ENDED)},
             match={"prefect.resource.id": "prefect.flow-run.*"},
             for_each={"prefect.resource.id"},
             threshold=1,
             within=timedelta(seconds=silence_s),
         ),
-        actions=[
-            ChangeFlowRunState(
-                state=StateType.CRASHED,
-                message=f"No sign of life for {silence_s} s: the run was killed together with its worker.",
-            )
-        ],
+        actions=[ChangeFlowRunState(state=StateType.CRASHED, message=message)],
     )
 
 

@@ -23,21 +23,9 @@ class NotAccepted(Exception):
 
 
 def run_now(parameters: Sequence[str], watch: bool, say: Callable[[str], None]) -> bool:
-    """Submit transfer-fleet and follow it to its end.
+    """Submit transfer-fleet with parameters as NAME=VALUE (JSON), and `watch` it to its end.
 
-    Parameters
-    ----------
-    parameters : sequence of str
-        As NAME=VALUE, the value in JSON.
-    watch : bool
-        Wait for the end.
-    say : callable
-        Called with each line for the person.
-
-    Returns
-    -------
-    bool
-        Whether all went well, as far as it was waited for.
+    Each line for the person goes to `say`. Returns whether all went well, as far as it was waited for.
 
     Raises
     ------
@@ -85,9 +73,10 @@ def _followed(client: SyncPrefectClient, run: FlowRun, say: Callable[[str], None
     message = ""
     while True:
         run = client.read_flow_run(run.id)
-        if run.state is not None and run.state.name != message:
-            message = run.state.name or ""
-            say(f"{message}: {run.state.message}" if run.state.message else message)
-        if run.state is not None and run.state.is_final():
-            return run
+        if (state := run.state) is not None:
+            if state.name != message:
+                message = state.name or ""
+                say(f"{message}: {state.message}" if state.message else message)
+            if state.is_final():
+                return run
         time.sleep(EVERY_S)

@@ -80,18 +80,16 @@ def here(
     catalog: str, jobs: Sequence[fleet.Job], resources: Resources, run_id: str, engine: str = "local"
 ) -> fleet.Result:
     """Tasks in threads feed the worker processes of this machine."""
-    run = fleet.Run(
-        open_catalog(catalog), jobs, run_id, resources.of_fleet(), engine=engine, plan=campaign.plan_job
-    )
+    of, store = resources.of_fleet(), open_catalog(catalog)
+    run = fleet.Run(store, jobs, run_id, of, engine=engine, plan=campaign.plan_job)
     tasks.RUNS[run_id] = run
+    named = [
+        {"name": fleet.shard_name(shard), "run_id": run_id, "shard": number}
+        for number, shard in enumerate(run.shards)
+    ]
     try:
         with ThreadPoolTaskRunner(max_workers=run.threads) as runner, run:
-            submitted = [
-                runner.submit(
-                    tasks.plan_shard, {"name": fleet.shard_name(shard), "run_id": run_id, "shard": number}
-                )
-                for number, shard in enumerate(run.shards)
-            ]
+            submitted = [runner.submit(tasks.plan_shard, shard) for shard in named]
             for future in advancing(submitted):
                 future.result()
     finally:

@@ -15,31 +15,8 @@ PROFILE = "upplied"
 PASSWORD = "password.txt"  # beside the profile, for people
 ROOTS = "UPPLIED_ROOTS"  # folders and object-store URIs that runs may read and write, separated by commas
 
-SETTINGS = {
-    # Nothing is reported to anybody.
-    "DO_NOT_TRACK": "1",
-    "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
-    "RAY_USAGE_STATS_ENABLED": "0",
-    # No page of another site is answered, and what changes something needs a token that only our own has.
-    "PREFECT_SERVER_CORS_ALLOWED_ORIGINS": "http://127.0.0.1",
-    "PREFECT_SERVER_CSRF_PROTECTION_ENABLED": "true",
-    # A deployment's concurrency slot must survive a power cut: leases in the server's memory die with
-    # it, and the nightly run would then be cancelled for ever.
-    "PREFECT_SERVER_CONCURRENCY_LEASE_STORAGE": "prefect.server.concurrency.lease_storage.filesystem",
-    # Without a server Prefect would start one per process and lose most of the history; say so instead.
-    "PREFECT_SERVER_ALLOW_EPHEMERAL_MODE": "false",
-    # A run waits two minutes for a server that is away (2 + 4 + ... + 64 s), rather than one.
-    "PREFECT_CLIENT_MAX_RETRIES": "6",
-    # A worker asks for work this often, s: at Prefect's 10 the start of a short run is mostly waiting.
-    "PREFECT_WORKER_QUERY_SECONDS": "3",
-    # A killed run is told from a healthy one by its heartbeats (see prefect.yaml).
-    "PREFECT_FLOWS_HEARTBEAT_FREQUENCY": "30",
-    # Prefect's own history is kept for a month; the catalog keeps what matters for good.
-    "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
-    "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": "2592000",
-    "PREFECT_LOGGING_EXTRA_LOGGERS": "upplied",
-    "PREFECT_CLI_PROMPT": "false",
-}
+#: Setting to value, with the reasons beside them.
+SETTINGS: dict[str, str] = tomllib.loads((HERE / "settings.toml").read_text(encoding="utf-8"))
 
 
 def home() -> Path:
@@ -60,12 +37,7 @@ def carried(name: str) -> Path:
 def environment(folder: Path, api_url: str) -> dict[str, str]:
     """This process's environment for Prefect processes of ours.
 
-    Parameters
-    ----------
-    folder : path
-        Of Prefect's own database and settings; its profile says the password (`sign_in`).
-    api_url : str
-        Address of the server, e.g. ``http://127.0.0.1:4200/api``.
+    The folder is that of Prefect's own database and settings, whose profile says the password (`sign_in`).
     """
     variables = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
     ours = {"PREFECT_HOME": str(folder), "PREFECT_API_URL": api_url, "UPPLIED_HOME": str(home())}
@@ -73,14 +45,9 @@ def environment(folder: Path, api_url: str) -> dict[str, str]:
 
 
 def sign_in(folder: Path, api_url: str) -> str:
-    """The password of the server of this folder, made once, in a profile that only its owner can read.
+    """``name:password`` of the server of this folder, made once, in a profile that only its owner can read.
 
     Prefect's own commands, workers and flows read it from there wherever PREFECT_HOME is that folder.
-
-    Returns
-    -------
-    str
-        ``name:password``, as Prefect's page asks for it and HTTP's Basic scheme sends it.
     """
     path = folder / "profiles.toml"
     private(folder)

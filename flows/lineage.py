@@ -24,15 +24,7 @@ MEANING = {
 
 
 def asset(location: str, name: str) -> Asset:
-    """A table of a catalog, or a publication, by where it lies.
-
-    Parameters
-    ----------
-    location : str
-        Folder or URI of the catalog; of reports, their own.
-    name : str
-        One of `MEANING`.
-    """
+    """A table of the catalog at a location, or the publication there, by its name in `MEANING`."""
     place = source(location)
     key = place if name == "reports" else f"{place.rstrip('/')}/{name}"
     return Asset(key=key, properties=AssetProperties(name=name, description=MEANING[name]))

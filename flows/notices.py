@@ -6,12 +6,8 @@ from urllib.parse import urlsplit
 
 from prefect import get_client
 from prefect.automations import Automation, AutomationCore, EventTrigger, Posture, SendNotification
+from prefect.blocks import notifications as blocks
 from prefect.blocks.abstract import NotificationBlock
-from prefect.blocks.notifications import (
-    AbstractAppriseNotificationBlock,
-    CustomWebhookNotificationBlock,
-    SlackWebhook,
-)
 from pydantic import Field, SecretStr
 
 from upplied.errors import SettingsError
@@ -21,18 +17,14 @@ from .states import TROUBLED
 NAME = "notices of how runs end"
 TROUBLE = ("Failed", "Crashed", "TimedOut", TROUBLED)
 DEPLOYMENTS = (
-    "transfer-fleet",
-    "ingest-structures",
-    "ingest-demonstrations",
-    "ingest-flights",
-    "publish-reports",
-    "maintain-catalog",
+    *("transfer-fleet", "ingest-structures", "ingest-demonstrations", "ingest-flights"),
+    *("publish-reports", "maintain-catalog"),
 )
 SUBJECT = "{{ flow.name }}: {{ flow_run.state.name }}"
 BODY = "{{ flow_run.name }}: {{ flow_run.state.name }}: {{ flow_run.state.message }}\n{{ flow_run|ui_url }}"
 
 
-class AppriseNotice(AbstractAppriseNotificationBlock):
+class AppriseNotice(blocks.AbstractAppriseNotificationBlock):
     """Sends to any address that Apprise knows: mail, Matrix, Telegram and many more."""
 
     _block_type_name = "Apprise address"
@@ -44,17 +36,8 @@ class AppriseNotice(AbstractAppriseNotificationBlock):
 def tell(url: str, every_run: bool = False) -> str:
     """Tell an address of the runs that fail, are lost or leave failures behind, in place of the one before.
 
-    Parameters
-    ----------
-    url : str
-        A webhook, one of Slack, or an address of Apprise's; empty tells nobody any more.
-    every_run : bool
-        Of runs that went well, too.
-
-    Returns
-    -------
-    str
-        What was set up, in words.
+    The address is a webhook, one of Slack, or one of Apprise's; empty tells nobody any more. With `every_run`
+    it is told of runs that went well, too. Returns what was set up, in words.
 
     Raises
     ------
@@ -83,17 +66,16 @@ def _block(url: str) -> NotificationBlock:
     except ValueError:
         parts = urlsplit("")
     if parts.hostname == "hooks.slack.com":
-        return SlackWebhook(url=url)
+        return blocks.SlackWebhook(url=url)
     if parts.scheme in ("http", "https") and parts.hostname:
         template = {"text": "{{subject}}\n{{body}}", "subject": "{{subject}}", "body": "{{body}}"}
-        return CustomWebhookNotificationBlock(name="upplied", url=url, json_data=template)
+        return blocks.CustomWebhookNotificationBlock(name="upplied", url=url, json_data=template)
     block = AppriseNotice(url=SecretStr(url))
     if not len(block._apprise_client):
-        raise SettingsError(
-            f"address {parts.scheme}:...",
-            "no message can be sent to it",
-            "http://..., https://..., or an address of Apprise's, as mailto://user:password@smtp.example.org",
+        rule = (
+            "http://..., https://..., or an address of Apprise's, as mailto://user:password@smtp.example.org"
         )
+        raise SettingsError(f"address {parts.scheme}:...", "no message can be sent to it", rule)
     return block
 
 
@@ -105,10 +87,7 @@ def _automation(document: object, names: tuple[str, ...]) -> AutomationCore:
             posture=Posture.Reactive,
             expect={f"prefect.flow-run.{name}" for name in names},
             match={"prefect.resource.id": "prefect.flow-run.*"},
-            match_related={
-                "prefect.resource.role": "deployment",
-                "prefect.resource.name": list(DEPLOYMENTS),
-            },
+            match_related={"prefect.resource.role": "deployment", "prefect.resource.name": list(DEPLOYMENTS)},
             threshold=1,
         ),
         actions=[SendNotification(block_document_id=document, subject=SUBJECT, body=BODY)],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import fields
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -62,25 +61,6 @@ def bound_options(bounds: BaseModel) -> list[str]:
     return [f"{name}={value!r}" for name, value in given.items()]
 
 
-def plan_request_of(
-    presets: Sequence[Preset],
-    changes: BaseModel,
-    demonstrations: Sequence[str] | None,
-    targets: Sequence[str] | None,
-    retry_failed: bool,
-    experiment: str = "",
-) -> fleet.PlanRequest:
-    """What the parameters of a flow ask of the fleet; None means every one."""
-    return fleet.PlanRequest(
-        tuple(presets),
-        changes.model_dump(exclude_unset=True),
-        tuple(demonstrations or ()),
-        tuple(targets or ()),
-        retry_failed,
-        experiment,
-    )
-
-
 class Resources(BaseModel):
     """What a run may use."""
 
@@ -95,10 +75,7 @@ class Resources(BaseModel):
     )
     address: str = Field("", description="Of the running Dask or Ray cluster.")
     shard_targets: int = Field(
-        0,
-        ge=0,
-        le=10_000,
-        description="Targets in each job of the work pool; 0 distributes them evenly.",
+        0, ge=0, le=10_000, description="Targets in each job of the work pool; 0 distributes them evenly."
     )
 
     most_lost: float = Field(

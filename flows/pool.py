@@ -18,7 +18,7 @@ from prefect.exceptions import FailedRun, ObjectNotFound
 from prefect.states import Cancelled
 
 from upplied.errors import SettingsError
-from upplied.fleet import SHARD_TARGETS
+from upplied.fleet.run import SHARD_TARGETS
 
 POOL = "planners"
 DEPLOYMENT = "plan-shard/plan-shard"
@@ -28,21 +28,12 @@ SHARDS_EACH = 8  # to a machine
 
 
 def machines() -> int:
-    """How many machines take shards.
-
-    Raises
-    ------
-    SettingsError
-        If there is none: nobody would take what is handed out.
-    """
+    """How many machines take shards; none is an error: nobody would take what is handed out."""
     with get_client(sync_client=True) as client:
         count = _online(client)
     if not count:
-        raise SettingsError(
-            "engine pool",
-            f"finds no worker online on the work pool {POOL!r}",
-            remedy=f"on each machine: prefect worker start --pool {POOL} --limit 1",
-        )
+        remedy = f"on each machine: prefect worker start --pool {POOL} --limit 1"
+        raise SettingsError("engine pool", f"finds no worker online on the work pool {POOL!r}", "", remedy)
     return count
 
 
@@ -57,13 +48,7 @@ def shard_targets(targets: int, count: int) -> int:
 
 
 def run_on_pool(name: str, parameters: dict[str, Any]) -> None:
-    """Plan a shard on some machine of the pool and wait for it.
-
-    Raises
-    ------
-    FailedRun
-        If it did not complete, or nobody is left to take it.
-    """
+    """Plan a shard on some machine of the pool and wait for it; `FailedRun` where it is not completed."""
     run = run_deployment(DEPLOYMENT, parameters=parameters, flow_run_name=name[:200], timeout=0)
     with get_client(sync_client=True) as client:
         while run.state is None or not run.state.is_final():

@@ -17,35 +17,26 @@ from .environment import ROOTS, home
 def check_roots(**locations: str | Sequence[str]) -> None:
     """Refuse what lies elsewhere; where nothing was declared, a call from Python may go anywhere.
 
-    Parameters
-    ----------
-    **locations : str or sequence of str
-        Folder, file or URI, or several, by the name of the parameter; empty is nothing.
-
-    Raises
-    ------
-    SettingsError
+    A location, or several, stand by the name of the parameter; empty is nothing.
     """
     roots = declared_roots()
-    every = (
-        (name, location)
-        for name, given in locations.items()
-        for location in ([given] if isinstance(given, str) else given)
-    )
-    for name, location in every:
-        if location and roots and not any(_within(location, root) for root in roots):
-            raise SettingsError(
-                f"{name} {location!r}",
-                "lies outside the roots that runs may use",
-                f"one of {', '.join(roots)}, or under it",
-                f"declare it where the fleet is served: upplied serve --root, or {ROOTS}",
-            )
+    for name, given in locations.items():
+        for location in filter(None, [given] if isinstance(given, str) else given):
+            if roots and not any(_within(location, root) for root in roots):
+                found = "lies outside the roots that runs may use"
+                rule = f"one of {', '.join(roots)}, or under it"
+                remedy = f"declare it where the fleet is served: upplied serve --root, or {ROOTS}"
+                raise SettingsError(f"{name} {location!r}", found, rule, remedy)
 
 
 def declared_roots() -> list[str]:
     """The roots; a deployment's run has its own folder at least, a call from Python none."""
-    declared = [root.strip() for root in os.environ.get(ROOTS, "").split(",") if root.strip()]
-    return declared or ([str(home())] if runtime.deployment.id else [])
+    return named_roots() or ([str(home())] if runtime.deployment.id else [])
+
+
+def named_roots() -> list[str]:
+    """The roots that the environment declares."""
+    return [root.strip() for root in os.environ.get(ROOTS, "").split(",") if root.strip()]
 
 
 def _within(location: str, root: str) -> bool:

@@ -19,6 +19,7 @@ from typing import Literal
 from . import server as service
 from .artifacts import ADDRESS
 from .environment import PASSWORD, ROOTS, carried, environment, home, prefect_home, profile, sign_in
+from .roots import named_roots
 from .server import PRIVATE, ServerError, free_port, listening, private_server, start, stop, waited_for
 
 Part = Literal["server", "worker", "reports"]
@@ -31,12 +32,8 @@ POOLS = ("local", "planners")  # of the runs themselves; of their shards, where 
 def serve(port: int, roots: Sequence[str] = ()) -> int:
     """Start what a fleet needs, in the order it needs it, and stop it again in the reverse.
 
-    Parameters
-    ----------
-    port : int
-        Of the server on 127.0.0.1; the pages are on the next one, or on any where that is taken.
-    roots : sequence of str
-        Folders and object-store URIs that runs may use besides this folder.
+    The server is on a port of 127.0.0.1, the pages on the next one, or on any where that is taken; `roots`
+    are folders and object-store URIs that runs may use besides this folder.
     """
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # through the same exits as Ctrl-C
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by what a script started with &
@@ -58,7 +55,7 @@ def serve(port: int, roots: Sequence[str] = ()) -> int:
             say(f"Prefect:  http://127.0.0.1:{port}   (user {server.password.partition(':')[0]})")
             say(f"Password: stored in {prefect_home() / PASSWORD}, which only you can read")
             say("Run now:  upplied fleet run        Stop: Ctrl-C")
-            attend({"server": server.process, "worker": worker, "pages": shown}, server.log, worker, runs)
+            attend({"server": server.process, "worker": worker, "pages": shown}, server.log, runs)
     except ServerError as error:
         say(str(error))
         return 1
@@ -99,13 +96,7 @@ def only(part: Part, port: int, roots: Sequence[str] = ()) -> int:
 
 
 def password_of(folder: Path) -> str:
-    """The password of the service: the environment's, else the one that its server stores when it starts.
-
-    Raises
-    ------
-    ServerError
-        If there is none in time.
-    """
+    """The password of the service: the environment's, else the one that its server stores when it starts."""
     password = waited_for(lambda: os.environ.get(OF_CLIENT[0]) or profile(folder).get(OF_CLIENT[0]))
     if not password:
         raise ServerError(f"no password in {folder}: start the server first (upplied serve --only server)")
@@ -125,18 +116,11 @@ def passed_on(*names: str) -> dict[str, str]:
 
 def declared(roots: Sequence[str]) -> list[str]:
     """Where runs may read and write: this folder, and what was declared."""
-    named = [root.strip() for root in os.environ.get(ROOTS, "").split(",") if root.strip()]
-    return list(dict.fromkeys([str(home()), *named, *roots]))
+    return list(dict.fromkeys([str(home()), *named_roots(), *roots]))
 
 
 def deploy(variables: dict[str, str]) -> None:
-    """The work pools, the deployments of prefect.yaml, and what Prefect does by itself.
-
-    Raises
-    ------
-    ServerError
-        If Prefect refuses them.
-    """
+    """The work pools, the deployments of prefect.yaml, and what Prefect does by itself."""
     declarations = carried("prefect.yaml")
     commands = (
         *(("prefect", "work-pool", "create", pool, "--type", "process", "--overwrite") for pool in POOLS),
@@ -144,35 +128,17 @@ def deploy(variables: dict[str, str]) -> None:
         (f"{__package__}.automations",),
     )
     for command in commands:
-        done = subprocess.run(
-            [sys.executable, "-m", *command],
-            env=variables,
-            cwd=home(),
-            check=False,
-            capture_output=True,
-            text=True,
-        )
+        words = [sys.executable, "-m", *command]
+        done = subprocess.run(words, env=variables, cwd=home(), check=False, capture_output=True, text=True)
         if done.returncode:
             raise ServerError(f"{' '.join(command)} failed:\n{done.stdout}{done.stderr}")
 
 
-def attend(
-    processes: Mapping[str, subprocess.Popen[bytes]],
-    log: Path,
-    worker: subprocess.Popen[bytes],
-    runs: dict[int, str],
-) -> None:
-    """Wait until one of the processes ends; the others are stopped by whoever started them.
+def attend(processes: Mapping[str, subprocess.Popen[bytes]], log: Path, runs: dict[int, str]) -> None:
+    """Wait until one of the processes, by name, ends; the others are stopped by whoever started them.
 
-    Parameters
-    ----------
-    processes : mapping of str to Popen
-        By name.
-    log : Path
-        Of the server.
-    worker : Popen
-    runs : dict
-        Receives the processes that the worker started, which cannot be found once it was killed.
+    `log` is the server's; `runs` receives the processes that the worker started, which cannot be found once
+    it was killed.
 
     Raises
     ------
@@ -185,7 +151,7 @@ def attend(
             if code is not None:
                 where = f"; its log is {log}" if name == "server" else ""
                 raise ServerError(f"the {name} ended with code {code}{where}")
-        if now := service.offspring(worker.pid):
+        if now := service.offspring(processes["worker"].pid):
             runs.clear()
             runs.update(now)
         time.sleep(0.5)

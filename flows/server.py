@@ -31,10 +31,7 @@ class ServerError(Exception):
 class Server:
     """A running server: the environment its clients need, and how to wait for it.
 
-    Raises
-    ------
-    ServerError
-        If the port is taken, or another service works in the same folder.
+    It is refused where the port is taken, or another service works in the same folder.
     """
 
     def __init__(self, folder: Path, port: int = 0) -> None:
@@ -54,13 +51,7 @@ class Server:
             )
 
     def wait(self) -> None:
-        """Wait until the server answers.
-
-        Raises
-        ------
-        ServerError
-            If it ends, or does not answer in time.
-        """
+        """Wait until the server answers; one that ends, or does not answer in time, is an error."""
         up = waited_for(lambda: answers(self.api_url) or self.process.poll() is not None, every_s=0.2)
         if self.process.poll() is not None or not up:
             last = "\n".join(self.log.read_text(errors="replace").splitlines()[-15:])
@@ -93,13 +84,7 @@ def address(port: int) -> dict[str, str]:
 
 
 def alone(folder: Path) -> IO[bytes]:
-    """An open file that says that nobody else works in a folder, as long as it is open.
-
-    Raises
-    ------
-    ServerError
-        If somebody does: two servers would write one database.
-    """
+    """An open file that says that nobody else works in a folder: two servers would write one database."""
     import fcntl
 
     file = (folder / "lock").open("ab")
@@ -126,12 +111,7 @@ def answers(api_url: str) -> bool:
 def private_server(folder: Path, port: int = 0) -> Iterator[Server]:
     """Run a server as long as the block lasts; it starts while the caller goes on.
 
-    Parameters
-    ----------
-    folder : path
-        Of the server's database, password and log; created when missing.
-    port : int
-        Port on 127.0.0.1; 0 takes a free one.
+    The folder is that of its database, password and log; port 0 takes a free one of 127.0.0.1.
     """
     server = Server(folder, port)
     try:

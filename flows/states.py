@@ -40,15 +40,8 @@ def errors_in_words(flow: Callable[P, State]) -> Callable[P, State]:
 def planned(summary: str, outcome: Planned, problems: Sequence[str], most_lost: float) -> State:
     """The state of a run that planned: failed where all of it failed, or the engine lost more than its share.
 
-    Parameters
-    ----------
-    summary : str
-        Counts, in a line.
-    outcome : Planned
-    problems : sequence of str
-        What went wrong besides: files that were not read, pages that were not drawn.
-    most_lost : float
-        Share of shards that the engine may lose.
+    `summary` are counts in a line, `problems` what went wrong besides: files that were not read, pages that
+    were not drawn; `most_lost` is the share of shards that the engine may lose.
     """
     failures = [f"{job}: {reason}" for job, status, reason in outcome.result.troubles if status == "failed"]
     message = ". ".join(filter(None, (summary, outcome.loss)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import socket
 from collections.abc import Sequence
+from operator import attrgetter
 from typing import Any
 
 from prefect import task
@@ -113,16 +114,10 @@ def record_plans(catalog: str, run_id: str, result: fleet.Result) -> None:
 def recheck_plans(catalog: str, timeout_s: float) -> list[str]:
     """Judge plans in force whose structure changed; what a person should look at, in words."""
     rechecked = fleet.recheck(open_catalog(catalog), fleet.Limits(timeout_s))
-    for each in rechecked:
-        if each.recalled:
-            emit_event(
-                RECALLED,
-                resource={
-                    "prefect.resource.id": f"upplied.plan.{each.transfer_id}",
-                    "prefect.resource.name": each.target_id,
-                },
-                payload={"transfer_id": each.transfer_id, "why": each.note},
-            )
+    for each in filter(attrgetter("recalled"), rechecked):
+        names = {"id": f"upplied.plan.{each.transfer_id}", "name": each.target_id}
+        resource = {f"prefect.resource.{key}": name for key, name in names.items()}
+        emit_event(RECALLED, resource, payload={"transfer_id": each.transfer_id, "why": each.note})
     return [str(each) for each in rechecked if each.troubled]
 
 
@@ -136,9 +131,8 @@ def plan_shard(name: str, run_id: str, shard: int) -> None:
 def plan_elsewhere(name: str, shard: str, given: dict[str, Any]) -> None:
     """Plan one shard in the process that an engine chose."""
     catalog, limits, worker = given["catalog"], fleet.Limits(**given["limits"]), worker_of(given["engine"])
-    jobs = shards.read_shard(
-        catalog, shard
-    )  # before anything is noted: a run that has ended took its shards away
+    # Before anything is noted: a run that has ended took its shards away.
+    jobs = shards.read_shard(catalog, shard)
     with shards.attempt(catalog, shard, worker):
         fleet.plan_here(catalog, jobs, given["run_id"], worker, limits, campaign.plan_job)
 

@@ -17,7 +17,7 @@ from .artifacts import transfer_artifacts
 from .engines import Planned, plan
 from .ingest import ingest_demonstrations, ingest_structures
 from .lineage import asset, making
-from .parameters import Changes, Id, Location, Millimetres, Presets, Resources, plan_request_of
+from .parameters import Changes, Id, Location, Millimetres, Presets, Resources
 from .roots import check_roots
 from .states import ended, errors_in_words, planned
 
@@ -78,7 +78,9 @@ def transfer_fleet(
         read.append(ingest_structures(manifest, catalog, resources.workers, prune, return_state=True))
     if logs:
         read.append(ingest_demonstrations(logs, catalog, resources.workers, return_state=True))
-    plan_request = plan_request_of(presets, changes, demonstrations, targets, retry_failed, experiment or "")
+    flown, there = tuple(demonstrations or ()), tuple(targets or ())
+    given = changes.model_dump(exclude_unset=True)  # type: ignore[attr-defined]
+    plan_request = fleet.PlanRequest(tuple(presets), given, flown, there, retry_failed, experiment or "")
     store = open_catalog(catalog)
     if unread := [run.message or run.name for run in read if run.name != "Completed"]:
         try:

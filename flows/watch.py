@@ -28,15 +28,7 @@ MAGIC = b"\x89MCAP0\r\n"  # MCAP specification, "Format": a file begins and ends
 
 
 class Landing:
-    """What lies in a folder, and what of it has been told.
-
-    Parameters
-    ----------
-    folder : path
-        Watched with its subfolders.
-    clock : callable
-        Seconds.
-    """
+    """What lies in a folder and its subfolders, and what of it has been told; the clock gives seconds."""
 
     def __init__(self, folder: Path, clock: Callable[[], float] = time.monotonic) -> None:
         self.folder, self._clock = folder, clock
@@ -111,11 +103,5 @@ def watch(folder: Path, event: str = LANDED) -> None:
 def tell(landing: Landing, event: str = LANDED) -> None:
     """Emit the event for each log that has landed."""
     for path in landing.landed():
-        emit_event(
-            event,
-            resource={
-                "prefect.resource.id": f"upplied.log.{path.stem}",
-                "prefect.resource.name": path.name,
-            },
-            payload={"logs": [str(path.resolve())]},
-        )
+        resource = {"prefect.resource.id": f"upplied.log.{path.stem}", "prefect.resource.name": path.name}
+        emit_event(event, resource, payload={"logs": [str(path.resolve())]})

@@ -26,13 +26,12 @@ from upplied.samples.pilot import fly
 KEPT = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]
 
 RUN = """
-import json, os, sys
+import json, sys
 from upplied.flows.transfer_fleet import transfer_fleet
 if __name__ == "__main__":
     presets, resources = json.loads(sys.argv[2]), json.loads(sys.argv[3])
     state = transfer_fleet(sys.argv[1], "", presets=presets, resources=resources, return_state=True)
     print(state.type.value, state.message, flush=True)
-    os._exit(0)  # threads of an engine that was killed may end the interpreter badly
 """
 LONGEST_S = 1800.0  # that anything may take on a machine that is busy with other work
 

@@ -12,7 +12,6 @@ import pytest
 import yaml
 from prefect.settings import Settings
 
-from upplied import fleet
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.verbs.maintenance import KEEP_DAYS
 from upplied.cli import app
@@ -152,7 +151,7 @@ PORT = inspect.signature(serve_command).parameters["port"].default
         f"emits `{watch.LANDED}`",
         f"emits `{watch.FLOWN}`",
         f"the event `{tasks.RECALLED}`",
-        f"up to {NUMBERS[pool.SHARDS_EACH]} for each machine, of at least {fleet.SHARD_TARGETS} targets",
+        f"up to {NUMBERS[pool.SHARDS_EACH]} for each machine, of at least {pool.SHARD_TARGETS} targets",
         f"work pool `{pool.POOL}`",
         f"results up to {NUMBERS[int(keeping.EVERY_S)]} seconds before are stored",
         f"| `{states.TROUBLED}` |",

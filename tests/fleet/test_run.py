@@ -145,7 +145,7 @@ def test_the_shards_of_a_run_are_read_as_they_were_written_and_nothing_else_is(c
     names = manifest.write_shards(catalog, "night-1", made)
     assert [tuple(manifest.read_shard(str(catalog.location), name)) for name in names] == made
     assert max(len(name) for name in names) < 100, "it was to be told where shards lie, not what is in them"
-    for wrong in ("night-1/../../structures", "../x/00000.parquet", "night-1/00009.parquet", "", "night-1"):
+    for wrong in ("night-1/../../structures", "../x/00000.jobs", "night-1/00009.jobs", "", "night-1"):
         with pytest.raises((CatalogError, InputError)):
             manifest.read_shard(str(catalog.location), wrong)
     path = Path(catalog.location, manifest.FOLDER, names[0])

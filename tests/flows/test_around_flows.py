@@ -38,7 +38,7 @@ def test_a_task_that_comes_after_the_end_of_its_run_leaves_nothing_behind(tmp_pa
     given = {"catalog": str(tmp_path / "catalog"), "run_id": "night", "engine": "pool"}
     given["limits"] = {"timeout_s": 60.0, "memory_gib": None}
     with pytest.raises(CatalogError, match="cannot be read"):
-        tasks.plan_elsewhere.fn("boxes", "night/00000.parquet", given)
+        tasks.plan_elsewhere.fn("boxes", "night/00000.jobs", given)
     assert not (tmp_path / "catalog").exists()
 
 

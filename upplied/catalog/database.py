@@ -10,8 +10,9 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import pandas as pd
 import pyarrow.compute as pc
 
 from upplied.catalog.reading import OWNER
@@ -23,10 +24,6 @@ from upplied.catalog.verbs.decisions import Deciding
 from upplied.catalog.verbs.queries import PlannedTrajectory
 from upplied.errors import RefusedError
 from upplied.records import Bools, Plan, Structure, SupposedSurface, SurfaceStates, Trajectory
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 #: Of a row of `transfers`, what tells whether it may leave.
 _JUDGED = ("transfer_id", "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
@@ -87,11 +84,8 @@ class Catalog(Deciding):
         return path
 
     def _check_leaves(self, row: Row, force: Collection[str]) -> None:
-        """Refuse a plan that is for comparison, falls short of its floors, or has been followed by another.
-
-        The steps of a row are compared with its hash whenever they are read, so they are those that were
-        judged when they were planned: clearance, surroundings, speed and other floors stand in its verdict.
-        """
+        """Refuse a plan that is for comparison, falls short of its floors, or that another followed."""
+        # Its steps were compared with its hash when they were read: they are those that its verdict is of.
         broken: dict[str, str] = {}
         if row["preset"] != "recommended":
             broken["preset"] = f"the plan is of preset {row['preset']}, which is for comparison"
@@ -112,8 +106,8 @@ class Catalog(Deciding):
             names = ", ".join(f'"{rule}"' for rule in left)
             remedy = f"to look at it: plan() or waypoints(); to fly it all the same: force=[{names}]"
             words = "; ".join(f"{rule}: {found}" for rule, found in left.items())
-            rule = "only what may be flown leaves"
-            raise RefusedError(f"transfer {row['transfer_id']}", words, rule, remedy)
+            what, rule = f"transfer {row['transfer_id']}", "only what may be flown leaves"
+            raise RefusedError(what, words, rule, remedy)
 
     def plan(self, transfer_id: str) -> Plan:
         """One plan as it was made, but for what it sees of the surface; see `surface`."""
@@ -149,8 +143,6 @@ class Catalog(Deciding):
         Columns ``t_s``, ``x_m`` to ``z_m``, ``qx`` to ``qw`` (camera to structure), ``patches`` that it shows
         sharply, ``gsd_mm`` and ``blur_px``, medians over these, and ``overlap_pct`` with the one before.
         """
-        import pandas as pd
-
         sha256 = self._sha256(transfer_id, "photos_sha256")
         columns = photo_columns(self.contents["photos"].get(sha256)) if sha256 else {}
         return pd.DataFrame(columns, columns=list(PHOTO_COLUMNS))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
+import pandas as pd
 import pyarrow.compute as pc
-import pyarrow.dataset as ds
 
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
@@ -24,9 +24,6 @@ from upplied.catalog.verbs.standing import DERIVED, Standing, standing_of, with_
 from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError
 from upplied.records import Demonstration, Structure
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: What of a plan's row says which waypoints are its own.
 OWNER = ("transfer_id", "commit_id", "n_waypoints", "waypoints_sha256", "status", "reason", "planned_at")
@@ -127,8 +124,6 @@ class Reading:
         in_force : bool
             The plans that a person released and that are in force, instead of the newest.
         """
-        import pandas as pd
-
         # Which rows those are is told from a few columns; of all that a table has, the others are read of
         # these rows alone.
         declared, tables = TABLES["transfers"], self.tables
@@ -156,9 +151,9 @@ class Reading:
         if not every:
             if purpose or not in_force:
                 plans = plans[plans["purpose"] == purpose]
-            used = {"structures": "target_id", "demonstrations": "demonstration_id"}
-            if in_force:
-                del used["demonstrations"]  # which a released plan outlives
+            used = {"structures": "target_id"}
+            if not in_force:  # a released plan outlives its demonstration
+                used["demonstrations"] = "demonstration_id"
             for name, column in used.items():
                 gone = ordering.retired(tables[name], until("added_at", as_of))
                 plans = plans[~plans[column].isin(gone)]
@@ -217,8 +212,7 @@ class Reading:
             Those of one plan, or round one structure.
         kind : {"flown", "simulated"}, optional
         """
-        where = queries.matching({"transfer_id": transfer_id, "target_id": structure})
-        flights = self.by_commit("flights", where, ["transfer_id", "commit_version"])
+        flights = self.by_commit("flights", ["transfer_id"], transfer_id=transfer_id, target_id=structure)
         flights["kind"] = flights["kind"].where(flights["kind"] != "", "simulated")
         return flights if kind is None else flights[flights["kind"] == kind].reset_index(drop=True)
 
@@ -228,15 +222,12 @@ class Reading:
 
     def overruled(self, transfer_id: str | None = None) -> pd.DataFrame:
         """Rules of the gate that a person overruled, in the order they were added; of one plan, or all."""
-        where = queries.matching({"transfer_id": transfer_id})
-        return self.by_commit("overruled", where, ["transfer_id", "commit_version"])
+        return self.by_commit("overruled", ["transfer_id"], transfer_id=transfer_id)
 
-    def by_commit(
-        self, name: str, where: ds.Expression | None = None, order: Sequence[str] = ("commit_version",)
-    ) -> pd.DataFrame:
-        """Rows of a table that fit, in the order they were added."""
-        rows = frame(self.tables[name].read(where)).sort_values(list(order), kind="stable")
-        return rows.reset_index(drop=True)
+    def by_commit(self, name: str, first: Sequence[str] = (), **equal: str | None) -> pd.DataFrame:
+        """Rows of a table with these values, in the order they were added, or by some columns `first`."""
+        rows = frame(self.tables[name].read(queries.matching(equal)))
+        return rows.sort_values([*first, "commit_version"], kind="stable").reset_index(drop=True)
 
     def transfer(self, transfer_id: str, columns: Sequence[str] | None = None) -> Row:
         """The row of one plan; only the columns that are named."""
@@ -248,16 +239,10 @@ class Reading:
         return ordering.standing(rows.rows_of(found))
 
     def find_transfer(self, start: str) -> str:
-        """The id of the one plan whose id begins so; a whole id is found at once.
-
-        Raises
-        ------
-        CatalogError
-            If there is none, or more than one.
-        """
+        """The id of the one plan whose id begins so; none, or more than one, is an error."""
         check_id(start, "transfer id")
         if len(self.tables["transfers"].read(pc.field("transfer_id") == start, ["transfer_id"])):
-            return start
+            return start  # without a look at all ids
         matches = [name for name in self._ids("transfers") if name.startswith(start)]
         if len(matches) > 1:
             raise CatalogError(f"transfer {start}", f"may be {len(matches)}: {', '.join(matches[:5])}")

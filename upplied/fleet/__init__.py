@@ -18,17 +18,7 @@ if TYPE_CHECKING:
     from upplied.fleet.ingest import Ingested, ingest_demonstrations, ingest_structures
     from upplied.fleet.keeping import Result, known_outcomes
     from upplied.fleet.rechecking import Rechecked, recheck
-    from upplied.fleet.run import (
-        SHARD_TARGETS,
-        Resources,
-        Run,
-        Shard,
-        cores,
-        plan_here,
-        shard_name,
-        shards,
-        transfer,
-    )
+    from upplied.fleet.run import Resources, Run, Shard, cores, plan_here, shard_name, shards, transfer
     from upplied.fleet.workers import Limits
     from upplied.outputs.publish import publish
 
@@ -42,7 +32,7 @@ _NAMES = {
     "fleet.ingest": "Ingested ingest_demonstrations ingest_structures",
     "fleet.keeping": "Result known_outcomes",
     "fleet.rechecking": "Rechecked recheck",
-    "fleet.run": "SHARD_TARGETS Resources Run Shard cores plan_here shard_name shards transfer",
+    "fleet.run": "Resources Run Shard cores plan_here shard_name shards transfer",
     "fleet.workers": "Limits",
     "outputs.publish": "publish",
 }

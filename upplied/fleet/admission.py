@@ -46,12 +46,7 @@ class Admission:
     """What a new structure is compared with: the catalog, and those that come with it.
 
     Structures of a kind that the catalog does not know yet are compared with each other, so the
-    order in which they come does not matter.
-
-    Parameters
-    ----------
-    catalog : Catalog or None
-        None: only those that come together are compared.
+    order in which they come does not matter; without a catalog only those are compared.
     """
 
     def __init__(self, catalog: Catalog | None) -> None:
@@ -62,7 +57,14 @@ class Admission:
         """Of the catalog; asked for with the first new structure, so a night without any costs nothing."""
         if self._catalog is None or self._shapes is None:
             return []
-        return _members(self._catalog, self._shapes)
+        table = self._catalog.structures().set_index("structure_id").sort_index()
+        library = self._shapes.library(content_of(table, "mesh_sha256").to_dict())
+        shapes = map(ShapeFeatures, library.extent_m, library.occupied, library.near, library.facing)
+        flown = set(self._catalog.demonstrations()["structure_id"])
+        return [
+            Member(str(name), str(kind), shape, name in flown)
+            for (name, kind), shape in zip(table["kind"].items(), shapes, strict=True)
+        ]
 
     def verdicts(
         self, new: Member, entry: StructureEntry, together: Sequence[Member] = ()
@@ -77,10 +79,7 @@ class Admission:
         )
 
     def admitted(
-        self,
-        reads: Iterator[tuple[str, Any]],
-        entries: Mapping[str, StructureEntry],
-        batch: int,
+        self, reads: Iterator[tuple[str, Any]], entries: Mapping[str, StructureEntry], batch: int
     ) -> Iterator[tuple[str, Any]]:
         """The same, in their order; a structure that is refused becomes the reason."""
         while waiting := list(islice(reads, batch)):
@@ -124,24 +123,6 @@ def shape_of(structure: Structure) -> ShapeFeatures:
     return shape_features(surface_samples(structure, scene_of(structure), clouds))
 
 
-def _members(catalog: Catalog, shapes: Shapes) -> list[Member]:
-    """The structures of a catalog with their shapes."""
-    table = catalog.structures().set_index("structure_id").sort_index()
-    library = shapes.library(content_of(table, "mesh_sha256").to_dict())
-    flown = set(catalog.demonstrations()["structure_id"])
-    return [
-        Member(
-            str(name),
-            str(kind),
-            ShapeFeatures(
-                library.extent_m[row], library.occupied[row], library.near[row], library.facing[row]
-            ),
-            name in flown,
-        )
-        for row, (name, kind) in enumerate(table["kind"].items())
-    ]
-
-
 def check_structures(
     manifest: str | Path,
     workers: int = 0,
@@ -151,23 +132,9 @@ def check_structures(
 ) -> list[Ingested]:
     """Read the structures of a manifest and say what is wrong; nothing is kept.
 
-    Each is judged among those of a catalog, where there is one, and among the others of the manifest.
-
-    Parameters
-    ----------
-    manifest : path
-    workers : int
-        Processes; 0 takes one per core.
-    progress : callable
-        Called once for each file that was read.
-    catalog : Catalog, optional
-    rules : RuleOptions, optional
-        Which rules are overruled, and their bounds.
-
-    Returns
-    -------
-    list of Ingested
-        Each "good", "odd" (with what a person should look at) or "failed" (with the reason).
+    Each is judged among those of a catalog, where there is one, and among the others of the manifest; it
+    is "good", "odd" (with what a person should look at) or "failed" (with the reason). Parameters are those
+    of `upplied.fleet.ingest_structures`.
     """
     entries = (rules or RuleOptions()).of(read_manifest(manifest))
     results: list[Ingested | tuple[Ingested, tuple[Verdict, ...], Member]] = []
@@ -186,12 +153,8 @@ def _checked(entry: StructureEntry) -> tuple[Ingested, tuple[Verdict, ...], Memb
     structure = meshes.read_structure(entry, judge=False)
     length, width, height = structure.vertices.max(axis=0) - structure.vertices.min(axis=0)
     size = f"{length:.1f} x {width:.1f} x {height:.1f} m, {len(structure.triangles)} triangles"
-    good = Ingested(entry.structure_id, "good", size)
-    return (
-        good,
-        from_json(structure.verdicts_json),
-        Member(entry.structure_id, entry.kind, shape_of(structure)),
-    )
+    member = Member(entry.structure_id, entry.kind, shape_of(structure))
+    return Ingested(entry.structure_id, "good", size), from_json(structure.verdicts_json), member
 
 
 def _admitted(

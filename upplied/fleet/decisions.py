@@ -7,6 +7,7 @@ the other columns only serve to say in words what changed.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import compress, count
@@ -21,7 +22,7 @@ from upplied.catalog.verbs import belonging, required
 from upplied.checks import check_id, suggested
 from upplied.config import Settings, digest, settings_for
 from upplied.errors import InputError
-from upplied.fleet.past import Past
+from upplied.fleet.past import Candidate, Past
 from upplied.fleet.siblings import Siblings, SiblingsOf
 from upplied.planning.plan import transfer_key
 from upplied.records import Demonstration, Structure
@@ -98,9 +99,7 @@ class Decision:
     @property
     def reasons(self) -> dict[str, int]:
         """How many jobs there are for each reason, most frequent first."""
-        counted: dict[str, int] = {}
-        for job in self.jobs:
-            counted[job.why] = counted.get(job.why, 0) + 1
+        counted = Counter(job.why for job in self.jobs)
         return dict(sorted(counted.items(), key=lambda item: (-item[1], item[0])))
 
 
@@ -125,38 +124,30 @@ def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decisio
     _check_kinds(plan_request, demonstrations, structures)
     settings_of = SettingsOf(catalog, plan_request)
 
-    def candidates() -> Iterator[tuple[Settings, Demonstration, Structure, Structure, Siblings]]:
+    def candidates() -> Iterator[Candidate]:
         for preset in plan_request.presets:
-            for pair in _pairs(demonstrations, structures, plan_request):
-                source_id, target_id = (each.structure_id for each in pair[1:])
-                settings = settings_of(preset, pair[2].kind, target_id)
-                yield settings, *pair, siblings_of(source_id, target_id, settings.correspondence.siblings)
+            for flown, source, target in _pairs(demonstrations, structures, plan_request):
+                settings = settings_of(preset, target.kind, target.structure_id)
+                most = settings.correspondence.siblings
+                siblings = siblings_of(source.structure_id, target.structure_id, most)
+                yield flown, source, target, settings, siblings
 
-    # A large fleet has a million keys and few of them to plan: they are kept as one array.
-    keys = pa.array(
-        (
-            _key(transfer_key(demonstration, source, target, settings, siblings), plan_request.purpose)
-            for settings, demonstration, source, target, siblings in candidates()
-        ),
-        pa.string(),
-    )
+    # A large fleet has a million keys and few of them to plan: they are kept as one array. A plan that is
+    # made for a purpose of its own is another plan, so that none stands for both.
+    purpose = plan_request.purpose
+    names = (transfer_key(*candidate) for candidate in candidates())
+    keys = pa.array((digest([name, purpose]) if purpose else name for name in names), pa.string())
     missing = catalog.unsettled(keys, retry_failed=plan_request.retry_failed)
     past, jobs = Past(catalog), []
-    for (settings, demonstration, source, target, siblings), place in compress(
-        zip(candidates(), count()), missing
-    ):
+    for candidate, place in compress(zip(candidates(), count()), missing):
+        flown, source, target, settings, siblings = candidate
         key = keys[place].as_py()
-        why = past.why(demonstration, source, target, settings, siblings, key)
-        names = (demonstration.demonstration_id, source.structure_id, target.structure_id)
-        hashes = (demonstration.sha256, source.sha256, target.sha256)
-        jobs.append(Job(*names, target.kind, settings, key, why, hashes, plan_request.purpose, siblings))
+        ids = (flown.demonstration_id, source.structure_id, target.structure_id)
+        hashes = (flown.sha256, source.sha256, target.sha256)
+        why = past.why(candidate, key)
+        jobs.append(Job(*ids, target.kind, settings, key, why, hashes, purpose, siblings))
     jobs.sort(key=lambda job: (job.demonstration_id, job.target_id, job.settings.preset))
     return Decision(jobs, len(keys) - len(jobs))
-
-
-def _key(key: str, purpose: str) -> str:
-    """A plan that is made for a purpose of its own is another plan, so that none stands for both."""
-    return digest([key, purpose]) if purpose else key
 
 
 def _pairs(
@@ -169,11 +160,8 @@ def _pairs(
         source = structures.get(demonstration.structure_id)
         if source is None:
             if plan_request.demonstrations:
-                raise InputError(
-                    f"demonstration {demonstration_id}",
-                    f"was flown on {demonstration.structure_id}, which the catalog does not hold",
-                    remedy="add that structure first",
-                )
+                fault = f"was flown on {demonstration.structure_id}, which the catalog does not hold"
+                raise InputError(f"demonstration {demonstration_id}", fault, "", "add that structure first")
             continue
         for target_id in plan_request.targets or structures:
             target = structures[target_id]
@@ -200,37 +188,19 @@ def _check_kinds(
     }
     for name in plan_request.targets:
         if structures[name].kind not in flown:
-            raise InputError(
-                f"structure {name!r}",
-                f"is of kind {structures[name].kind}, flown was {' and '.join(sorted(flown)) or 'none'}",
-                "a demonstration is carried to structures of its own kind",
-            )
+            fault = f"is of kind {structures[name].kind}, flown was {' and '.join(sorted(flown)) or 'none'}"
+            rule = "a demonstration is carried to structures of its own kind"
+            raise InputError(f"structure {name!r}", fault, rule)
 
 
 def _structures(table: pd.DataFrame) -> dict[str, Structure]:
     """The structures by id, without their shapes: their hashes are all that is compared."""
-    return {
-        row.structure_id: Structure(
-            row.structure_id, row.kind, np.empty((0, 3)), _NO_TRIANGLES, sha256=row.sha256
-        )
-        for row in table[["structure_id", "kind", "sha256"]].itertuples(index=False)
-    }
+    nothing = np.empty((0, 3)), np.empty((0, 3), np.int64)
+    rows = table[["structure_id", "kind", "sha256"]].itertuples(index=False)
+    return {name: Structure(name, kind, *nothing, sha256=sha256) for name, kind, sha256 in rows}
 
 
 def _demonstrations(catalog: Catalog) -> dict[str, Demonstration]:
-    table = catalog.demonstrations()
-    return {
-        row.demonstration_id: Demonstration(
-            row.demonstration_id,
-            row.structure_id,
-            _NO_TIMES,
-            np.empty((0, 3)),
-            np.empty((0, 4)),
-            sha256=row.sha256,
-        )
-        for row in table[["demonstration_id", "structure_id", "sha256"]].itertuples(index=False)
-    }
-
-
-_NO_TRIANGLES = np.empty((0, 3), np.int64)
-_NO_TIMES = np.empty(0, np.int64)
+    nothing = np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 4))
+    rows = catalog.demonstrations()[["demonstration_id", "structure_id", "sha256"]].itertuples(index=False)
+    return {name: Demonstration(name, place, *nothing, sha256=sha256) for name, place, sha256 in rows}

@@ -56,11 +56,6 @@ class JudgedEdit:
 class Editing:
     """One plan, with all that judging it anew needs held at hand, so that it takes well under a second.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    transfer_id : str
-
     Raises
     ------
     RefusedError
@@ -115,21 +110,12 @@ class Editing:
         least = self.recipe.settings.verdict.least_inspected_pct
         shown = measured.measures.coverage_inspected_pct
         short = f"shows {shown:.1f} % of the inspected surface (required: {least:g} %)"
-        return JudgedEdit(
-            replace(
-                measured, is_viewpoint=stops, added=_added(path_flown, base), flyable=True, not_flyable=""
-            ),
-            tuple(broken),
-            short if shown < least else "",
-        )
+        added = _added(path_flown, base)
+        plan = replace(measured, is_viewpoint=stops, added=added, flyable=True, not_flyable="")
+        return JudgedEdit(plan, tuple(broken), short if shown < least else "")
 
     def replanned(self, airspace: Asked, fixed: KeptEdit) -> tuple[Base, Edit]:
-        """The plan made anew in the airspace that is asked for, with the viewpoints that are fixed put back.
-
-        Returns
-        -------
-        tuple
-            What it is now, and the fixed viewpoints by its numbers.
+        """The plan made anew in an airspace, with fixed viewpoints put back, and these by its numbers.
 
         Raises
         ------
@@ -151,10 +137,7 @@ class Editing:
     def carried(self, change: KeptEdit) -> tuple[Base, Edit, tuple[str, ...]]:
         """A change of another plan on this one: planned anew where that one was, else as it is.
 
-        Returns
-        -------
-        tuple
-            What it is of, the change by its numbers, and what of it has no place there, in words.
+        Returns what it is of, the change by its numbers, and what of it has no place there, in words.
         """
         if change.replanned:
             return *self.replanned(change.asked, change), ()

@@ -14,15 +14,16 @@ from upplied.catalog import Catalog
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.belonging import FLOWN
+from upplied.catalog.verbs.roster import author
 from upplied.config import digest
 from upplied.errors import InputError, RefusedError, UppliedError
 from upplied.fleet.editing import Base, Editing, boxes_of
+from upplied.fleet.gaps import derived_from
 from upplied.inputs.files import read_regular
 from upplied.outputs.files import replace_file
-from upplied.planning.plan import METHOD_VERSION
 from upplied.proof.carried_edit import edit_from_json, edit_json
 from upplied.proof.edit import Asked, Edit, Viewpoint, edit_of
-from upplied.provenance import method, recorded
+from upplied.provenance import method
 
 _MOST_BYTES = 16 << 20
 _MOST_BOXES = 1000
@@ -63,9 +64,7 @@ def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> 
     RefusedError
         If what is asked for cannot be flown safely.
     """
-    if not by.strip():
-        raise InputError(str(path), "has no name of the person who changed it", "", "add --by NAME")
-    editing = Editing(catalog, transfer_id)
+    by, editing = author(by, str(path)), Editing(catalog, transfer_id)
     try:
         document = json.loads(read_regular(Path(path), _MOST_BYTES).decode("utf-8"))
         if document["plan"] != transfer_id:
@@ -145,21 +144,14 @@ def keep_edit(
         not_flyable=judged.short,
         warnings=(f"{whose}: {words}", *lost, *judged.plan.warnings),
     )
-    row = editing.recipe.row
+    row, target = editing.recipe.row, editing.target
     key = digest(
         ["edited", row["key"], method(), sorted(edit.deleted), repr(sorted(edit.changed.items())),
-         boxes_of(airspace).tolist(), editing.clearance_m(airspace), repr(base.airspace),
-         editing.target.sha256]
+         boxes_of(airspace).tolist(), editing.clearance_m(airspace), repr(base.airspace), target.sha256]
     )  # fmt: skip
-    provenance = {
-        **{name: row[name] for name in ("demonstration_sha256", "source_sha256")},
-        **recorded(),
-        "target_sha256": row["target_sha256"],
-        "method_version": METHOD_VERSION,
-        "settings": editing.recipe.settings,
-        "siblings": [(one.structure_id, one.sha256) for one in editing.recipe.siblings],
-        "planned_on": f"{whose}, from {editing.transfer_id}",
-    }
+    origin = f"{whose}, from {editing.transfer_id}"
+    provenance = derived_from(editing.recipe, row["target_sha256"]) | {"planned_on": origin}
+    provenance["siblings"] = [(one.structure_id, one.sha256) for one in editing.recipe.siblings]
     text = edit_json(editing.to_keep(base, edit, airspace))
     # The change first: if this process is stopped now, the next night carries it over.
     catalog.add_edit(_edit_row(row, id_of(key), text, words, by.strip(), note, carried_from, "; ".join(lost)))
@@ -233,19 +225,10 @@ def _carried(catalog: Catalog, row: Row, edit: Row) -> tuple[str, ...]:
 def _edit_row(
     base: Row, plan_id: str, text: str, words: str, by: str, note: str, carried_from: str, lost: str
 ) -> Row:
-    return {
-        "edit_id": digest([base["transfer_id"], plan_id, text, by, carried_from, lost]),
-        "base_id": base["transfer_id"],
-        "transfer_id": plan_id,
-        "demonstration_id": base["demonstration_id"],
-        "target_id": base["target_id"],
-        "edit_json": text,
-        "words": words,
-        "carried_from": carried_from,
-        "lost": lost,
-        "by": by,
-        "note": note,
-    }
+    edit_id = digest([base["transfer_id"], plan_id, text, by, carried_from, lost])
+    row = {"edit_id": edit_id, "base_id": base["transfer_id"], "transfer_id": plan_id, "edit_json": text}
+    row |= {name: base[name] for name in ("demonstration_id", "target_id")}
+    return row | {"words": words, "carried_from": carried_from, "lost": lost, "by": by, "note": note}
 
 
 def _unreadable(what: str, error: Exception) -> InputError:

@@ -17,7 +17,7 @@ from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import CloudSettings, digest
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.ingest import find_logs
-from upplied.fleet.plan_of_flight import Laid, moment_of, plan_of_flight
+from upplied.fleet.plan_of_flight import moment_of, plan_of_flight
 from upplied.fleet.workers import JobKilled, Limits, Workers
 from upplied.fleet.zone_gaps import zones_left_out
 from upplied.geometry.polylines import leg_lengths
@@ -30,9 +30,12 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.proof.align import Alignment
 from upplied.proof.as_flown import AsFlown, as_flown
 from upplied.proof.looks import Looks, looks_of
-from upplied.records import Bools, Camera, Cloud, Floats, Ints, Plan, Structure, Trajectory
+from upplied.records import Bools, Camera, Cloud, Floats, Plan, Structure, Trajectory
 
 _SHOWN = 1  # of SURFACE_STATES
+#: Columns of `flights` by the names that an alignment, and a flight as flown, have for them.
+_OF_ALIGNMENT = ("clock_s", "camera_yaw_deg", "camera_pitch_deg", "residual_p95_m")
+_OF_FLIGHT = ("photos_missing", "cross_track_p95_m", "flown_pct", "silent_s")
 
 
 @dataclass(frozen=True)
@@ -129,19 +132,14 @@ def judge_log(
     if photo_ns is not None and STEPPED in laid.flown.notes:
         fault = "cannot be placed: the clock of the log stepped in flight"
         raise InputError(str(photos), fault, "one clock for log and photos", "leave the photos out")
-    return _judged(catalog, laid, photo_ns)
-
-
-def _judged(catalog: Catalog, laid: Laid, photo_ns: Ints | None) -> Judged:
     row, flown = laid.row, laid.flown
     if photo_ns is None and flown.stills:  # a pose for each photo
         photo_ns = flown.t_ns
     photo_s = None if photo_ns is None else np.asarray((photo_ns - flown.t_ns[0]) * 1e-9, np.float64)
     # Where it flew, and what it saw, nothing stood that is only supposed: what was scanned counts.
     scene = scene_of(catalog.structure(row["target_id"]))
-    columns, surface, judged = judged_on_plan(
-        catalog, row, laid.on, flown.trajectory, scene, flown.camera, photo_s
-    )
+    logged = flown.trajectory, scene, flown.camera, photo_s
+    columns, surface, judged = judged_on_plan(catalog, row, laid.on, *logged)
     parts = ["flown", row["transfer_id"], row["waypoints_sha256"], flown.sha256]
     parts.append("" if photo_ns is None else hashlib.sha256(photo_ns.tobytes()).hexdigest())
     wind = flown.wind
@@ -170,21 +168,8 @@ def judged_on_plan(
 ) -> tuple[Row, Cloud, AsFlown]:
     """What every flight says of itself, by the columns of `flights`, the surface it was judged on, and how.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    row : dict
-        Of the plan.
-    on : Alignment
-        The flight on its plan.
-    logged : Trajectory
-        As it was logged.
-    scene : Scene
-        That stood there.
-    camera : Camera, optional
-        Of the flight, where its log says; else the demonstration's.
-    photo_s : array, shape (F,), s, optional
-        Times of the photos from the first pose.
+    The row is the plan's, `on` the flight on it, the scene what stood there. The camera is the flight's, else
+    the demonstration's; `photo_s` (F,), s, are the times of its photos from the first pose.
     """
     target, plan = catalog.structure(row["target_id"]), catalog.plan(row["transfer_id"])
     planned_with = catalog.demonstration(row["demonstration_id"]).camera
@@ -194,30 +179,23 @@ def judged_on_plan(
     assert plan.trajectory is not None
     viewpoint_s = plan.trajectory.t_s[np.flatnonzero([] if plan.is_viewpoint is None else plan.is_viewpoint)]
     rule = settings_of(row["settings_json"]).inspection
-    judged = as_flown(
-        plan.trajectory, viewpoint_s, on, logged, surface, camera, scene, photo_s, planned_with, rule
-    )
+    where = surface, camera, scene, photo_s, planned_with, rule
+    judged = as_flown(plan.trajectory, viewpoint_s, on, logged, *where)
     looks = judged.looks
     of_plan = ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")
     columns = {
         **{name: row[name] for name in of_plan},
-        "photos_missing": judged.photos_missing,
-        "clock_s": on.clock_s,
+        **{name: getattr(on, name) for name in _OF_ALIGNMENT},
+        **{name: getattr(judged, name) for name in _OF_FLIGHT},
         "clock_error_s": on.clock_error_s if np.isfinite(on.clock_error_s) else None,
         "shift_m": float(np.linalg.norm(on.shift_m)),
         "place_error_m": on.place_error_m if np.isfinite(on.place_error_m) else None,
         "turn_deg": on.heading_deg,
-        "camera_yaw_deg": on.camera_yaw_deg,
-        "camera_pitch_deg": on.camera_pitch_deg,
-        "residual_p95_m": on.residual_p95_m,
-        "cross_track_p95_m": judged.cross_track_p95_m,
         "plan_frechet_m": judged.frechet_m,
-        "flown_pct": judged.flown_pct,
         "inspected_pct": _share_pct(looks.inspected, required),
         "inspected_if_corrected_pct": _share_pct(looks.inspected_if_corrected, required),
         "required_pct": _share_pct(looks.seen, required),
         "assumed_pct": _share_pct(looks.assumed, required) or 0.0,
-        "silent_s": judged.silent_s,
         "findings": "; ".join(judged.findings),
         "min_clearance_m": judged.clearance_m,
         "path_length_m": float(leg_lengths(on.flown.positions).sum()),

@@ -29,11 +29,7 @@ from upplied.simulate import Vehicle, Wind, fly_trajectory, measure_flown
 
 
 def fly_plan(
-    catalog: Catalog,
-    transfer_id: str,
-    wind: Wind | None = None,
-    seed: int = 0,
-    force: tuple[str, ...] = (),
+    catalog: Catalog, transfer_id: str, wind: Wind | None = None, seed: int = 0, force: tuple[str, ...] = ()
 ) -> Row:
     """Fly a plan of the catalog in wind and keep what came of it; the same flight is not flown twice.
 
@@ -94,16 +90,7 @@ def simulated_row(
 ) -> Row:
     """The row of a simulated flight: as of one that was flown, and its log lies on its plan as it is.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    flight_id : str
-    row : dict
-        Of the plan.
-    path : Trajectory
-        As it was flown.
-    columns : mapping
-        Wind, seed and measures.
+    `row` is the plan's, `columns` are wind, seed and measures.
     """
     plan, target = catalog.plan(row["transfer_id"]), catalog.structure(row["target_id"])
     assert plan.trajectory is not None

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from upplied.catalog import Catalog, recipe
+from upplied.catalog import Catalog, Recipe, recipe
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
 from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError
@@ -40,9 +41,8 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     row = catalog.flight(start)
     flight_id = str(row["flight_id"])
     if not row["looks_sha256"]:
-        raise RefusedError(
-            f"flight {start}", "was stored by a version without looks", "", "fly it or add it again"
-        )
+        fault = "was stored by a version without looks"
+        raise RefusedError(f"flight {start}", fault, "", "fly it or add it again")
     basis = recipe(catalog, str(row["transfer_id"]))
     target = catalog.structure(str(row["target_id"]))
     flown = catalog.plan(str(row["transfer_id"]))
@@ -51,11 +51,9 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     inspected = np.zeros(len(surface), bool)
     inspected[catalog.looks.get(str(row["looks_sha256"])).as_asked] = True
     settings = basis.settings
-    route = settings.route
+    route, scene = settings.route, scene_for(target, flown.supposed)
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
-    airspace = Airspace(
-        scene_for(target, flown.supposed), clearance, target.surroundings, route.ground_clearance_m
-    )
+    airspace = Airspace(scene, clearance, target.surroundings, route.ground_clearance_m)
     zones, untold = missed_zones(catalog, row, target, camera)
     key = digest(["gap", flight_id, method(), target.sha256, basis.settings.sha256, *key_of(zones)])
     if len(catalog.transfers(every=True, ids=[id_of(key)], columns=["transfer_id"])):
@@ -69,9 +67,8 @@ def plan_gap(catalog: Catalog, start: str) -> str:
         around = replace(airspace, clearance_m=clearance_m)
         every = max(1, len(path) // _PLACES)
         graph = roadmap(around, obstacle(surface, flown.supposed), path.positions[::every])
-        return gap_flight(
-            path, surface, missing, camera, graph, settings.retime, zone_gaps, settings.inspection
-        )
+        known = settings.retime, zone_gaps, settings.inspection
+        return gap_flight(path, surface, missing, camera, graph, *known)
 
     flight, clearance_words = _as_far(flown, airspace, flight_at)
     broken = place_breaches(flight.trajectory, target, flown.supposed, clearance)
@@ -79,17 +76,16 @@ def plan_gap(catalog: Catalog, start: str) -> str:
         raise RefusedError(f"gap of flight {start}", "; ".join(broken), "a safe flight", "plan it again")
     nearest_m = path_clearance(airspace.scene, flight.trajectory.positions).distance_m
     plan = _plan(flown, flight, surface, missing, nearest_m, zones, (clearance_words, *untold))
-    hashes = {name: basis.row[name] for name in ("demonstration_sha256", "source_sha256")}
-    provenance = {
-        **hashes,
-        **recorded(),
-        "target_sha256": target.sha256,
-        "method_version": METHOD_VERSION,
-        "settings": basis.settings,
-        "purpose": f"gap {flight_id[:20]}",
-    }
+    provenance = derived_from(basis, target.sha256) | {"purpose": f"gap {flight_id[:20]}"}
     catalog.add_plans([(key, plan, provenance)])
     return id_of(key)
+
+
+def derived_from(basis: Recipe, target_sha256: str) -> dict[str, Any]:
+    """The provenance of a plan that is made from another one."""
+    inputs = {name: basis.row[name] for name in ("demonstration_sha256", "source_sha256")}
+    made_by = {"method_version": METHOD_VERSION, "settings": basis.settings, "target_sha256": target_sha256}
+    return inputs | recorded() | made_by
 
 
 def _as_far(
@@ -164,10 +160,7 @@ def _plan(
     headline += f", it flies {flight.length_m:.0f} m"
     of_zones = [zone.summary(*both) for zone, both in zip(zones, flight.zones, strict=True)]
     return Plan(
-        demonstration_id=flown.demonstration_id,
-        source_id=flown.source_id,
-        target_id=flown.target_id,
-        kind=flown.kind,
+        *(flown.demonstration_id, flown.source_id, flown.target_id, flown.kind),
         preset="recommended",
         status="ok",
         trajectory=path,

@@ -33,6 +33,8 @@ from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.sources.door import FileKind, survey
 from upplied.records import Placement, Structure
 
+_LISTED = ("flight", "refused")  # of the files of a survey, those that may be flights
+
 
 def _silent(ingested: Ingested) -> None:
     """Nobody watches."""
@@ -127,7 +129,7 @@ def ingest_demonstrations(
     """
     options = options or LogOptions()
     check_allowed(options.allow, RULES)
-    entries = _surveyed([Path(log) for log in logs])
+    entries = _surveyed(logs)
     if not dry_run and any(map(is_project, entries)):  # which may be the first to bring a structure
         catalog.create()
     table = catalog.demonstrations()
@@ -155,15 +157,13 @@ def ingest_demonstrations(
     status = {"added": "readable"} if dry_run else {}
     named = [replace(one, status=status.get(one.status, one.status)) for one in (*structures, *ingested)]
     by_file = dict(zip(flights, named[len(structures) :], strict=True))
-    listed = [
-        _listed(one, by_file.get(str(one.path))) for one in entries if one.status in ("flight", "refused")
-    ]
+    listed = [_listed(one, by_file.get(str(one.path))) for one in entries if one.status in _LISTED]
     return [*named[: len(structures)], *listed]
 
 
 def passed_over(logs: Iterable[str | Path]) -> list[Ingested]:
     """The files that are named, or lie in folders that are named, and are no flights nor parts of one."""
-    return [_listed(one, None) for one in _surveyed([Path(log) for log in logs]) if one.status == "other"]
+    return [_listed(one, None) for one in _surveyed(logs) if one.status == "other"]
 
 
 def _listed(file: FileKind, ingested: Ingested | None) -> Ingested:
@@ -195,18 +195,19 @@ def find_logs(logs: Iterable[str | Path]) -> list[Path]:
     InputError
         If a name does not exist, or there is no flight at all.
     """
-    return [one.path for one in _surveyed([Path(log) for log in logs]) if one.status in ("flight", "refused")]
+    return [one.path for one in _surveyed(logs) if one.status in _LISTED]
 
 
-def _surveyed(names: list[Path]) -> list[FileKind]:
+def _surveyed(logs: Iterable[str | Path]) -> list[FileKind]:
     """What the files are; one that is named and is no flight is refused, not passed over."""
+    names = [Path(log) for log in logs]
     entries = [
         replace(one, status="refused", words="is no flight that can be read")
         if one.status == "other" and one.path in names
         else one
         for one in survey(names)
     ]
-    if not any(one.status in ("flight", "refused") for one in entries):
+    if not any(one.status in _LISTED for one in entries):
         raise InputError(", ".join(map(str, names)) or "logs", "no flight was found", "at least one log")
     return entries
 

@@ -26,13 +26,7 @@ EVERY_S = 10.0  # a killed run loses no more than this much work
 class Keeper:
     """Collects outcomes from any thread and commits them together.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    run_id : str
-        Of the run that plans, kept with every row.
-    engine : str
-        Whose processes plan, with the name of its worker (``dask:10.0.0.7:40123``); kept with every row.
+    With every row stand the run, and the engine with the name of its worker (``dask:10.0.0.7:40123``).
     """
 
     def __init__(self, catalog: Catalog, run_id: str, engine: str = "local") -> None:

@@ -54,16 +54,8 @@ def learnt_flight(
 ) -> Demonstration:
     """The demonstration of one file with its passport; what it saw is remembered.
 
-    Parameters
-    ----------
-    places : mapping of str to (str, path)
-        Location and cache of the catalog of a file, where that is not the one at `place`.
-    place : (str, path)
-    placements : mapping of str to Placement
-    facts : mapping of str to LogOptions
-        Facts of single files, instead of `options`.
-    options : LogOptions, optional
-    path : path
+    The catalog is at `place` (location and cache), or where `places` says of this file; `facts` of single
+    files stand instead of `options`.
 
     Raises
     ------
@@ -80,12 +72,9 @@ def learnt_flight(
     def structure_of(structure_id: str) -> Structure:
         known = catalog.structures()["structure_id"]
         if structure_id not in set(known):
-            raise InputError(
-                str(path),
-                f"was flown on {structure_id!r}, which is not in the catalog",
-                suggested(structure_id, known),
-                "add the structure first, or correct structure_id",
-            )
+            fault = f"was flown on {structure_id!r}, which is not in the catalog"
+            remedy = "add the structure first, or correct structure_id"
+            raise InputError(str(path), fault, suggested(structure_id, known), remedy)
         structures.append(catalog.structure(structure_id))
         return structures[0]
 
@@ -115,29 +104,12 @@ def is_project(file: FileKind) -> bool:
 
 
 def facts_of(
-    files: list[FileKind],
-    options: LogOptions,
-    add: Callable[[list[StructureEntry]], list[Ingested]],
+    files: list[FileKind], options: LogOptions, add: Callable[[list[StructureEntry]], list[Ingested]]
 ) -> tuple[list[FileKind], list[Ingested], dict[str, LogOptions]]:
-    """The structures of projects that name none, and the facts of the flights round them.
+    """The structures of projects that name none, stored by `add`, and the facts of the flights round them.
 
-    Parameters
-    ----------
-    files : list of FileKind
-        Files of a survey.
-    options : LogOptions
-        Facts about all of them.
-    add : callable
-        Stores the structures of entries.
-
-    Returns
-    -------
-    files : list of FileKind
-        The same; photos in the folder of such a project are part of it.
-    ingested : list of Ingested
-        What became of each structure.
-    facts : dict of str to LogOptions
-        By the file of the cameras.
+    Returns the files of the survey again (photos in the folder of such a project are part of it), what became
+    of each structure, and the facts by the file of the cameras.
     """
     projects: dict[str, Project] = {}
     for one in filter(is_project, files):

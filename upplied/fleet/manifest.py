@@ -3,8 +3,8 @@
 Beside each shard lies who works on it: an engine that gives a lost worker's work to another one does not
 say so, and the run reads it here.
 
-Parameters of a run of Prefect's are bounded (512 KiB), and the jobs of a large fleet are not. One Parquet
-file to a shard holds what cannot be said shorter; settings that several have are stored once.
+Parameters of a run of Prefect's are bounded (512 KiB), and the jobs of a large fleet are not. One file to a
+shard holds them as JSON; settings that several have are stored once.
 """
 
 from __future__ import annotations
@@ -13,27 +13,22 @@ import json
 import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
-from io import BytesIO
+from dataclasses import asdict, dataclass, fields, replace
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from upplied.catalog import Catalog, open_catalog
-from upplied.catalog.schema.plan_rows import settings_text
-from upplied.catalog.schema.rows import json_text
+from upplied.catalog.schema.plan_rows import settings_text, tuples
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.checks import check_id
-from upplied.config import Settings
 from upplied.errors import CatalogError
 from upplied.fleet.decisions import Job
 from upplied.fleet.planner import this_process
 from upplied.fleet.run import Shard
 
 FOLDER = "shards"
-_HASHES = ("demonstration_sha256", "source_sha256", "target_sha256")
-_NAMES = ("demonstration_id", "source_id", "target_id", "kind", "key", "why", "purpose")
+_SUFFIX = ".jobs"
 
 
 def write_shards(catalog: Catalog, run_id: str, shards: Sequence[Shard]) -> list[str]:
@@ -45,7 +40,7 @@ def write_shards(catalog: Catalog, run_id: str, shards: Sequence[Shard]) -> list
         If the catalog's place cannot be written.
     """
     store = _store(catalog)
-    names = [f"{check_id(run_id, 'run')}/{number:05}.parquet" for number in range(len(shards))]
+    names = [f"{check_id(run_id, 'run')}/{number:05}{_SUFFIX}" for number in range(len(shards))]
     try:
         for name, shard in zip(names, shards, strict=True):
             store.write(name, _encoded(shard))
@@ -64,13 +59,13 @@ def read_shard(location: str, name: str) -> list[Job]:
     """
     run_id, _, number = name.partition("/")
     check_id(run_id, "run")
-    check_id(number.removesuffix(".parquet"), "shard")
+    check_id(number.removesuffix(_SUFFIX), "shard")
     store = _store(open_catalog(location))
     try:
-        table = pq.read_table(BytesIO(store.read(name)))
-        plain = json.loads(table.schema.metadata[b"settings"])
-        settings = {sha256: settings_of(text) for sha256, text in plain.items()}
-        return [_job(row, settings[row["settings_sha256"]]) for row in table.to_pylist()]
+        plain = json.loads(store.read(name))
+        settings = {sha256: settings_of(text) for sha256, text in plain["settings"].items()}
+        jobs = [{key: tuples(value) for key, value in job.items()} for job in plain["jobs"]]
+        return [Job(**{**job, "settings": settings[job["settings"]]}) for job in jobs]
     except (OSError, pa.ArrowException, KeyError, TypeError, ValueError) as error:
         raise CatalogError(store.path(name), f"cannot be read: {error}") from None
 
@@ -88,7 +83,7 @@ class Attempt:
 def attempt(location: str, name: str, worker: str) -> Iterator[None]:
     """Write who works on a shard, and at the end that it ended, whether it failed or not."""
     store = _store(open_catalog(location))
-    place = f"{name.removesuffix('.parquet')}.{uuid.uuid4().hex}.json"
+    place = f"{name.removesuffix(_SUFFIX)}.{uuid.uuid4().hex}.json"
     begun = Attempt(name, f"{this_process()}/{worker}")
     store.write(place, json.dumps(asdict(begun)).encode(), lasting=False)
     try:
@@ -118,24 +113,10 @@ def _store(catalog: Catalog) -> FileStore:
 
 
 def _encoded(shard: Shard) -> bytes:
-    columns = {name: [getattr(job, name) for job in shard] for name in _NAMES}
-    columns["siblings"] = [json_text([list(one) for one in job.siblings]) for job in shard]
-    columns["settings_sha256"] = [job.settings.sha256 for job in shard]
-    for at, name in enumerate(_HASHES):
-        columns[name] = [job.sha256[at] for job in shard]
+    names = [item.name for item in fields(Job) if item.name != "settings"]
+    jobs = [
+        {**{name: getattr(job, name) for name in names}, "settings": job.settings.sha256} for job in shard
+    ]
     different = {job.settings.sha256: job.settings for job in shard}
     settings = {sha256: settings_text(each) for sha256, each in different.items()}
-    table = pa.table(columns).replace_schema_metadata({"settings": json.dumps(settings)})
-    sink = BytesIO()
-    pq.write_table(table, sink, compression="zstd")
-    return sink.getvalue()
-
-
-def _job(row: dict[str, str], settings: Settings) -> Job:
-    first, second, third = (row[name] for name in _HASHES)
-    return Job(
-        **{name: row[name] for name in _NAMES},
-        settings=settings,
-        sha256=(first, second, third),
-        siblings=tuple((str(name), str(sha256)) for name, sha256 in json.loads(row["siblings"])),
-    )
+    return json.dumps({"settings": settings, "jobs": jobs}).encode()

@@ -61,20 +61,11 @@ def judged(
     symmetric: bool = False,
     sized: bool = False,
 ) -> tuple[Verdict, ...]:
-    """The rules that a structure breaks among others.
+    """The rules that a structure breaks among others of its kind and of other kinds, itself not among them.
 
-    Parameters
-    ----------
-    new : Member
-    others : sequence of Member
-        Of its kind and of others, itself not among them.
-    bounds : StructureSettings
-    axes : tuple
-        The file's axes that were declared up and forward, for the words of a remedy.
-    symmetric : bool
-        No heading can be told from its shape.
-    sized : bool
-        Its real size was declared, and is asked elsewhere.
+    `axes` are the file's that were declared up and forward, for the words of a remedy; of one that is
+    `symmetric` no heading can be told; of one that is `sized` the real size was declared, and is asked
+    elsewhere.
     """
     kin = [other for other in others if other.kind == new.kind]
     if not kin:
@@ -102,10 +93,8 @@ def _size(new: Member, kin: Sequence[Member], unlike: Floats, bounds: StructureS
     size = f"its diagonal is {new.size_m:.3g} m, {beyond:.3g} times {side} than every {new.kind} here"
     if beyond > bounds.size_ratio:
         guess = unit or _unit(new.size_m / like.size_m, 2 * bounds.unit_slack)
-        guess = guess or _unit(
-            new.size_m / float(np.sqrt(sizes.min() * sizes.max())),
-            np.log(odd) + (np.log(sizes.max() / sizes.min()) / 2),
-        )
+        middle, span = float(np.sqrt(sizes.min() * sizes.max())), np.log(sizes.max() / sizes.min())
+        guess = guess or _unit(new.size_m / middle, np.log(odd) + span / 2)
         looks = f"; looks like {guess}" if guess else ""
         yield broken(RULES["size"], f"{size} ({nearest}){looks}", f"at most {bounds.size_ratio:g} times")
     elif beyond > odd and unit and of_form:
@@ -155,16 +144,17 @@ def _axes(
     symmetric: bool,
 ) -> Iterator[Verdict]:
     """Whether it fits the others of its kind better when it is turned."""
-    nearest_turn = _by_turn(new, kin)
-    stands = {index: turn[2, 2] > 0.5 for index, turn in enumerate(quarter_turns())}
+    library, turns = library_of([one.shape for one in kin]), quarter_turns()
+    nearest_turn = [float(unlikeness(turned(new.shape, turn), library).min()) for turn in turns]
+    stands = [turn[2, 2] > 0.5 for turn in turns]
     for rule, tried in (
-        ("up-axis", [index for index in nearest_turn if not stands[index]]),
-        ("forward-axis", [index for index in nearest_turn if stands[index] and not symmetric]),
+        ("up-axis", [index for index in range(len(turns)) if not stands[index]]),
+        ("forward-axis", [index for index in range(len(turns)) if stands[index] and not symmetric]),
     ):
         best = min(tried, key=nearest_turn.__getitem__, default=None)
         if best is None or nearest_turn[best] >= min(bounds.alike, bounds.turned_share * declared):
             continue
-        right = quarter_turns()[best] @ file_turn(*axes)
+        right = turns[best] @ file_turn(*axes)
         names = [("-" if row.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in right[[2, 0]]]
         words = (
             f"as declared (up {axes[0]}, forward {axes[1]}) its form misses that of every {new.kind} here by"
@@ -177,21 +167,8 @@ def _axes(
         return
 
 
-def _by_turn(new: Member, kin: Sequence[Member]) -> dict[int, float]:
-    """Unlikeness to the most alike of its kind by quarter turn."""
-    library = library_of([one.shape for one in kin])
-    return {
-        index: float(unlikeness(turned(new.shape, turn), library).min())
-        for index, turn in enumerate(quarter_turns())
-    }
-
-
 def _kind(
-    new: Member,
-    kin: Sequence[Member],
-    unlike: Floats,
-    others: Sequence[Member],
-    bounds: StructureSettings,
+    new: Member, kin: Sequence[Member], unlike: Floats, others: Sequence[Member], bounds: StructureSettings
 ) -> Iterator[Verdict]:
     """Whether it looks like its kind, or rather like another."""
     best = float(unlike.min())
@@ -207,9 +184,8 @@ def _kind(
                for a in kin] if len(kin) > 1 else [0.0]  # fmt: skip
     if best > max(bounds.odd_unlikeness, 1.2 * float(np.median(between))):
         like = kin[int(unlike.argmin())].structure_id
-        words = (
-            f"its form is unlike every other {new.kind} here, the most alike ({like}) misses by {best:.2f}"
-        )
+        words = f"its form is unlike every other {new.kind} here"
+        words += f", the most alike ({like}) misses by {best:.2f}"
         yield broken(RULES["kind"], words, f"at most {bounds.odd_unlikeness:g}")
 
 

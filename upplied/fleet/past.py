@@ -15,6 +15,8 @@ from upplied.planning.plan import METHOD_VERSION
 from upplied.provenance import causes
 from upplied.records import Demonstration, Structure
 
+Candidate = tuple[Demonstration, Structure, Structure, Settings, Siblings]
+
 
 class Past:
     """What the catalog's plans were made from."""
@@ -34,16 +36,9 @@ class Past:
         texts = (map(each.dictionary.to_pylist().__getitem__, each.indices.to_numpy()) for each in encoded)
         return {name: place for place, name in enumerate(zip(*texts, strict=True))}
 
-    def why(
-        self,
-        demonstration: Demonstration,
-        source: Structure,
-        target: Structure,
-        settings: Settings,
-        siblings: Siblings,
-        key: str,
-    ) -> str:
+    def why(self, candidate: Candidate, key: str) -> str:
         """What changed since the newest plan of the pair, in words."""
+        demonstration, source, target, settings, siblings = candidate
         place = self._places.get((demonstration.demonstration_id, target.structure_id, settings.preset))
         if place is None:
             return "new pair"
@@ -61,12 +56,7 @@ class Past:
         return ", ".join([*changes, *self._known[program]]) or "an older version is back"
 
 
-_CHANGES = {
-    "demonstration": "demonstration_sha256",
-    "source": "source_sha256",
-    "target": "target_sha256",
-    "settings": "settings_sha256",
-    "siblings": "siblings",
-}
+_CHANGES = {name: f"{name}_sha256" for name in ("demonstration", "source", "target", "settings")}
+_CHANGES["siblings"] = "siblings"
 _PROGRAM = ("method_version", "code_version", "sources_sha256", "libraries")
 _SLOT = ("demonstration_id", "target_id", "preset")

@@ -79,15 +79,11 @@ def _check_flown(catalog: Catalog, log: str, laid: Laid) -> None:
     simulated = catalog.flights(name, kind="simulated").drop_duplicates("flight_sha256", keep="last")
     planned = catalog.plan(name).trajectory
     assert planned is not None
-    paths = [("plan", planned)]
-    paths += [
-        ("simulated flight", catalog.flown(each)) for each in simulated["flight_sha256"][-_MOST_FLIGHTS:]
-    ]
-    for what, path in paths:
+    flights = map(catalog.flown, simulated["flight_sha256"][-_MOST_FLIGHTS:])
+    for what, path in [("plan", planned), *(("simulated flight", path) for path in flights)]:
         if follows_exactly(path, laid.on):
-            fault = (
-                f"holds the poses of the {what} {name} itself: no vehicle follows a path to the centimetre"
-            )
+            fault = f"holds the poses of the {what} {name} itself"
+            fault += ": no vehicle follows a path to the centimetre"
             raise RefusedError(log, fault, "the log of a vehicle that flew")
 
 
@@ -104,13 +100,10 @@ def _check_mission(catalog: Catalog, log: str, laid: Laid) -> None:
     except RefusedError:
         return
     if best.off_m < _MUCH_BETTER * laid.off_m:
-        raise RefusedError(
-            log,
-            f"is a flight of plan {best.row['transfer_id']}, on which it lies to {best.off_m:.1f} m; "
-            f"on plan {row['transfer_id']} to {laid.off_m:.1f} m",
-            "the plan that was flown",
-            f"say --plan {best.row['transfer_id']}",
-        )
+        name = best.row["transfer_id"]
+        fault = f"is a flight of plan {name}, on which it lies to {best.off_m:.1f} m"
+        fault += f"; on plan {row['transfer_id']} to {laid.off_m:.1f} m"
+        raise RefusedError(log, fault, "the plan that was flown", f"say --plan {name}")
 
 
 def _anywhere(
@@ -182,12 +175,9 @@ def _read(catalog: Catalog, log: str, options: LogOptions) -> Demonstration:
     flown = read_demonstration(Path(log), options, _placements(catalog, options.structure_id), flight=True)
     begins, latest = moment_of(int(flown.t_ns[0])), catalog.clock.now() + timedelta(seconds=_CLOCK_S)
     if not _EARLIEST <= begins <= latest:
-        raise InputError(
-            log,
-            f"begins on {begins:%Y-%m-%d} by its own clock",
-            f"a date from {_EARLIEST:%Y} to now",
-            "set the recorder's clock, or correct the stamps of the log and of its photos alike",
-        )
+        remedy = "set the recorder's clock, or correct the stamps of the log and of its photos alike"
+        found = f"begins on {begins:%Y-%m-%d} by its own clock"
+        raise InputError(log, found, f"a date from {_EARLIEST:%Y} to now", remedy)
     return flown
 
 

@@ -113,26 +113,14 @@ def this_process() -> str:
 
 def without_path(job: Job, status: str, reason: str) -> Plan:
     """A plan that says why there is none."""
-    return Plan(
-        demonstration_id=job.demonstration_id,
-        source_id=job.source_id,
-        target_id=job.target_id,
-        kind=job.kind,
-        preset=job.settings.preset,
-        status=status,
-        reason=reason,
-    )
+    pair = job.demonstration_id, job.source_id, job.target_id, job.kind
+    return Plan(*pair, job.settings.preset, status, reason)
 
 
 class Recent:
     """A memo before another: what it holds, such as what all targets of a source need, is not read again.
 
-    Parameters
-    ----------
-    memo : Memo
-        Asked for what is not at hand.
-    max_bytes : int
-        Of all arrays that are held; the records unused for longest go first.
+    It holds arrays of `max_bytes`; the records unused for longest go first.
     """
 
     def __init__(self, memo: Memo, max_bytes: int = 128 << 20) -> None:
@@ -167,14 +155,8 @@ def required_surface(
 ) -> tuple[RequiredSurface | None, tuple[str, ...]]:
     """What plans of a structure are to show first, and the zones that cannot be planned for, in words.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    memo : Memo
-        Remembers how structures correspond, for zones that are carried.
-    target : Structure
-    name : str
-        Of the zones, as `required.zones` of the settings has it; empty: none.
+    The zones are named as `required.zones` of the settings has it (empty: none); the memo remembers how
+    structures correspond, for zones that are carried.
 
     Raises
     ------

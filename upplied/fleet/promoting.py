@@ -9,6 +9,7 @@ import numpy as np
 from upplied.catalog import Catalog
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.recipes import settings_of
+from upplied.catalog.verbs.roster import author
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import RefusedError, SettingsError
@@ -53,10 +54,7 @@ def promote_flight(
     """
     if unknown := sorted(set(force) - set(RULES)):
         raise SettingsError(f"rule {unknown[0]!r}", "is unknown", f"one of {', '.join(RULES)}")
-    if not by.strip():
-        raise SettingsError(
-            "a demonstration", "has no name of the person who stores it", "a name", "add --by NAME"
-        )
+    by = author(by, "a demonstration")
     row = catalog.flight(start)
     what = f"flight {str(row['flight_id'])[:12]}"
     plan = catalog.transfer(str(row["transfer_id"]))
@@ -77,7 +75,7 @@ def promote_flight(
     before = catalog.demonstration(str(plan["demonstration_id"]))
     start_ns = int(row["flown_at"].value)
     overruled = "".join(f"; overruled, {rule}: {fault}" for rule, fault in broken)
-    note = f"promoted by {by.strip()} from {what}, which flew plan {plan['transfer_id']}{overruled}"
+    note = f"promoted by {by} from {what}, which flew plan {plan['transfer_id']}{overruled}"
     demonstration = Demonstration(
         demonstration_id=name,
         structure_id=structure.structure_id,

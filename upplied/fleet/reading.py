@@ -27,9 +27,8 @@ class Ingested:
     """What became of one file."""
 
     name: str  # the id, or the file where no id is known
-    status: (
-        str  # "added", "unchanged", "retired", "failed", "readable" (a trial), or "passed over": no flight
-    )
+    # "added", "unchanged", "retired", "failed", "readable" (a trial), or "passed over": no flight
+    status: str
     reason: str = ""
     findings: tuple[str, ...] = ()  # warnings, and rules that were overruled, in words
     file: str = ""
@@ -76,23 +75,15 @@ def content_of(read: Structure | Demonstration) -> tuple[str, ...]:
     return (read.sha256, read.site, read.notes) if isinstance(read, Structure) else (read.sha256,)
 
 
-def _findings(read: Structure | Demonstration) -> tuple[str, ...]:
-    """Its warnings, and the rules that were overruled, in words."""
-    if isinstance(read, Demonstration):
-        return tuple(map(str, findings_of(read.passport)))
-    return tuple(map(str, from_json(read.verdicts_json)))
-
-
-def _words(read: Structure | Demonstration) -> str:
-    """The record that was made of a flight."""
-    if not isinstance(read, Demonstration):
-        return ""
+def _added(name: str, read: Structure | Demonstration) -> Ingested:
+    """A record that is new, with its warnings and overruled rules; a flight's with what it is."""
+    if isinstance(read, Structure):
+        return Ingested(name, "added", findings=tuple(map(str, from_json(read.verdicts_json))))
     camera = f"camera {read.camera.hfov_deg:.0f} x {read.camera.vfov_deg:.0f} deg"
     seconds = float(read.t_ns[-1] - read.t_ns[0]) * 1e-9
-    notes = f"; {read.notes}" if read.notes else ""
-    return (
-        f"{read.demonstration_id} of {read.structure_id}, {len(read)} poses, {seconds:.0f} s, {camera}{notes}"
-    )
+    words = f"{name} of {read.structure_id}, {len(read)} poses, {seconds:.0f} s, {camera}"
+    words += f"; {read.notes}" if read.notes else ""
+    return Ingested(name, "added", findings=tuple(map(str, findings_of(read.passport))), words=words)
 
 
 def stored(
@@ -115,8 +106,7 @@ def stored(
         elif isinstance(read, Ingested) or known.get(item) == content_of(read):
             ingested.append(Ingested(item, "unchanged"))
         else:
-            words = _words(read)
-            ingested.append(Ingested(item, "added", findings=_findings(read), words=words))
+            ingested.append(_added(item, read))
             waiting.append(read)
         progress(ingested[-1])
         if len(waiting) >= BATCH:

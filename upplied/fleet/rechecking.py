@@ -45,11 +45,7 @@ class Rechecked:
 def recheck(catalog: Catalog, limits: Limits | None = None) -> list[Rechecked]:
     """Judge every plan in force whose structure changed since it was last judged; decisions are kept.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    limits : Limits, optional
-        Time and memory of judging one plan.
+    The limits are the time and memory of judging one plan.
     """
     force = catalog.in_force()
     changed = force[force["target_changed"]] if len(force) else force
@@ -89,13 +85,9 @@ def _judged(workers: Workers, location: str, row: Row) -> Rechecked:
 def judge_again(location: str, transfer_id: str) -> tuple[list[str], float | str, str]:
     """In a worker: the rules that a plan breaks at its structure as it now is, and what it shows there.
 
-    What was never scanned of the structure as it was is counted where that is not found out anew.
-
-    Returns
-    -------
-    tuple
-        The broken rules in words; the share of what was inspected that is shown as well, %, or why
-        that cannot be measured; the hash of what of the structure was never scanned, which is kept.
+    Returns the broken rules in words; the share of what was inspected that is shown as well, %, or why
+    that cannot be measured; and the hash of what of the structure was never scanned, which is kept: that of
+    the structure as it was where it is not found out anew.
     """
     catalog = open_catalog(location)
     basis = recipe(catalog, transfer_id)

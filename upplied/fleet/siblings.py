@@ -23,18 +23,13 @@ class SiblingsOf:
         table = structures.sort_values("structure_id")
         labelled = table["tells_parts"].astype("boolean")
         mesh = table["n_triangles"] > 0
-        self._scans = dict(zip(table["structure_id"], table["kind"], strict=True))
-        self._scans = {
-            name: kind
-            for (name, kind), scan in zip(self._scans.items(), ~labelled.fillna(mesh), strict=True)
-            if scan
-        }
+        scans = table[~labelled.fillna(mesh)]
+        self._scans = dict(zip(scans["structure_id"], scans["kind"], strict=True))
         self._sha256 = dict(zip(table["structure_id"], table["sha256"], strict=True))
         self._size = dict(zip(table["structure_id"], table[_SIZE].to_numpy(float), strict=True))
-        known = table[mesh & labelled.fillna(True)]
-        self._known = {str(kind): list(rows["structure_id"]) for kind, rows in known.groupby("kind")}
-        self._sizes = {
-            kind: np.array([self._size[name] for name in names]) for kind, names in self._known.items()
+        known = table[mesh & labelled.fillna(True)].groupby("kind")
+        self._known = {
+            str(kind): (list(rows["structure_id"]), rows[_SIZE].to_numpy(float)) for kind, rows in known
         }
         self._nearest: dict[tuple[str, int], tuple[str, ...]] = {}
 
@@ -42,11 +37,10 @@ class SiblingsOf:
         """At most so many siblings of a target, by their ids; none where its own pieces tell its parts."""
         if most < 1 or target_id not in self._scans:
             return ()
-        kind = self._scans[target_id]
         if (target_id, most) not in self._nearest:
-            names, sizes = self._known.get(kind, []), self._sizes.get(kind, np.empty((0, 3)))
+            known = self._known.get(self._scans[target_id], ([], np.empty((0, 3))))
             # One more, since the source may be among them.
-            nearest = nearest_in_proportions(self._size[target_id], names, sizes, most + 1)
+            nearest = nearest_in_proportions(self._size[target_id], *known, most + 1)
             self._nearest[target_id, most] = nearest
         chosen = [name for name in self._nearest[target_id, most] if name != source_id][:most]
         return tuple((name, self._sha256[name]) for name in sorted(chosen))

@@ -29,17 +29,8 @@ from upplied.threads import cast_rays_on
 Value = TypeVar("Value")
 
 # Every worker computes on one core: libraries that start a thread per core would only compete.
-ONE_THREAD = dict.fromkeys(
-    (
-        "OMP_NUM_THREADS",
-        "OPENBLAS_NUM_THREADS",
-        "MKL_NUM_THREADS",
-        "NUMBA_NUM_THREADS",
-        "ARROW_CPU_THREADS",
-        "POLARS_MAX_THREADS",
-    ),
-    "1",
-)
+_LIBRARIES = ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "NUMBA_NUM", "ARROW_CPU", "POLARS_MAX")
+ONE_THREAD = {f"{name}_THREADS": "1" for name in _LIBRARIES}
 START_UP_S = 180.0  # a fresh process imports its libraries in 2 s; a loaded machine may need far longer
 
 OUT_OF_MEMORY = 77  # exit code of a process whose job could not be given memory
@@ -224,13 +215,12 @@ class _Context(context.SpawnContext):
 def _bare_child() -> Iterator[None]:
     """What a child that is started within inherits: one thread a library, and not the caller's script.
 
-    Libraries read the environment while they load. A spawned process would run the main script again,
-    which then must hide its work behind ``if __name__ == "__main__"``; our jobs need nothing of it. A
-    worker of Dask is a daemon, which multiprocessing forbids children; ours end with their parent by
-    themselves.
+    Libraries read the environment while they load. A spawned process would run the main script again, of
+    which our jobs need nothing. A worker of Dask is a daemon, which multiprocessing forbids children; ours
+    end with their parent by themselves.
     """
     with _environment:
-        before = {name: os.environ.get(name) for name in ONE_THREAD}
+        before = {name: os.environ.pop(name, None) for name in ONE_THREAD}
         script, here = sys.modules["__main__"], current_process()
         daemon = here._config.get("daemon")  # type: ignore[attr-defined]
         os.environ.update(ONE_THREAD)
@@ -241,11 +231,9 @@ def _bare_child() -> Iterator[None]:
         finally:
             here._config["daemon"] = daemon  # type: ignore[attr-defined]
             sys.modules["__main__"] = script
-            for name, value in before.items():
-                if value is None:
-                    del os.environ[name]
-                else:
-                    os.environ[name] = value
+            for name in ONE_THREAD:
+                del os.environ[name]
+            os.environ.update({name: value for name, value in before.items() if value is not None})
 
 
 # Below: in the worker process.

@@ -46,20 +46,9 @@ class Zone:
 def missed_zones(
     catalog: Catalog, row: Row, target: Structure, camera: Camera
 ) -> tuple[list[Zone], tuple[str, ...]]:
-    """The zones of a structure that a flight, and all that were really flown, did not show as they ask.
+    """The zones of a structure that a flight (its row), and all that were really flown, did not show.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    row : dict
-        Of the flight.
-    target : Structure
-    camera : Camera
-
-    Returns
-    -------
-    tuple
-        What is missing, and the zones that name no surface here, in words.
+    Returns what is missing, and the zones that name no surface here, in words.
     """
     asking = _asking(catalog, row, target, camera)
     if asking is None:
@@ -82,8 +71,7 @@ def zones_left_out(catalog: Catalog, row: Row) -> str:
     if asking is None:
         return ""
     judged = asking.judged(*looked(catalog, _flights(catalog, row), asking.surface))
-    names = [f"zone {each['zone']}" for each in judged if each["status"] == "missed"]
-    return ", ".join(names)
+    return ", ".join(f"zone {each['zone']}" for each in judged if each["status"] == "missed")
 
 
 def key_of(zones: list[Zone]) -> list[str]:
@@ -91,9 +79,8 @@ def key_of(zones: list[Zone]) -> list[str]:
     parts: list[Any] = []
     for zone in zones:
         gap, named = zone.gap, [zone.row[name] for name in ("zone", "set", "version")]
-        parts.append(
-            [*named, zone.demand.looks, gap.farthest_m, gap.incidence_deg, gap.cloud.points.tolist()]
-        )
+        demanded = [zone.demand.looks, gap.farthest_m, gap.incidence_deg]
+        parts.append([*named, *demanded, gap.cloud.points.tolist()])
     return [digest(parts)] if parts else []
 
 

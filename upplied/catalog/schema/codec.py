@@ -45,10 +45,8 @@ def encode(record: Any, name: str = "") -> bytes:
         form = {"shape": json.dumps(array.shape), "dtype": array.dtype.str}
         schema_fields.append(pa.field(name, column.type, metadata=form))
     table = pa.table(columns, schema=pa.schema(schema_fields, metadata=metadata))
-    sink = BytesIO()
-    pq.write_table(
-        table, sink, compression="zstd", compression_level=1, use_dictionary=False, write_statistics=False
-    )
+    sink, packed = BytesIO(), {"compression": "zstd", "compression_level": 1}
+    pq.write_table(table, sink, use_dictionary=False, write_statistics=False, **packed)
     content = sink.getvalue()
     return content.replace(_UNKNOWN, hashlib.sha256(content).hexdigest().encode(), 1)
 
@@ -66,17 +64,7 @@ def is_as_written(content: bytes) -> bool:
 
 
 def decode(content: bytes, record_type: type[R], sha256: str | None = None, name: str = "") -> R:
-    """The record of such bytes.
-
-    Parameters
-    ----------
-    content : bytes
-        From `encode`.
-    record_type : type
-    sha256 : str, optional
-        Hash that the content must have, where it is known; see `sha256_of`.
-    name : str
-        That the bytes must carry, where it is known.
+    """The record of bytes from `encode`, with the hash (`sha256_of`) and the name that these must have.
 
     Raises
     ------
@@ -93,7 +81,7 @@ def decode(content: bytes, record_type: type[R], sha256: str | None = None, name
         arrays = {field.name: _array(table.column(field.name), field) for field in table.schema}
         if content_sha256(plain, arrays) != (sha256 or metadata[b"sha256"].decode()):
             raise CatalogError(record_type.__name__, "the stored content does not match its hash")
-        record: R = _record(json.loads(plain), record_type, "", arrays)
+        record: R = _record(json.loads(plain), record_type, arrays)
     except (pa.ArrowException, OSError, KeyError, ValueError, TypeError, UnicodeDecodeError) as error:
         raise CatalogError(record_type.__name__, f"the stored content is damaged: {error}") from None
     return record
@@ -148,14 +136,12 @@ def _left_out(field: Field, record: Any) -> bool:
     if not field.metadata.get("later"):
         return False
     value: Any = getattr(record, field.name)
-    default: Any = field.default
     factory: Any = field.default_factory
-    if default is MISSING and factory is not MISSING:
-        default = factory()
+    default: Any = field.default if factory is MISSING else factory()
     return value is default or np.array_equal(value, default)
 
 
-def _record(plain: Any, hint: Any, path: str, arrays: Mapping[str, Array]) -> Any:
+def _record(plain: Any, hint: Any, arrays: Mapping[str, Array]) -> Any:
     """The value of JSON from `_plain`, of the type that the record declares."""
     if not isinstance(plain, dict):
         return plain
@@ -165,20 +151,15 @@ def _record(plain: Any, hint: Any, path: str, arrays: Mapping[str, Array]) -> An
         return float(plain["float"])
     if "items" in plain:
         of = get_args(hint)
-        each = [
-            _record(item, _item_hint(of, i), _join(path, str(i)), arrays)
-            for i, item in enumerate(plain["items"])
-        ]
+        each = [_record(item, _item_hint(of, i), arrays) for i, item in enumerate(plain["items"])]
         return each if get_origin(hint) is list or hint is list else tuple(each)
     if "map" in plain:
         inner_hint = (*get_args(hint), None, None)[1]
-        return {key: _record(item, inner_hint, _join(path, key), arrays) for key, item in plain["map"]}
+        return {key: _record(item, inner_hint, arrays) for key, item in plain["map"]}
     record_type = _class_named(plain["type"], hint)
     hints = _hints(record_type)
     values = plain["fields"].items()
-    return record_type(
-        **{name: _record(item, hints[name], _join(path, name), arrays) for name, item in values}
-    )
+    return record_type(**{name: _record(item, hints[name], arrays) for name, item in values})
 
 
 def _class_named(name: str, hint: Any) -> type:
@@ -198,9 +179,7 @@ def _item_hint(hints: tuple[Any, ...], index: int) -> Any:
     return hints[min(index, len(hints) - 1)]
 
 
-@lru_cache(maxsize=64)
-def _hints(record_type: type) -> dict[str, Any]:
-    return get_type_hints(record_type)
+_hints = lru_cache(maxsize=64)(get_type_hints)
 
 
 def _join(path: str, name: str) -> str:

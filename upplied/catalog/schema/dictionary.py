@@ -28,10 +28,6 @@ _NAMES = {"text": "text", "real": "float64", "whole": "int64", "truth": "bool", 
 _TYPES = {TYPES[word]: name for word, name in _NAMES.items()}
 
 
-def write_data_dictionary(path: Path) -> None:
-    """Write the data dictionary to a file."""
-    path.write_text(data_dictionary(), encoding="utf-8")
-
-
 if __name__ == "__main__":
-    write_data_dictionary(Path(__file__).parents[3] / "catalog" / "README.md")
+    place = Path(__file__).parents[3] / "catalog" / "README.md"
+    place.write_text(data_dictionary(), encoding="utf-8")

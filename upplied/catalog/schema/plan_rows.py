@@ -29,6 +29,11 @@ ID_DIGITS = 20  # of the key in `transfer_id`: 80 bits, still short enough to ty
 
 _ORIGINS = np.array(ORIGINS, object)
 _OF_PLAN = same_named(Plan, "transfers")
+#: Texts of a plan that are in its row as they are.
+_TEXTS = (
+    "demonstration_id", "source_id", "target_id", "kind", "preset", "status", "reason", "counterpart_summary",
+    "parts_told_by", "acceptance_evidence", "not_flyable", "photos_sha256",
+)  # fmt: skip
 
 #: What `imported_from` ends with: whether what a dataset says of a plan was measured here.
 AS_IT_SAYS = "measures as it says"
@@ -63,15 +68,15 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
     """
     unknown = sorted(set(provenance) - set(PROVENANCE))
     if unknown:
-        raise CatalogError(
-            f"provenance of {key}", f"has {', '.join(unknown)}", f"any of {', '.join(PROVENANCE)}"
-        )
+        known = f"any of {', '.join(PROVENANCE)}"
+        raise CatalogError(f"provenance of {key}", f"has {', '.join(unknown)}", known)
     about = dict(provenance)
     settings: Settings = about.pop("settings", None) or settings_for(plan.preset)
     siblings = [list(one) for one in about.pop("siblings", ())]
     registration, path = plan.registration, plan.trajectory
-    icp: Row = {}
+    icp, fit = dict[str, Any](), ""
     if registration is not None:
+        fit = json_text({name: _json_value(value) for name, value in _values(registration).items()})
         icp = {name: getattr(registration, name) for name in ("acceptance", "runner_up_gap")}
         icp["icp_score_m2"] = registration.score_m2
     return {
@@ -90,58 +95,44 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         "warnings": json_text(list(plan.warnings)),
         "settings_sha256": settings.sha256,
         "settings_json": settings_text(settings),
-        "registration_json": "" if registration is None else _registration_json(registration),
-        "waypoints_sha256": "" if path is None else _plan_sha256(plan),
+        "registration_json": fit,
+        "waypoints_sha256": "" if path is None else _waypoints_sha256(plan, path),
     }
 
 
 def waypoint_table(plans: Mapping[str, Plan]) -> pa.Table:
     """The rows of `waypoints` of plans by their ids, those that have a trajectory, without their commit."""
-    flown = [(name, plan) for name, plan in plans.items() if plan.trajectory is not None]
-    paths = [(name, plan.trajectory) for name, plan in flown if plan.trajectory is not None]
-    columns = {
-        "t_s": [np.asarray(path.t_s, float) for _, path in paths],
-        "is_viewpoint": [_viewpoint_flags(plan) for _, plan in flown],
-        "origin": [
-            np.full(len(path), None) if plan.added is None else _ORIGINS[plan.added.astype(int)]
-            for (_, plan), (_, path) in zip(flown, paths, strict=True)
-        ],
-    }
+    paths, columns = [], dict[str, list[Any]]((name, []) for name in ("t_s", "is_viewpoint", "origin"))
+    for name, plan in plans.items():
+        if (path := plan.trajectory) is not None:
+            paths.append((name, path))
+            columns["t_s"].append(np.asarray(path.t_s, float))
+            columns["is_viewpoint"].append(_viewpoint_flags(plan, path))
+            added = np.full(len(path), None) if plan.added is None else _ORIGINS[plan.added.astype(int)]
+            columns["origin"].append(added)
     return step_table(TABLES["waypoints"], paths, columns)
 
 
 def plan_of(row: Row, waypoints: pa.Table) -> Plan:
     """The plan of a row and its waypoints in order, without the states of the surface."""
-    planned = row["n_waypoints"] > 0
-    nan = float("nan")
-    measures = {item.name: row[item.name] for item in fields(Measures)}
+    planned, texts = row["n_waypoints"] > 0, Row((name, row[name] or "") for name in _TEXTS)
     return Plan(
-        **{name: row[name] for name in ("demonstration_id", "source_id", "target_id", "kind", "preset")},
-        status=row["status"],
-        reason=row["reason"],
+        **texts,
         trajectory=trajectory_of(waypoints) if planned else None,
         is_viewpoint=np.array(waypoints["is_viewpoint"]) if planned else None,
         added=added_of(waypoints) if planned else None,
         registration=_registration_of(row["registration_json"]),
-        measures=Measures(**{name: nan if value is None else value for name, value in measures.items()}),
-        counterpart_summary=row["counterpart_summary"],
+        measures=Measures(**{item.name: _number(row[item.name]) for item in fields(Measures)}),
         counterparts=_counterparts(row["counterparts"]),
-        parts_told_by=row["parts_told_by"] or "",
-        acceptance_evidence=row["acceptance_evidence"] or "",
         warnings=tuple(json.loads(row["warnings"] or "[]")),
         flyable=bool(row["flyable"]),
-        not_flyable=row["not_flyable"] or "",
-        photos_sha256=row["photos_sha256"] or "",
     )
 
 
 def _counterparts(text: str | None) -> tuple[Counterpart, ...]:
     """What a row keeps of the inspected parts; none in rows of before there was such a column."""
-    known = {item.name for item in fields(Counterpart)}
-    rows: list[Row] = json.loads(text or "[]")
-    return tuple(
-        Counterpart(**{name: tuples(value) for name, value in one.items() if name in known}) for one in rows
-    )
+    rows = [_known(Counterpart, one) for one in json.loads(text or "[]")]
+    return tuple(Counterpart(**{name: tuples(value) for name, value in one.items()}) for one in rows)
 
 
 def tuples(value: Any) -> Any:
@@ -162,9 +153,8 @@ def standoff_mode(settings: Settings) -> str:
     >>> standoff_mode(settings_for("recommended", transfer={"gsd_m": 0.004}))
     'gsd 4 mm'
     """
-    if settings.transfer.gsd_m is not None:
-        return f"gsd {1e3 * settings.transfer.gsd_m:g} mm"
-    return settings.transfer.standoff
+    gsd_m = settings.transfer.gsd_m
+    return settings.transfer.standoff if gsd_m is None else f"gsd {1e3 * gsd_m:g} mm"
 
 
 @lru_cache(maxsize=64)
@@ -180,23 +170,14 @@ def _values(record: Any) -> dict[str, Any]:
     return {name: known[name] for name in record.__dataclass_fields__}
 
 
-def _plan_sha256(plan: Plan) -> str:
-    assert plan.trajectory is not None
-    path = plan.trajectory
-    return poses_sha256(
-        path.t_s, path.positions, path.quat_xyzw, _viewpoint_flags(plan), path.fov_deg, plan.added
-    )
+def _waypoints_sha256(plan: Plan, path: Trajectory) -> str:
+    flags = _viewpoint_flags(plan, path)
+    return poses_sha256(path.t_s, path.positions, path.quat_xyzw, flags, path.fov_deg, plan.added)
 
 
-def _viewpoint_flags(plan: Plan) -> Bools:
-    assert plan.trajectory is not None
-    if plan.is_viewpoint is None:
-        return np.zeros(len(plan.trajectory), bool)
-    return np.asarray(plan.is_viewpoint, bool)
-
-
-def _registration_json(registration: Registration) -> str:
-    return json_text({name: _json_value(value) for name, value in _values(registration).items()})
+def _viewpoint_flags(plan: Plan, path: Trajectory) -> Bools:
+    flags = np.zeros(len(path), bool) if plan.is_viewpoint is None else plan.is_viewpoint
+    return np.asarray(flags, bool)
 
 
 def _json_value(value: Any) -> Any:
@@ -207,15 +188,17 @@ def _json_value(value: Any) -> Any:
 
 
 def _registration_of(text: str) -> Registration | None:
-    if not text:
-        return None
-    kept = json.loads(text)
-    known = {item.name for item in fields(Registration)}
-    return Registration(**{name: _from_json(value) for name, value in kept.items() if name in known})
+    """The opposite of what `transfer_row` makes of it."""
+    values = _known(Registration, json.loads(text)) if text else {}
+    for name, value in values.items():
+        values[name] = np.array(value, float) if isinstance(value, list) else _number(value)
+    return Registration(**values) if values else None
 
 
-def _from_json(value: Any) -> Any:
-    """The opposite of `_json_value`."""
-    if isinstance(value, list):
-        return np.array(value, float)
+def _number(value: Any) -> Any:
     return float("nan") if value is None else value
+
+
+def _known(record: type, values: Row) -> Row:
+    """The values that are fields of a record: a newer program may know more."""
+    return {item.name: values[item.name] for item in fields(record) if item.name in values}

@@ -22,6 +22,7 @@ PASSPORT = (
     "lowest_m", "inside_pct", "axis_pct", "shown_pct", "fit_pct", "speed_p99_mps", "recorded_pct",
     "longest_gap_s", "hover_s",
 )  # fmt: skip
+_PLACES = {"keep_out_m": (-1, 2, 3), "geofence_m": (-1, 2), "rally_m": (-1, 3)}  # of surroundings: shapes
 _OPTICS = ("exposure_s", "trigger_s", "focus_m", "focal_mm", "f_number")  # null where they are not known
 #: Of a row: when and by which commit it was added.
 ADDED = ("version", "added_at", "commit_id", "commit_version", "row_sha256")
@@ -44,13 +45,9 @@ def structure_row(structure: Structure, mesh_sha256: str) -> Row:
     size = np.ptp(structure.vertices, axis=0)
     around = structure.surroundings
     verdicts = json.loads(structure.verdicts_json or "[]")
-    surroundings = {
-        "ground_z_m": around.ground_z_m,
-        "keep_out_m": np.asarray(around.keep_out_m, float).tolist(),
-        "geofence_m": np.asarray(around.geofence_m, float).tolist(),
-        "ceiling_z_m": around.ceiling_z_m,
-        **({"rally_m": np.asarray(around.rally_m, float).tolist()} if len(around.rally_m) else {}),
-    }
+    surroundings: Row = {name: getattr(around, name) for name in ("ground_z_m", "ceiling_z_m")}
+    for name in ("keep_out_m", "geofence_m", *(["rally_m"] if len(around.rally_m) else [])):
+        surroundings[name] = np.asarray(getattr(around, name), float).tolist()
     return {
         **_columns(structure, "structures"),
         "mesh_sha256": mesh_sha256,
@@ -79,17 +76,12 @@ def _overruled(verdicts: Iterable[Row]) -> str:
 def structure_of(row: Row, mesh: Structure) -> Structure:
     """The structure of a row and its stored mesh (whose other fields are ignored)."""
     around = json.loads(row["surroundings_json"] or "{}")
+    around |= {name: np.array(around.get(name, []), float).reshape(at) for name, at in _PLACES.items()}
     placed = row["lat_deg"] is not None
     values: Row = {name: row[name] for name in same_named(Structure, "structures")}
     values |= {
         "placement": Placement(**{f.name: row[f.name] for f in fields(Placement)}) if placed else None,
-        "surroundings": Surroundings(
-            ground_z_m=around.get("ground_z_m"),
-            keep_out_m=np.array(around.get("keep_out_m", []), float).reshape(-1, 2, 3),
-            geofence_m=np.array(around.get("geofence_m", []), float).reshape(-1, 2),
-            ceiling_z_m=around.get("ceiling_z_m"),
-            rally_m=np.array(around.get("rally_m", []), float).reshape(-1, 3),
-        ),
+        "surroundings": Surroundings(**{f.name: around.get(f.name) for f in fields(Surroundings)}),
         "landmarks": {name: tuple(at) for name, at in json.loads(row["landmarks_json"] or "{}").items()},
         "surface": row["surface"] or None,
     }
@@ -101,22 +93,18 @@ def structure_of(row: Row, mesh: Structure) -> Structure:
 
 def demonstration_row(demonstration: Demonstration) -> Row:
     """The row of `demonstrations`, without the moment and commit that add it."""
-    steps = leg_lengths(demonstration.positions)
+    steps, lens = leg_lengths(demonstration.positions), demonstration.camera.lens
     steps[demonstration.breaks - 1] = 0.0
-    sha256 = poses_sha256(
-        demonstration.t_ns, demonstration.positions, demonstration.quat_xyzw, fov_deg=demonstration.fov_deg
-    )
+    poses = demonstration.t_ns, demonstration.positions, demonstration.quat_xyzw
     return {
         **_columns(demonstration, "demonstrations"),
-        "poses_sha256": sha256,
+        "poses_sha256": poses_sha256(*poses, fov_deg=demonstration.fov_deg),
         "n_poses": len(demonstration),
         "duration_s": float(demonstration.t_ns[-1] - demonstration.t_ns[0]) * 1e-9,
         "path_length_m": float(steps.sum()),
         **asdict(demonstration.camera),
         **{name: None for name in _OPTICS if not getattr(demonstration.camera, name)},
-        "lens_json": ""
-        if demonstration.camera.lens is None
-        else json_text(asdict(demonstration.camera.lens)),
+        "lens_json": "" if lens is None else json_text(asdict(lens)),
         "stills": demonstration.stills or None,
         "breaks_json": json_text(demonstration.breaks.tolist()),
         "dropped_json": json_text(dict(demonstration.dropped)),

@@ -32,9 +32,7 @@ def step_table(
     names, flown = zip(*paths, strict=True)
     counts = [len(path.positions) for path in flown]
     unzoomed = np.full((max(counts), 2), np.nan)
-    zooms = [
-        unzoomed[:n] if one.fov_deg is None else one.fov_deg for one, n in zip(flown, counts, strict=True)
-    ]
+    zooms = [unzoomed[: len(one.positions)] if one.fov_deg is None else one.fov_deg for one in flown]
     values: dict[str, Any] = {name: np.concatenate(parts) for name, parts in columns.items()}
     positions = np.concatenate([path.positions for path in flown]).astype(float, copy=False)
     quats = stored_quats(np.concatenate([path.quat_xyzw for path in flown]))
@@ -89,9 +87,8 @@ def poses_sha256(
     added: Bools | None = None,
 ) -> str:
     """Hash of poses as they are stored, the same on every machine."""
-    return _sha256_of(
-        [t, np.asarray(positions, float), stored_quats(quat_xyzw), flags, fov_deg, _if_any(added)]
-    )
+    poses = t, np.asarray(positions, float), stored_quats(quat_xyzw)
+    return _sha256_of([*poses, flags, fov_deg, _if_any(added)])
 
 
 def _if_any(added: Bools | None) -> Bools | None:
@@ -111,13 +108,8 @@ def _sha256_of(parts: Sequence[Any]) -> str:
 def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) -> Iterator[tuple[str, str]]:
     """Owners whose steps are not those that their rows say, each with what is wrong, in words.
 
-    Parameters
-    ----------
-    name : {"poses", "waypoints"}
-    steps : Table
-        Of one or more owners, ordered by owner and sequence; of each all that are stored.
-    sha256 : mapping
-        The hash that the row of each owner (id and commit) keeps.
+    The steps (`poses` or `waypoints`) are of one or more owners, ordered by owner and sequence, of each all
+    that are stored; `sha256` is what the row of each owner (id and commit) keeps.
     """
     key = TABLES[name].names[0]
     times = steps["t_s" if name == "waypoints" else "t_ns"].to_numpy()

@@ -25,12 +25,7 @@ R = TypeVar("R")
 
 
 class Cache:
-    """Remembers records by content.
-
-    Parameters
-    ----------
-    folder : path
-        Made when the first record is kept.
+    """Remembers records by content, in a folder that is made when the first is kept.
 
     Examples
     --------
@@ -40,17 +35,13 @@ class Cache:
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
         self.folder = Path(folder)
-        self.hits = self.misses = 0
 
     def __call__(self, stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
         """The remembered record of this stage and key, or the computed one, which is then remembered."""
-        found = self.get(stage, record_type, key)
-        if found is not None:
-            self.hits += 1
-            return found
-        self.misses += 1
-        record = compute()
-        self.put(stage, key, record)
+        record = self.get(stage, record_type, key)
+        if record is None:
+            record = compute()
+            self.put(stage, key, record)
         return record
 
     def get(self, stage: str, record_type: type[R], key: str, nameless: bool = False) -> R | None:
@@ -89,11 +80,9 @@ class Cache:
         """When each entry was last used (s since 1970), its size in bytes and its path; oldest first."""
         found = []
         for path in self.folder.glob("*/*/*.parquet"):
-            try:
+            with contextlib.suppress(FileNotFoundError):  # pruned by somebody else meanwhile
                 known = path.stat()
-            except FileNotFoundError:
-                continue  # pruned by somebody else meanwhile
-            found.append((known.st_mtime, known.st_size, path))
+                found.append((known.st_mtime, known.st_size, path))
         return sorted(found)
 
     def prune(self, max_bytes: int) -> int:

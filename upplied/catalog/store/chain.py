@@ -23,14 +23,9 @@ _ROWS = 4096  # hashed at a time: a row of plans takes kilobytes
 
 
 def sealed(rows: pa.Table, stored: pa.Table | None) -> pa.Table:
-    """Rows that are about to be committed, with their hashes.
+    """Rows that are about to be committed, complete but for their hashes, with these.
 
-    Parameters
-    ----------
-    rows : Table
-        Complete but for their hashes.
-    stored : Table or None
-        All that are there, where rows follow each other.
+    `stored` are all that are there, where rows follow each other.
     """
     if _HASH not in rows.column_names:
         return rows
@@ -63,11 +58,7 @@ def _root_of(stored: pa.Table) -> str:
 def breaks(table: Table, parts: Iterable[pa.Table]) -> Iterator[tuple[str, str]]:
     """Rows that are not those that were written, or do not follow each other: which, and what is wrong.
 
-    Parameters
-    ----------
-    table : Table
-    parts : iterable of Table
-        All rows with all their columns, some at a time.
+    `parts` are all rows with all their columns, some at a time.
     """
     chain: list[pa.Table] = []
     for part in parts:

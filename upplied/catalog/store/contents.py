@@ -104,13 +104,7 @@ class FaceLabels(Record):
     number: Ints  # (T,) which of them each face has; small numbers
 
     def faces(self, structure: Structure, label: str) -> Bools:
-        """Which faces (T,) of a structure have a label.
-
-        Raises
-        ------
-        SettingsError
-            If its mesh is not the one that was labelled, or no face has that label.
-        """
+        """Which faces (T,) of a structure have a label; one of another mesh, or no such face, is an error."""
         if triangles_sha256(structure) != self.triangles_sha256:
             found = f"are of another mesh of {structure.structure_id} than it has now"
             remedy = "label the mesh, and require the zone again"
@@ -147,23 +141,20 @@ class Content(NamedTuple):
     of_plans: bool = False  # what planners that were stopped leave is removed
 
 
+def _columns(names: str, tables: str = "transfers") -> tuple[tuple[str, str], ...]:
+    return tuple((table, f"{name}_sha256") for table in tables.split() for name in names.split())
+
+
 _PLANNED = "take it from a backup, or plan it again"
 #: By folder.
 CONTENTS = {
-    "meshes": Content(Structure, "delete it and add the structure again", (("structures", "mesh_sha256"),)),
-    "surfaces": Content(
-        States, _PLANNED, (("transfers", "surface_sha256"), ("transfers", "inspected_sha256")), True
-    ),
+    "meshes": Content(Structure, "delete it and add the structure again", _columns("mesh", "structures")),
+    "surfaces": Content(States, _PLANNED, _columns("surface inspected"), True),
     "samples": Content(Samples, _PLANNED),
-    "supposed": Content(
-        SupposedSurface,
-        _PLANNED,
-        (("transfers", "supposed_sha256"), ("decisions", "supposed_sha256")),
-        True,
-    ),
-    "photos": Content(Photos, _PLANNED, (("transfers", "photos_sha256"),), True),
-    "flown": Content(Trajectory, "fly the plan again", (("flights", "flight_sha256"),)),
-    "looks": Content(StoredLooks, "add the flight again", (("flights", "looks_sha256"),)),
+    "supposed": Content(SupposedSurface, _PLANNED, _columns("supposed", "transfers decisions"), True),
+    "photos": Content(Photos, _PLANNED, _columns("photos"), True),
+    "flown": Content(Trajectory, "fly the plan again", _columns("flight", "flights")),
+    "looks": Content(StoredLooks, "add the flight again", _columns("looks", "flights")),
     "labels": Content(FaceLabels, "require the zones again"),
 }
 #: What rows name by its hash: the folder, the table, the column.
@@ -193,13 +184,7 @@ class ContentStore(Generic[R]):
         return sha256
 
     def get(self, sha256: str) -> R:
-        """The record of a hash.
-
-        Raises
-        ------
-        CatalogError
-            If it is not there, or is damaged.
-        """
+        """The record of a hash; one that is not there, or is damaged, is an error."""
         path = self.path(sha256)
         try:
             record: R = decode(self.files.read(file_name(sha256)), self.about.record_type, sha256)

@@ -37,9 +37,8 @@ def new_file(files: FileStore, rows: pa.Table, sought: Sequence[str]) -> AddActi
 def statistics(rows: pa.Table) -> str:
     """What readers may skip a file by: the range of each column, and its nulls.
 
-    Long texts have no range; moments are stated to the millisecond, so theirs is a little wider. A
-    column that is filtered by must have one (ids are short enough): pyarrow takes a missing range
-    for nulls.
+    Long texts have no range; moments are stated to the millisecond, so theirs is a little wider. A column
+    that is filtered by must have one (ids are short enough): pyarrow takes a missing range for nulls.
     """
     low, high = {}, {}
     for name in rows.column_names:

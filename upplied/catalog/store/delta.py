@@ -87,13 +87,11 @@ class StoredTable(TableLog):
         commits: Collection[str] | None = None,
     ) -> pa.Table:
         """The rows that fit, in the declared columns and types; those an older program lacked are null."""
-        columns = self.declared.names if columns is None else columns
-        wanted, dataset = self._with_needed(columns), self.dataset(version, commits)
+        columns, dataset = columns or self.declared.names, self.dataset(version, commits)
         if dataset is None:
-            return wanted.empty_table().select(columns)
-        present = [name for name in wanted.names if name in dataset.schema.names]
-        rows = explained(self.uri, partial(dataset.to_table, columns=present, filter=where))
-        return upgraded(self.declared, in_schema(rows, wanted)).select(columns)
+            return self._selected(None, columns)
+        present = self._present(dataset, columns)
+        return self._selected(explained(self.uri, partial(dataset.to_table, present, where)), columns)
 
     def narrow(
         self, columns: list[str], where: ds.Expression | None = None, version: int | None = None
@@ -110,15 +108,20 @@ class StoredTable(TableLog):
         commits: Collection[str] | None = None,
     ) -> Iterator[pa.Table]:
         """As `read`, some rows at a time; the first ones may be none."""
-        wanted, dataset = self._with_needed(columns), self.dataset(version, commits)
-        yield wanted.empty_table().select(columns)
+        dataset = self.dataset(version, commits)
+        yield self._selected(None, columns)
         if dataset is not None:
-            present = [name for name in wanted.names if name in dataset.schema.names]
-            for batch in self._scanned(dataset, where, present):
-                yield upgraded(self.declared, in_schema(batch, wanted)).select(columns)
+            for batch in self._scanned(dataset, where, self._present(dataset, columns)):
+                yield self._selected(batch, columns)
 
-    def _with_needed(self, columns: list[str]) -> pa.Schema:
-        return pa.schema([self.declared.schema.field(name) for name in needed(self.declared, columns)])
+    def _present(self, dataset: ds.Dataset, columns: list[str]) -> list[str]:
+        return [name for name in needed(self.declared, columns) if name in dataset.schema.names]
+
+    def _selected(self, rows: pa.Table | None, columns: list[str]) -> pa.Table:
+        """Some columns of rows of any schema in the declared types; of None, no rows."""
+        wanted = pa.schema([self.declared.schema.field(name) for name in needed(self.declared, columns)])
+        known = wanted.empty_table() if rows is None else upgraded(self.declared, in_schema(rows, wanted))
+        return known.select(columns)
 
     def _scanned(
         self, dataset: ds.Dataset, where: ds.Expression | None = None, columns: list[str] | None = None
@@ -152,7 +155,7 @@ class StoredTable(TableLog):
         return iter(()) if dataset is None else map(self._complete, self._scanned(dataset))
 
     def _complete(self, rows: pa.Table) -> pa.Table:
-        known = upgraded(self.declared, in_schema(rows, self.declared.schema))
+        known = self._selected(rows, self.declared.names)
         for field in rows.schema:
             if field.name not in self.declared.names:
                 known = known.append_column(field, rows[field.name])
@@ -181,11 +184,6 @@ class StoredTable(TableLog):
         """Commit rows, all or none; returns the version that has them when they are there to stay.
 
         Where the table has the columns, they get the number of their commit and its time.
-
-        Raises
-        ------
-        CatalogError
-            If the place cannot be written, or was made by a newer program.
         """
         if not self._columns_added:
             self._insist(self._ready)

@@ -23,11 +23,7 @@ _CONTENT = "upplied.content"  # property of a table that stands for a file
 class FileStore:
     """Files under one root that are written once and then only read.
 
-    Parameters
-    ----------
-    root : str
-        A folder, or the URI of an object store; its credentials and endpoint come from the
-        environment.
+    The root is a folder, or the URI of an object store, whose credentials come from the environment.
     """
 
     def __init__(self, root: str) -> None:
@@ -47,12 +43,8 @@ class FileStore:
     def touched(self, name: str) -> bool:
         """Whether the file is there; on a disk it counts as used now, so that no cleaning takes it."""
         if self.local:
-            try:
+            with contextlib.suppress(FileNotFoundError, PermissionError):  # of somebody else's
                 os.utime(self.path(name))
-            except FileNotFoundError:
-                return False
-            except PermissionError:
-                pass  # somebody else's file
         return self.has(name)
 
     def has_folder(self, name: str) -> bool:
@@ -98,9 +90,7 @@ class FileStore:
         replace_file(draft, content)
         try:
             os.link(draft, path)
-        except FileExistsError:
-            pass
-        except OSError:  # a disk without links
+        except OSError:  # it is there, or the disk has no links
             if not path.exists():
                 os.replace(draft, path)
         finally:
@@ -115,14 +105,9 @@ class FileStore:
         """
         uri = self.path(name + _FIRST)
         try:
+            schema, given = pa.schema([("content", pa.string())]), {_CONTENT: content.decode()}
             with contextlib.suppress(CommitFailedError):
-                DeltaTable.create(
-                    uri,
-                    pa.schema([("content", pa.string())]),
-                    mode="ignore",
-                    configuration={_CONTENT: content.decode()},
-                    raise_if_key_not_exists=False,
-                )
+                DeltaTable.create(uri, schema, "ignore", configuration=given, raise_if_key_not_exists=False)
             return str(DeltaTable(uri).metadata().configuration[_CONTENT]).encode()
         except DeltaError as error:
             raise OSError(str(error)) from None
@@ -189,12 +174,9 @@ def checked(location: str) -> str:
         return str(Path(location).expanduser().absolute())
     scheme, _, rest = location.partition("://")
     if "@" in rest or "?" in rest:
-        raise CatalogError(
-            f"location {scheme}://...",
-            "has a user, a password or options in it",
-            f"{scheme}://bucket/prefix",
-            "put credentials into the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, ...)",
-        )
+        found = "has a user, a password or options in it"
+        remedy = "put credentials into the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, ...)"
+        raise CatalogError(f"location {scheme}://...", found, f"{scheme}://bucket/prefix", remedy)
     if not rest.strip("/"):
         raise CatalogError(f"location {location}", "names no bucket", f"{scheme}://bucket/prefix")
     return location.rstrip("/")

@@ -42,13 +42,7 @@ class Identity:
 
     @property
     def id(self) -> str | None:
-        """The name of the catalog; empty where an older program made it, None where there is none.
-
-        Raises
-        ------
-        CatalogError
-            If the place cannot be looked at, or its identity is not one.
-        """
+        """The name of the catalog; empty where an older program made it, None where there is none."""
         if not self._id:
             self._id = self._read()
         return self._id
@@ -57,12 +51,10 @@ class Identity:
         """The same; a place that is no catalog is an error."""
         name = self.id
         if name is None:
-            raise CatalogError(
-                self.files.root,
-                "is no catalog",
-                "a folder with catalog.json, or tables of an earlier version",
-                "check the path and whether its disk is mounted; `upplied structures add` makes a new one",
-            )
+            rule = "a folder with catalog.json, or tables of an earlier version"
+            remedy = "check the path and whether its disk is mounted"
+            remedy += "; `upplied structures add` makes a new one"
+            raise CatalogError(self.files.root, "is no catalog", rule, remedy)
         return name
 
     def made(self) -> str:

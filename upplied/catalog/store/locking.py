@@ -46,49 +46,35 @@ def turn(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _waited(patience_s: float, *paths: Path) -> Iterator[bool]:
-    """Wait for the last of some locks, each of which is held until the next one is; whether it is held."""
-    waiting = _Waiting(paths)
-    waiting.start()
-    held = waiting.ended.wait(patience_s)
-    try:
-        yield held
-    finally:
-        waiting.leave()
+    """Wait for the last of some locks, each of which is held until the next one is; whether it is held.
 
+    A thread waits in the kernel, which knows no patience; whoever gives up leaves it behind, and it lets the
+    next one in as soon as it would have had its turn.
+    """
+    handles, closing = list[int](), threading.Lock()
+    ended, left = threading.Event(), threading.Event()
 
-class _Waiting(threading.Thread):
-    """Waits in the kernel, which knows no patience; whoever gives up leaves it behind."""
-
-    def __init__(self, paths: tuple[Path, ...]) -> None:
-        super().__init__(name=f"lock of {paths[-1].name}", daemon=True)
-        self._paths = paths
-        self._handles: list[int] = []
-        self._left = False
-        self._lock = threading.Lock()
-        self.ended = threading.Event()
-
-    def run(self) -> None:
+    def wait() -> None:
         with suppress(OSError, ImportError):
             import fcntl
 
-            for path in self._paths:
+            for path in paths:
                 path.parent.mkdir(parents=True, exist_ok=True)
-                self._handles.append(handle := os.open(path, os.O_RDWR | os.O_CREAT, 0o644))
+                handles.append(handle := os.open(path, os.O_RDWR | os.O_CREAT, 0o644))
                 fcntl.flock(handle, fcntl.LOCK_EX)
-                if len(self._handles) > 1:
-                    os.close(self._handles.pop(0))
-        with self._lock:
-            self.ended.set()
-            if self._left:
-                self._close()
+                if len(handles) > 1:
+                    os.close(handles.pop(0))
+        ended.set()
+        close()
 
-    def leave(self) -> None:
-        """Let the next one in, now or as soon as this one would have had its turn."""
-        with self._lock:
-            self._left = True
-            if self.ended.is_set():
-                self._close()
+    def close() -> None:
+        with closing:
+            while handles and ended.is_set() and left.is_set():
+                os.close(handles.pop())
 
-    def _close(self) -> None:
-        while self._handles:
-            os.close(self._handles.pop())
+    threading.Thread(target=wait, name=f"lock of {paths[-1].name}", daemon=True).start()
+    try:
+        yield ended.wait(patience_s)
+    finally:
+        left.set()
+        close()

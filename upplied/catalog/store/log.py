@@ -21,6 +21,8 @@ from upplied.errors import CatalogError
 VERSION_KEY = "upplied.schemaVersion"  # a property of each table
 HASHED_KEY = "upplied.hashedFrom"  # another: the first version whose rows carry hashes
 _PROPERTIES = {
+    VERSION_KEY: str(SCHEMA_VERSION),
+    HASHED_KEY: "0",
     "delta.checkpointInterval": str(CHECKPOINTS),
     "delta.logRetentionDuration": "interval 365 days",
     "delta.deletedFileRetentionDuration": "interval 30 days",
@@ -90,12 +92,7 @@ class TableLog:
             mode="ignore",
             name=self.declared.name,
             description=self.declared.meaning,
-            configuration={
-                VERSION_KEY: str(SCHEMA_VERSION),
-                HASHED_KEY: "0",
-                **_PROPERTIES,
-                **self._skipping,
-            },
+            configuration={**_PROPERTIES, **self._skipping},
             raise_if_key_not_exists=False,
         )
         return self._delta
@@ -110,13 +107,7 @@ class TableLog:
 
 
 def opened(uri: str) -> DeltaTable | None:
-    """The table at a place; None where there is none.
-
-    Raises
-    ------
-    CatalogError
-        If a newer program changed it so that this one would misread it.
-    """
+    """The table at a place; None where there is none, an error where this program would misread it."""
     try:
         delta = DeltaTable(uri)
     except TableNotFoundError:

@@ -67,11 +67,7 @@ def rows_added(log: FileStore) -> int:
 def changed_entries(log: FileStore, newest: str) -> Iterator[tuple[str, str]]:
     """Entries that are not as they were stated, each with what is wrong, in words.
 
-    Parameters
-    ----------
-    log : FileStore
-    newest : str
-        What is stated beside the log of its newest entries, as JSON; empty where nothing is.
+    `newest` is what is stated beside the log of its newest entries, as JSON; empty where nothing is.
     """
     contents = {name: log.read(name) for name in log.names() if _NAME.fullmatch(name)}
     stated: list[tuple[str, str]] = []

@@ -82,7 +82,7 @@ class Adding(Reading):
         new = {
             key: (plan, provenance)
             for key, plan, provenance in plans
-            if key not in stored or _makes_way(stored[key], plan.status, str(provenance.get("run_id", "")))
+            if _makes_way(stored.get(key), plan.status, str(provenance.get("run_id", "")))
         }
         again = ordering.superseded(table, [row for key, row in stored.items() if key not in new])
         new = {key: (self.keep_surface(plan), provenance) for key, (plan, provenance) in new.items()}
@@ -114,21 +114,12 @@ class Adding(Reading):
         return self.add_rows("flights", [{**row, "flight_sha256": self.contents["flown"].put(path)}])
 
     def add_overruled(self, given: Sequence[Mapping[str, Any]]) -> int:
-        """Keep which rules of the gate a person overruled; what is known already adds nothing.
-
-        Parameters
-        ----------
-        given : sequence of mappings
-            Rows of `overruled`, without their id and commit.
-        """
-        rules = {}
+        """Keep which rules of the gate a person overruled, as rows without id and commit, unless known."""
         for row in given:
             self.transfer(row["transfer_id"], ("transfer_id",))
-            rules[digest(dict(row))] = dict(row)
-        known = set(self.overruled()["overruled_id"])
-        return self.add_rows(
-            "overruled", [{**row, "overruled_id": key} for key, row in rules.items() if key not in known]
-        )
+        known, rules = set(self.overruled()["overruled_id"]), {digest(dict(row)): row for row in given}
+        new = [{**row, "overruled_id": key} for key, row in rules.items() if key not in known]
+        return self.add_rows("overruled", new)
 
     def retire_structures(self, structure_ids: Sequence[str]) -> int:
         """Take structures out of the fleet; their history stays. Returns how many were taken out."""
@@ -149,8 +140,7 @@ class Adding(Reading):
         new = [
             row
             for row in plans
-            if row["key"] not in stored
-            or _makes_way(stored[row["key"]], row["status"], foreign=plan_rows.is_foreign(row))
+            if _makes_way(stored.get(row["key"]), row["status"], foreign=plan_rows.is_foreign(row))
         ]
         owned = [waypoints[row["transfer_id"], row["commit_id"]] for row in new if row["n_waypoints"]]
         commit = self._add_steps("waypoints", *owned)
@@ -182,10 +172,8 @@ class Adding(Reading):
                 hashes |= {f"{table}/{name}": row["sha256"] for name, row in newest.items()}
         transfers = []
         for key, (plan, provenance) in new.items():
-            known = {
-                column: hashes.get(f"{table}/{getattr(plan, name)}", "")
-                for column, (table, name) in _HASHES.items()
-            }
+            named = {column: f"{table}/{getattr(plan, name)}" for column, (table, name) in _HASHES.items()}
+            known = {column: hashes.get(name, "") for column, name in named.items()}
             transfers.append(plan_rows.transfer_row(key, plan, {**known, **provenance}))
         return transfers
 
@@ -195,27 +183,17 @@ class Adding(Reading):
         """Those of the keys that need no planning, each with status and reason of its plan.
 
         A key is settled when the plan of that key is the current one of its demonstration, target and
-        preset: one that was followed by another, as by one of other settings, is not.
-
-        Parameters
-        ----------
-        keys : iterable of str
-        retry_failed : bool
-            Failures are not settled, but for those of the run `run_id`.
-        run_id : str
+        preset: one that was followed by another, as by one of other settings, is not. With `retry_failed`
+        failures are not settled, but for those of the run `run_id`.
         """
         wanted = list(dict.fromkeys(keys))
         ids = ordering.ids_of(wanted)
         plans = ordering.settled_plans(self.tables["transfers"], ids, retry_failed, run_id, ["reason"])
-        places = pc.index_in(ids, plans["transfer_id"].combine_chunks())
         once: dict[tuple[str, str], tuple[str, str]] = {}  # few, of many plans
-        outcomes = [
-            once.setdefault(outcome, outcome)
-            for outcome in zip(plans["status"].to_pylist(), plans["reason"].to_pylist(), strict=True)
-        ]
-        return {
-            key: outcomes[at] for key, at in zip(wanted, places.to_pylist(), strict=True) if at is not None
-        }
+        columns = (plans[name].to_pylist() for name in ("status", "reason"))
+        outcomes = [once.setdefault(outcome, outcome) for outcome in zip(*columns, strict=True)]
+        places = zip(wanted, pc.index_in(ids, plans["transfer_id"].combine_chunks()).to_pylist(), strict=True)
+        return {key: outcomes[at] for key, at in places if at is not None}
 
     def unsettled(self, keys: pa.Array, *, retry_failed: bool = False) -> Bools:
         """Which of an array of keys are not `settled`, (N,); for as many as a large fleet has."""
@@ -241,11 +219,13 @@ class Adding(Reading):
         return table.keep(pa.concat_tables(steps), self.clock.now())
 
 
-def _makes_way(stored: Row, status: str, run_id: str = "", foreign: bool = False) -> bool:
-    """Whether a row of the same plan is added: after a failure a result, or another run's failure.
+def _makes_way(stored: Row | None, status: str, run_id: str = "", foreign: bool = False) -> bool:
+    """Whether a row of a plan is added: after a failure a result, or another run's failure.
 
     And after what was imported and not measured here, what was.
     """
+    if stored is None:
+        return True
     if plan_rows.is_foreign(stored):
         return not foreign
     failed_again = status == "failed" and run_id in ("", stored["run_id"])

@@ -59,9 +59,8 @@ def changes_for(
     changes: Changes = {}
     for part in [*(parts if preset == FLOWN else []), asked]:
         for stage, values in part.items():
-            if not stage:  # the preset, which is the one that is flown
-                continue
-            changes[stage] = {**changes.get(stage, {}), **values}
+            if stage:  # else the preset, which is the one that is flown
+                changes[stage] = {**changes.get(stage, {}), **values}
     return changes
 
 
@@ -110,8 +109,7 @@ class OwnSettings(Requiring):
                     if name in known.get((scope, owner), {}).get(stage, {}):
                         source = f"{scope} {owner}"
                 settings.append({"setting": f"{stage}.{name}".lstrip("."), "value": value, "from": source})
-        zones = Zones(self).of(kind, structure_id)
-        if zones:
+        if zones := Zones(self).of(kind, structure_id):
             row = next(row for row in settings if row["setting"] == ZONES)
             row["value"] = ", ".join(f"{zone['zone']} ({zone['set']} {zone['version']})" for zone in zones)
             row["from"] = ", ".join(dict.fromkeys(zone["asked_by"] for zone in zones))
@@ -122,7 +120,8 @@ def _check(setting: str, value: Any) -> None:
     """Refuse a setting that there is not, or a value that it does not take."""
     stage, dot, name = setting.partition(".")
     if setting == PRESET:
-        _check_preset(value)
+        if value not in (None, FLOWN):
+            _refuse_preset(value)
     elif not dot:
         raise SettingsError(f"setting {setting!r}", "cannot be read", "STAGE.NAME")
     elif setting == ZONES:
@@ -131,15 +130,10 @@ def _check(setting: str, value: Any) -> None:
         settings_for(FLOWN, **{stage: {name: tuples(value)}})  # which says what there is instead
 
 
-def _check_preset(value: object) -> None:
-    """Refuse a preset whose plans are not to be flown: gate, release and pages count on it."""
-    if value is None or value == FLOWN:
-        return
+def _refuse_preset(value: object) -> None:
+    """Plans of another preset are not to be flown: gate, release and pages count on it."""
     if value not in PRESETS:
         raise SettingsError(f"preset {str(value)[:60]!r}", "is unknown", f"{FLOWN}: the one that is flown")
-    raise SettingsError(
-        f"preset {value}",
-        "is for comparison, not for flight",
-        f"what belongs to kinds and structures is of {FLOWN}, the one that is flown",
-        f"plan it beside: upplied transfer --preset {value} --experiment NAME",
-    )
+    rule = f"what belongs to kinds and structures is of {FLOWN}, the one that is flown"
+    remedy = f"plan it beside: upplied transfer --preset {value} --experiment NAME"
+    raise SettingsError(f"preset {value}", "is for comparison, not for flight", rule, remedy)

@@ -63,11 +63,9 @@ def stored_contents(store: ContentStore[Any]) -> Folder:
             record = codec.decode(content, store.about.record_type, sha256)
         except FileNotFoundError:
             continue  # removed meanwhile
-        except (OSError, pa.ArrowException) as error:
-            found.faults[sha256] = f"cannot be read: {error}"
-            continue
-        except CatalogError:
-            found.faults[sha256] = "is damaged"
+        except (OSError, pa.ArrowException, CatalogError) as error:
+            damaged = isinstance(error, CatalogError)
+            found.faults[sha256] = "is damaged" if damaged else f"cannot be read: {error}"
             continue
         found.faults[sha256] = "" if codec.is_as_written(content) else "is damaged: a byte was changed"
         if hasattr(record, "samples_sha256"):
@@ -124,13 +122,8 @@ def _last_checkpoint(log: FileStore) -> Iterator[Fault]:
         version = json.loads(content)["version"]
         checkpoint = log.read(f"{version:020}.checkpoint.parquet")
         rows = pq.read_table(io.BytesIO(checkpoint), columns=["add"])["add"]
-        files = len(rows) - rows.null_count
-        note = {
-            "version": version,
-            "size": len(rows),
-            "sizeInBytes": len(checkpoint),
-            "numOfAddFiles": files,
-        }
+        note = {"version": version, "size": len(rows), "sizeInBytes": len(checkpoint)}
+        note["numOfAddFiles"] = len(rows) - rows.null_count
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException):
         note = {}
     if json.dumps(note, separators=(",", ":")).encode() != content.removesuffix(b"\n"):

@@ -27,30 +27,16 @@ _COMPARED = (
 def history(catalog: Catalog, limit: int | None = None) -> pd.DataFrame:
     """Commits, newest first: when, to which table, its version after it, what was done, rows added.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    limit : int, optional
-        Only the newest so many.
-
-    Notes
-    -----
-    Listed as far back as the tables keep their log; `as_of` reaches back to the first row.
+    All, or the newest `limit`, as far back as the tables keep their log; `as_of` reaches to the first row.
     """
     commits = []
     for name, table in catalog.tables.items():
         delta = table.delta()
         for commit in delta.history(limit) if delta is not None else []:
+            at = pd.Timestamp(commit["timestamp"], unit="ms", tz="UTC")
             operation = str(commit.get("doing", commit.get("operation", ""))).lower()
-            commits.append(
-                {
-                    "at": pd.Timestamp(commit["timestamp"], unit="ms", tz="UTC"),
-                    "table": name,
-                    "version": int(commit["version"]),
-                    "operation": {"write": "add", "create table": "create"}.get(operation, operation),
-                    "rows_added": int(commit.get("rows", 0)),
-                }
-            )
+            operation = {"write": "add", "create table": "create"}.get(operation, operation)
+            commits.append((at, name, int(commit["version"]), operation, int(commit.get("rows", 0))))
     columns = ["at", "table", "version", "operation", "rows_added"]
     listed = pd.DataFrame(commits, columns=columns)
     return listed.sort_values(["at", "table"], ascending=False, kind="stable", ignore_index=True)[:limit]

@@ -35,13 +35,6 @@ def alterations(catalog: Reading, transfer_ids: Collection[str], now: Standing) 
 
     Their waypoints and rows are read again and compared with what the release says, and the release with
     its own hash.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    transfer_ids : collection of str
-    now : Standing
-        What follows from the decisions.
     """
     released = {plan: now.why[plan] for plan in transfer_ids if now.of(plan) == "released"}
     if not released:
@@ -65,14 +58,7 @@ def alterations(catalog: Reading, transfer_ids: Collection[str], now: Standing) 
 
 
 def check_releasable(catalog: Reading, row: Row) -> None:
-    """Refuse a plan that was never measured here, or whose row or steps are not as they were written.
-
-    Raises
-    ------
-    RefusedError
-    CatalogError
-        If its steps are not those that were planned.
-    """
+    """Refuse a plan that was never measured here, or whose row or steps are not as they were written."""
     what = f"release of {row['transfer_id']}"
     if plan_rows.is_foreign(row):
         raise RefusedError(what, *FOREIGN_PLAN, "plan it here, or import it again with --verify")

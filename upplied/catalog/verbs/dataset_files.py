@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
@@ -22,7 +22,7 @@ import upplied
 from upplied.catalog.schema.dictionary import data_dictionary
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store.files import replace_file
 from upplied.errors import CatalogError, InputError
 
@@ -30,26 +30,16 @@ if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
 
-#: Flights are flown again in a moment; what people decide, change, overrule and find is of one place.
-_OF_ONE_PLACE = (
-    *("flights", "decisions", "overruled", "settings", "requirements", "edits"),
-    *("flight_photos", "findings"),
-)
-EXCHANGED = [name for name in TABLES if name not in _OF_ONE_PLACE]
+#: Not flights, which are flown again in a moment, and what people decide, change, overrule and find.
+EXCHANGED = [name for name in TABLES if name in {*STEPS, *STEPS.values(), "structures"}]
 
-_DATASET = "dataset.json"
+DATASET = "dataset.json"
 _MAX_ABOUT_BYTES = 64 << 20  # of dataset.json
 _MAX_BYTES = 8 << 30  # of one file of a folder that is imported
 
 
 def new_folder(folder: str | os.PathLike[str]) -> Path:
-    """Where a dataset may be written: nothing lies there yet.
-
-    Raises
-    ------
-    InputError
-        If the folder is not empty.
-    """
+    """Where a dataset may be written: nothing lies there yet, else it is refused."""
     place = Path(folder)
     if place.exists() and any(place.iterdir()):
         raise InputError(str(place), "is not empty", "a new folder", "choose another")
@@ -57,9 +47,13 @@ def new_folder(folder: str | os.PathLike[str]) -> Path:
 
 
 def with_path(catalog: Catalog, transfers: pd.DataFrame | Sequence[str]) -> list[Row]:
-    """The rows of some plans, those with a trajectory, as `Catalog.transfers` or their names tell them."""
-    names = list(transfers["transfer_id"] if isinstance(transfers, pd.DataFrame) else transfers)
-    return [row for row in map(catalog.transfer, names) if row["n_waypoints"]]
+    """The rows of some plans, those with a trajectory."""
+    return [row for row in map(catalog.transfer, names_of(transfers)) if row["n_waypoints"]]
+
+
+def names_of(transfers: pd.DataFrame | Sequence[str]) -> list[str]:
+    """The names of plans, of rows of `Catalog.transfers` or as they are."""
+    return list(transfers["transfer_id"] if isinstance(transfers, pd.DataFrame) else transfers)
 
 
 def describe(place: Path, about: dict[str, Any]) -> None:
@@ -77,24 +71,19 @@ def describe(place: Path, about: dict[str, Any]) -> None:
     replace_file(place / "LICENCE.txt", f"{about['licence']}\n{about['attribution']}\n".encode())
     replace_file(place / "DATA_DICTIONARY.md", data_dictionary().encode())
     files = {_relative(place, path): _sha256(path) for path in sorted(place.rglob("*")) if path.is_file()}
-    replace_file(place / _DATASET, json.dumps({**about, "files": files}, indent=2).encode())
+    replace_file(place / DATASET, json.dumps({**about, "files": files}, indent=2).encode())
 
 
 def check_files(place: Path) -> set[str]:
     """Compare the files that are there with the hashes they should have; their names.
 
-    Nothing else of the folder is read.
-
-    Raises
-    ------
-    CatalogError
-        If one is missing, was changed, is not listed or lies elsewhere.
+    One that is missing, was changed, is not listed or lies elsewhere is an error; nothing else is read.
     """
     about = _about(place)
     try:
         version, files = int(about["schema_version"]), dict(about["files"])
     except (ValueError, KeyError, TypeError) as error:
-        raise CatalogError(f"{place / _DATASET}", f"cannot be read: {error}", "an exported folder") from None
+        raise CatalogError(f"{place / DATASET}", f"cannot be read: {error}", "an exported folder") from None
     if version > SCHEMA_VERSION:
         found = f"has schema version {version}"
         raise CatalogError(str(place), found, f"at most {SCHEMA_VERSION}", "use a newer version")
@@ -108,17 +97,9 @@ def check_files(place: Path) -> set[str]:
     return set(files)
 
 
-def checked_bytes(place: Path, listed: Collection[str], name: str) -> bytes:
-    """The bytes of a file of a dataset; one that is not among those that were checked is refused."""
-    if name not in listed:
-        rule, remedy = f"what plans name is in {_DATASET}", "export the dataset again"
-        raise CatalogError(str(place / name), "is missing, or not listed", rule, remedy)
-    return (place / name).read_bytes()
-
-
 def _about(place: Path) -> dict[str, Any]:
     """What a dataset says of itself."""
-    path = place / _DATASET
+    path = place / DATASET
     try:
         if not path.is_file() or path.stat().st_size > _MAX_ABOUT_BYTES:
             raise OSError("it is no file, or too large")

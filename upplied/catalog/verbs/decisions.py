@@ -35,7 +35,7 @@ class Deciding(OwnSettings):
 
     def decisions(self, transfer_id: str | None = None) -> pd.DataFrame:
         """What was decided about plans, in the order of commits; about one, or all."""
-        return self.by_commit("decisions", queries.matching({"transfer_id": transfer_id}))
+        return self.by_commit("decisions", transfer_id=transfer_id)
 
     def standing(self) -> Standing:
         """What follows from all decisions."""
@@ -138,12 +138,10 @@ class Deciding(OwnSettings):
         name = self._decide(row, "released", by, note, **about)
         again = self.standing()
         if name in again.void:
-            found, rule = (
-                "somebody decided about this pair meanwhile",
-                "who releases knows what was decided before",
-            )
+            found = "somebody decided about this pair meanwhile"
             if there := again.in_force.get(unit):
                 found += f": {there['by']} released {there['transfer_id']}, which is in force"
+            rule = "who releases knows what was decided before"
             raise RefusedError(f"release of {transfer_id}", found, rule, "look again")
         return name
 
@@ -152,10 +150,7 @@ class Deciding(OwnSettings):
         return self._decide(row, "recalled", by, note, target_sha256=target_sha256)
 
     def rechecked(self, row: Row, note: str, target_sha256: str, by: str, supposed_sha256: str = "") -> str:
-        """Keep that a plan in force was judged on its changed structure, and stays in force.
-
-        `supposed_sha256` is that of what of the changed structure was never scanned (`Catalog.supposed`).
-        """
+        """Keep that a plan was judged on its changed structure, with what is `supposed` of it, and stays."""
         judged = {"target_sha256": target_sha256, "supposed_sha256": supposed_sha256}
         return self._decide(row, "rechecked", by, note, **judged)
 
@@ -200,11 +195,10 @@ class Deciding(OwnSettings):
             if len(text) > _LONGEST:
                 found = f"has {len(text)} letters"
                 raise SettingsError(f"{what} of a decision", found, f"at most {_LONGEST}")
-        who = author(by, "a decision")
-        name = self.new_commit_id()
-        decision = {
+        who, name = author(by, "a decision"), self.new_commit_id()
+        of_plan = ("transfer_id", "demonstration_id", "target_id", "purpose")
+        decision = {key: row[key] or "" for key in of_plan} | {
             "decision_id": name,
-            **{key: row[key] or "" for key in ("transfer_id", "demonstration_id", "target_id", "purpose")},
             "state": state,
             "by": who,
             "note": note,

@@ -19,7 +19,7 @@ from upplied.catalog.schema import codec
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import NAMED_CONTENTS, States, file_name
 from upplied.catalog.store.files import replace_file
-from upplied.catalog.verbs.dataset_files import describe, new_folder
+from upplied.catalog.verbs.dataset_files import describe, names_of, new_folder
 from upplied.catalog.verbs.owned import checked_steps
 from upplied.catalog.verbs.published import write
 from upplied.catalog.verbs.tum import write_splits
@@ -86,8 +86,7 @@ def export_dataset(
         for sha256 in sorted({*rows[table][column]} - {""}) if table in rows else ():
             _put(catalog, place, kind, sha256)
     write_splits(catalog, place, plans.to_dict("records"))
-    about = {"name": name, "licence": licence, "attribution": attribution, "rows": counts}
-    describe(place, about)
+    describe(place, {"name": name, "licence": licence, "attribution": attribution, "rows": counts})
     return counts
 
 
@@ -102,7 +101,7 @@ def _put(catalog: Catalog, place: Path, kind: str, sha256: str) -> None:
 
 
 def _chosen(catalog: Catalog, transfers: pd.DataFrame | Sequence[str]) -> pd.DataFrame:
-    names = set(transfers["transfer_id"] if isinstance(transfers, pd.DataFrame) else transfers)
+    names = set(names_of(transfers))
     every = catalog.transfers(every=True)
     missing = sorted(names - set(every["transfer_id"]))
     if missing or not names:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from upplied.catalog.schema.rows import Row
+import pandas as pd
+
+from upplied.catalog.schema.rows import ADDED, Row
+from upplied.catalog.schema.tables import BEFORE_SHA256
 from upplied.catalog.verbs import queries
 from upplied.catalog.verbs.adding import Adding
-from upplied.catalog.verbs.queries import When, matching, moment
+from upplied.catalog.verbs.queries import When, moment
 from upplied.catalog.verbs.roster import author
 from upplied.errors import SettingsError
 from upplied.provenance import code_version
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 STATES = ("open", "watched", "repaired", "dismissed")
 _LONGEST = 2000  # letters of a class, a severity or a note
@@ -72,7 +72,7 @@ class Finding(Adding):
         history : bool
             Every change of state as well, in the order of commits.
         """
-        rows = self.by_commit("findings", matching({"target_id": structure, "kind": kind}))
+        rows = self.by_commit("findings", target_id=structure, kind=kind)
         first = rows.drop_duplicates("finding_id")
         newest = rows.drop_duplicates("finding_id", keep="last").set_index("finding_id", drop=False)
         newest = newest.loc[list(first["finding_id"])]
@@ -91,14 +91,9 @@ class Finding(Adding):
         return queries.beginning(self.findings(), "finding", start)
 
     def add_findings(self, found: Sequence[Mapping[str, Any]], by: str) -> list[str]:
-        """Add findings in one commit; the ids of those that are new.
+        """Add findings in one commit; the ids of those that are new, since one that is known adds nothing.
 
-        Parameters
-        ----------
-        found : sequence of mapping
-            Rows of `findings` without their entry, author and commit; one whose id is known adds nothing.
-        by : str
-            Who found them.
+        They are rows of `findings` without their entry, author and commit.
         """
         who = author(by, "a finding")
         known = set(self.findings()["finding_id"])
@@ -116,8 +111,7 @@ class Finding(Adding):
 
     def flight_photos(self, flight_id: str | None = None, *, structure: str | None = None) -> pd.DataFrame:
         """Photos of flights that were registered, of one flight, of one structure, or all."""
-        where = matching({"flight_id": flight_id, "target_id": structure})
-        return self.by_commit("flight_photos", where)
+        return self.by_commit("flight_photos", flight_id=flight_id, target_id=structure)
 
     def add_flight_photos(self, photos: Sequence[Mapping[str, Any]], by: str = "") -> int:
         """Register photos of flights in one commit; how many were new."""
@@ -127,6 +121,6 @@ class Finding(Adding):
 
     def _entry(self, row: Mapping[str, Any], by: str) -> Row:
         check_texts(row)
-        drop = ("commit_id", "added_at", "commit_version", "row_sha256", "before_sha256")
+        drop = {*ADDED, BEFORE_SHA256}
         kept = {name: value for name, value in row.items() if name not in drop and value == value}
         return kept | {"entry_id": self.new_commit_id(), "by": by, "code_version": code_version()}

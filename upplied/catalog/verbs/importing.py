@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import fields
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import CONTENTS, NAMED_CONTENTS, States, file_name
-from upplied.catalog.verbs.dataset_files import EXCHANGED, check_files, checked_bytes, name_of
+from upplied.catalog.verbs.dataset_files import DATASET, EXCHANGED, check_files, name_of
 from upplied.catalog.verbs.ordering import by_commit
 from upplied.catalog.verbs.recipes import Recipe, settings_of, siblings_of
 from upplied.catalog.verbs.verification import Values
@@ -120,10 +121,7 @@ def _measured_anew(
     demonstrations: list[Demonstration],
     measured: Callable[[Recipe, Plan], Measures],
 ) -> Iterator[tuple[Row, list[str]]]:
-    """Compare the measures of every plan with what its trajectory gives.
-
-    Yields each row with the measures that cannot be told from a trajectory alone.
-    """
+    """Compare the measures of every plan with what its trajectory gives; each with those it does not tell."""
     known = {item.structure_id: item for item in structures}
     flights = {item.demonstration_id: item for item in demonstrations}
     for row in plans:
@@ -173,14 +171,14 @@ def _newest(table: pa.Table) -> list[Row]:
 
 def _by_owner(steps: pa.Table) -> dict[tuple[str, str], pa.Table]:
     """Steps by owner and commit, in order."""
-    key = steps.schema.names[0]
-    ordered = steps.sort_by([(name, "ascending") for name in (key, "commit_id", "seq")])
-    names = list(zip(ordered[key].to_pylist(), ordered["commit_id"].to_pylist(), strict=True))
-    starts = [at for at in range(len(names)) if at == 0 or names[at] != names[at - 1]]
-    return {
-        names[start]: ordered.slice(start, stop - start)
-        for start, stop in zip(starts, [*starts[1:], len(names)], strict=True)
-    }
+    owner = [steps.schema.names[0], "commit_id"]
+    ordered = steps.sort_by([(name, "ascending") for name in (*owner, "seq")])
+    names = zip(*(ordered[name].to_pylist() for name in owner), strict=True)
+    owned, first = {}, 0
+    for name, group in groupby(names):
+        owned[name] = ordered.slice(first, count := len(list(group)))
+        first += count
+    return owned
 
 
 def _steps(place: Path, found: dict[tuple[str, str], pa.Table], name: str, row: Row) -> pa.Table:
@@ -196,9 +194,11 @@ def _steps(place: Path, found: dict[tuple[str, str], pa.Table], name: str, row: 
 def _stored(place: Path, listed: set[str], kind: str, sha256: str) -> Any:
     """The record that a dataset keeps in a file by its content."""
     name = f"{kind}/{file_name(sha256)}"
-    content = checked_bytes(place, listed, name)
+    if name not in listed:  # and so was not checked
+        rule, remedy = f"what plans name is in {DATASET}", "export the dataset again"
+        raise CatalogError(str(place / name), "is missing, or not listed", rule, remedy)
     try:
-        return codec.decode(content, CONTENTS[kind].record_type, sha256)
+        return codec.decode((place / name).read_bytes(), CONTENTS[kind].record_type, sha256)
     except CatalogError as error:
         raise CatalogError(str(place / name), error.found) from None
 

@@ -109,7 +109,9 @@ def export_lerobot(
     _write(place / _EPISODES, pa.Table.from_pylist(described))
     by_task = pd.DataFrame({"task_index": list(tasks.values())}, index=pd.Index(tasks, name="task"))
     _write(place / "meta" / "tasks.parquet", pa.Table.from_pandas(by_task))
-    replace_file(place / "meta" / "stats.json", _json(_overall(described)))
+    features = sorted({name.split("/")[1] for name in described[0] if name.startswith("stats/")})
+    statistics = {feature: _pooled(described, f"stats/{feature}/") for feature in features}
+    replace_file(place / "meta" / "stats.json", _json(statistics))
     write_splits(catalog, place / "meta", rows, flown["demonstration_id"], described)
     info = _info(described, total, len(tasks), fps)
     replace_file(place / "meta" / "info.json", _json(info))
@@ -143,20 +145,24 @@ def _episode(each: Episode, frames: Mapping[str, Any], first: int, stop: int, fi
         for name, values in frames.items()
         for measure, value in _statistics(values).items()
     }
+    chunk = _chunk(file)
     return {
         "episode_index": int(frames["episode_index"][0]),
         "tasks": [each.task],
         "length": stop - first,
-        "data/chunk_index": file // _FILES_A_CHUNK,
-        "data/file_index": file % _FILES_A_CHUNK,
+        **{f"data/{name}": number for name, number in chunk.items()},
         "dataset_from_index": first,
         "dataset_to_index": stop,
-        "meta/episodes/chunk_index": 0,
-        "meta/episodes/file_index": 0,
+        **{f"meta/episodes/{name}": 0 for name in chunk},
         "split": each.split,
         **statistics,
         **each.about,
     }
+
+
+def _chunk(file: int) -> dict[str, int]:
+    """Where a file of frames lies."""
+    return {"chunk_index": file // _FILES_A_CHUNK, "file_index": file % _FILES_A_CHUNK}
 
 
 def _statistics(values: Floats) -> dict[str, list[float]]:
@@ -166,14 +172,8 @@ def _statistics(values: Floats) -> dict[str, list[float]]:
     return {"count": [len(table)], **{name: values.tolist() for name, values in measures.items()}}
 
 
-def _overall(episodes: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[float]]]:
-    """Statistics of all frames from those of the episodes; quantiles are their weighted means."""
-    features = {name.split("/")[1] for name in episodes[0] if name.startswith("stats/")}
-    return {feature: _pooled(episodes, f"stats/{feature}/") for feature in sorted(features)}
-
-
 def _pooled(episodes: Sequence[Mapping[str, Any]], prefix: str) -> dict[str, list[float]]:
-    """Statistics of one feature."""
+    """Statistics of a feature in all frames from those of the episodes; quantiles are weighted means."""
     names = [name.removeprefix(prefix) for name in episodes[0] if name.startswith(prefix)]
     of = {name: np.array([each[prefix + name] for each in episodes]) for name in names}
     weight = of["count"] / of["count"].sum()
@@ -218,8 +218,7 @@ def _write_frames(place: Path, file: int, parts: Sequence[Mapping[str, Any]]) ->
             columns[name] = pa.FixedSizeListArray.from_arrays(pa.array(values.reshape(-1)), len(_NAMES))
         else:
             columns[name] = pa.array(values)
-    chunk = {"chunk_index": file // _FILES_A_CHUNK, "file_index": file % _FILES_A_CHUNK}
-    _write(place / _DATA.format(**chunk), pa.table(columns))
+    _write(place / _DATA.format(**_chunk(file)), pa.table(columns))
 
 
 def _write(path: Path, table: pa.Table) -> None:

@@ -17,7 +17,8 @@ from upplied.records import Bools, Floats, Ints
 if TYPE_CHECKING:
     from upplied.catalog.reading import Reading
 
-_COLUMNS = ["flight_id", "transfer_id", "kind", "flown_at", "operator", "looks_sha256", "commit_version"]
+_FLIGHT = ["flight_id", "transfer_id", "kind", "flown_at", "operator"]
+_LOOK = ["distance_m", "incidence_deg", "speed_mps", "t_s"]
 
 
 def put_looks(
@@ -33,20 +34,10 @@ def put_looks(
 ) -> str:
     """Keep how a flight saw the samples (N, 3) of a surface; returns the hash.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    points, normals : array, shape (N, 3)
-    seen : array of bool, shape (N,)
-    values : dict
-        `distance_m`, `incidence_deg`, `speed_mps` and `t_s`, each (N,), and of the most frontal look
-        `frontal_distance_m` and `frontal_incidence_deg`.
-    pictures : array of int, shape (N,), optional
-        That show each sample.
-    assumed : array of bool, shape (N,), optional
-        Samples that were seen besides, if the correction of the log is right.
-    inspected, inspected_if_corrected : array of bool, shape (N,), optional
-        Samples that were looked at as the plan asks, for certain and if the correction of the log is right.
+    All else is of each sample, (N,): whether it was `seen`; `distance_m`, `incidence_deg`, `speed_mps`, `t_s`
+    and the distance and incidence of the most frontal look; the number of `pictures` that show it; whether it
+    was seen besides if the correction of the log is right (`assumed`); and whether it was looked at as the
+    plan asks, for certain and if that correction is right.
     """
     samples = catalog.surfaces.put_samples(points, normals)
     besides = np.zeros(len(seen), bool) if assumed is None else assumed
@@ -65,7 +56,8 @@ def looks_at(catalog: Reading, structure_id: str, place_m: Sequence[float], kind
     place = np.asarray(place_m, float)
     if place.shape != (3,) or not np.isfinite(place).all():
         raise SettingsError("place", f"is {place_m}", "three coordinates, m, structure frame")
-    table = catalog.tables["flights"].read(pc.field("target_id") == structure_id, _COLUMNS)
+    columns = [*_FLIGHT, "looks_sha256", "commit_version"]
+    table = catalog.tables["flights"].read(pc.field("target_id") == structure_id, columns)
     nearest: dict[str, tuple[int, float]] = {}
     found = []
     for row in sorted(rows.rows_of(table), key=lambda row: row["commit_version"]):
@@ -78,11 +70,9 @@ def looks_at(catalog: Reading, structure_id: str, place_m: Sequence[float], kind
         patch, off = nearest[looks.samples_sha256]
         at = int(np.searchsorted(looks.patch, patch))
         seen = at < len(looks.patch) and looks.patch[at] == patch
-        made = {name: row[name] for name in ("flight_id", "transfer_id", "kind", "flown_at", "operator")}
+        made = {name: row[name] for name in _FLIGHT}
         made |= {"seen": bool(seen), "patch": patch, "patch_off_m": off}
-        for name in ("distance_m", "incidence_deg", "speed_mps", "t_s"):
-            made[name] = float(getattr(looks, name)[at]) if seen else float("nan")
+        made |= {name: float(getattr(looks, name)[at]) if seen else float("nan") for name in _LOOK}
         found.append(made)
-    columns = ["flight_id", "transfer_id", "kind", "flown_at", "operator", "seen", "distance_m",
-               "incidence_deg", "speed_mps", "t_s", "patch", "patch_off_m"]  # fmt: skip
+    columns = [*_FLIGHT, "seen", *_LOOK, "patch", "patch_off_m"]
     return pd.DataFrame(found, columns=columns).sort_values("flown_at", kind="stable").reset_index(drop=True)

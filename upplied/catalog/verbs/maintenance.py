@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -102,10 +103,8 @@ def _remove_drafts(root: Path, before: datetime) -> int:
     removed = 0
     for pattern in ("*/*.parquet#*", "*/_delta_log/*.tmp*", "**/.*.draft"):
         for path in root.glob(pattern):
-            try:
+            with suppress(FileNotFoundError):  # finished or removed meanwhile
                 if path.stat().st_mtime < before.timestamp():
                     path.unlink()
                     removed += 1
-            except FileNotFoundError:
-                continue  # finished or removed meanwhile
     return removed

@@ -21,18 +21,14 @@ SLOT = [*PAIR, "purpose"]  # of these, the newest plan is current
 NEWEST = ["commit_version", "planned_at"]  # what orders plans; the time counts within a commit
 _FEW_KEYS = 5000  # up to here their pairs are asked for alone
 _MOST_ROWS = 50_000  # of a table that is kept at hand, a kilobyte each
+_COMMIT = ("commit_version", "added_at", "commit_id")  # what orders rows of an id, whatever clocks say
 STANDING = ("status", *NEWEST, "commit_id")  # what tells which row stands for a plan
 
 
 class Current:
     """Finds the newest row of an id, for processes that ask for one after the other.
 
-    A table that is small is read once for each of its versions.
-
-    Parameters
-    ----------
-    table : StoredTable
-        `structures` or `demonstrations`.
+    A table (`structures` or `demonstrations`) that is small is read once for each of its versions.
     """
 
     def __init__(self, table: StoredTable) -> None:
@@ -65,15 +61,15 @@ def newest_rows(table: StoredTable, where: ds.Expression | None = None) -> dict[
 
 
 def by_commit(row: Row) -> tuple[Any, ...]:
-    """What orders rows of an id: their commits, whatever clocks say."""
-    return row["commit_version"], row["added_at"], row["commit_id"]
+    """Where a row of an id stands among its others."""
+    return tuple(row[name] for name in _COMMIT)
 
 
 def retired(table: StoredTable, where: ds.Expression | None = None) -> list[str]:
     """The ids whose current version is retired."""
-    name, order = table.declared.names[0], ["commit_version", "added_at", "commit_id"]
-    versions = table.read(where, [name, "retired", *order]).to_pandas()
-    newest = versions.sort_values(order, kind="stable").drop_duplicates(name, keep="last")
+    name = table.declared.names[0]
+    versions = table.read(where, [name, "retired", *_COMMIT]).to_pandas()
+    newest = versions.sort_values(list(_COMMIT), kind="stable").drop_duplicates(name, keep="last")
     gone: list[str] = newest.loc[newest["retired"].astype(bool), name].tolist()
     return gone
 
@@ -116,9 +112,8 @@ def settled_plans(
     where = None
     if len(asked) <= _FEW_KEYS:  # those of their pairs are enough, where there are any
         known = table.read(pc.field("transfer_id").isin(asked), PAIR[:2])
-        where = pc.field(PAIR[0]).isin(known[PAIR[0]].unique()) & pc.field(PAIR[1]).isin(
-            known[PAIR[1]].unique()
-        )
+        first, second = (pc.field(name).isin(known[name].unique()) for name in PAIR[:2])
+        where = first & second
     ours = ["run_id"] if retry_failed and run_id else []
     columns = ["transfer_id", *SLOT, *NEWEST, "status", "imported_from", *ours, *more]
     found = in_order(table.narrow(columns, where), newest=True)
@@ -132,10 +127,11 @@ def settled_plans(
 
 def standing(same_plan: list[Row]) -> Row:
     """The row that stands for a plan: one that is not a failure, and of those the newest."""
-    return max(
-        same_plan,
-        key=lambda row: (row["status"] != "failed", *(row[name] for name in NEWEST), row["commit_id"]),
-    )
+
+    def order(row: Row) -> tuple[Any, ...]:
+        return row["status"] != "failed", *(row[name] for name in NEWEST), row["commit_id"]
+
+    return max(same_plan, key=order)
 
 
 def in_order(table: pa.Table, newest: bool) -> pa.Table:

@@ -33,8 +33,8 @@ def step_faults(catalog: Reading, name: str, rows: pa.Table) -> Iterator[tuple[s
     key, count = TABLES[name].names[0], f"n_{name}"
     owning = rows.filter(pc.greater(rows[count], 0)).select([key, "commit_id", count, f"{name}_sha256"])
     # As texts: a dictionary's would be sorted as they stand in it.
-    texts = pa.schema([TABLES[name].schema.field(column) for column in (key, "commit_id")])
-    texts = pa.schema([*texts, (count, pa.int64()), (f"{name}_sha256", pa.string())])
+    types = {key: pa.string(), "commit_id": pa.string(), count: pa.int64(), f"{name}_sha256": pa.string()}
+    texts = pa.schema(list(types.items()))
     owners = as_frame(owning.cast(texts)).drop_duplicates([key, "commit_id"])
     owners = owners.sort_values(["commit_id", key])  # each commit is a file, which is then read once
     for chunk, steps in _chunks(catalog, name, owners, COMPARED):
@@ -87,13 +87,7 @@ def in_order(name: str, steps: pa.Table) -> pa.Table:
 
 
 def checked(name: str, steps: pa.Table, owners: pd.DataFrame) -> pa.Table:
-    """Steps in order, compared with the counts and hashes in the rows that own them.
-
-    Raises
-    ------
-    CatalogError
-        If one differs, or some are missing.
-    """
+    """Steps in order; where they are not those of the counts and hashes in their owners' rows, an error."""
     key, count = TABLES[name].names[0], owners[f"n_{name}"].sum()
     if len(steps) != count:
         what, found = f"{owners[key].min()} to {owners[key].max()}", f"{len(steps)} steps are stored"

@@ -10,6 +10,7 @@ import hashlib
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,7 +62,7 @@ def step_files(name: str, owners: pd.DataFrame) -> Parted:
     """The files of `waypoints` or `poses`, of these owners, each with its `kind` and `target_id`."""
     key = TABLES[name].names[0]
     names = [key, "commit_id", f"{name}_sha256", f"n_{name}"]
-    owners = owners[[*names, "kind", "target_id"]].sort_values([key, "commit_id"])
+    owners = owners[[*names, "kind", "target_id"]].sort_values(key)  # of each one row
     return _files(name, owners, names, owners[f"n_{name}"].to_numpy(), _STEPS)
 
 
@@ -76,13 +77,15 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, mo
         count = 1
         while count < _FILES and weight[at].sum() > count * most:
             count *= 2
-        targets = rows["target_id"].iloc[at]
-        bucket = targets.map({one: zlib.crc32(one.encode()) % count for one in targets.unique()}).to_numpy()
+        number, targets = pd.factorize(rows["target_id"].iloc[at])
+        bucket = np.array([zlib.crc32(target.encode()) % count for target in targets.tolist()])[number]
         order = np.argsort(bucket, kind="stable")
-        for own in np.split(order, np.flatnonzero(np.diff(bucket[order])) + 1):
-            held = "\n".join([made_of, *texts.take(pa.array(at[own])).to_pylist()])
-            sha256 = hashlib.sha256(held.encode()).hexdigest()
-            found[f"{folder}/{bucket[own[0]] + 1:04}-of-{count:04}-{sha256[:16]}.parquet"] = at[own]
+        held, bucket = texts.take(pa.array(at[order])).to_pylist(), bucket[order]
+        ends = [*(np.flatnonzero(np.diff(bucket)) + 1), len(order)]
+        for first, end in pairwise([0, *ends]):
+            sha256 = hashlib.sha256("\n".join([made_of, *held[first:end]]).encode()).hexdigest()
+            file = f"{folder}/{bucket[first] + 1:04}-of-{count:04}-{sha256[:16]}.parquet"
+            found[file] = at[order[first:end]]
     nothing = {f"{name}.parquet/none-{made_of[:16]}.parquet": np.empty(0, np.int64)}
     return Parted(rows[columns], found or nothing)
 
@@ -90,13 +93,10 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, mo
 def _texts(rows: pd.DataFrame) -> pa.Array:
     """Each row as one text."""
     table = pa.Table.from_pandas(rows, preserve_index=False)
-    columns = [table[name].combine_chunks() for name in rows]
-    texts = [
-        (column.cast(pa.int64()) if pa.types.is_timestamp(column.type) else column)
-        .cast(pa.string())
-        .fill_null("")
-        for column in columns
-    ]
+    texts = []
+    for column in (table[name].combine_chunks() for name in rows):
+        plain = column.cast(pa.int64()) if pa.types.is_timestamp(column.type) else column
+        texts.append(plain.cast(pa.string()).fill_null(""))
     return pc.binary_join_element_wise(*texts, "\x1f")
 
 
@@ -137,23 +137,22 @@ def _place(old: pa.Table, own: pd.DataFrame) -> Ints:
 
 def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:
     declared, key = TABLES[name], TABLES[name].names[0]
-    lacking = {}
-    for file, own in files.items():
-        known = owned.named(_before(was, file, declared, [key, "commit_id"]), key).unique()
-        lacking[file] = own[~pc.is_in(owned.named(own, key), known).to_numpy(zero_copy_only=False)]
-    for lot in _lots(files, {file: own[f"n_{name}"].sum() for file, own in lacking.items()}, owned.CHUNK):
-        owners = pd.concat([lacking[file].assign(file=at) for at, file in enumerate(lot)])
-        owners = owners.sort_values([key, "commit_id"])
-        steps = owned.checked(name, owned.stored_steps(catalog, name, owners), owners)
-        number = np.repeat(owners["file"].to_numpy(), owners[f"n_{name}"])
+    for lot in _lots(files, {file: own[f"n_{name}"].sum() for file, own in files.items()}, owned.CHUNK):
+        still, lacking = [], []
+        for at, file in enumerate(lot):
+            old, owners = _before(was, file, declared), owned.named(files[file], key)
+            still.append(old.filter(pc.is_in(owned.named(old, key), owners)))
+            known = pc.is_in(owners, owned.named(still[at], key)).to_numpy(zero_copy_only=False)
+            lacking.append(files[file][~known].assign(file=at))
+        own = pd.concat(lacking).sort_values([key, "commit_id"])
+        steps = owned.checked(name, owned.stored_steps(catalog, name, own), own)
+        number = np.repeat(own["file"].to_numpy(), own[f"n_{name}"])
         steps = steps.take(pa.array(np.argsort(number, kind="stable")))
         ends = np.cumsum(np.bincount(number, minlength=len(lot)))
-        for file, first, end in zip(lot, [0, *ends], ends, strict=False):
-            own, new = files[file], steps.slice(first, end - first)
-            if len(lacking[file]) < len(own):
-                old = _before(was, file, declared)
-                still = old.filter(pc.is_in(owned.named(old, key), owned.named(own, key)))
-                new = owned.checked(name, owned.in_order(name, pa.concat_tables([still, new])), own)
+        for file, old, first, end in zip(lot, still, [0, *ends], ends, strict=False):
+            new = steps.slice(first, end - first)
+            if len(old):
+                new = owned.checked(name, owned.in_order(name, pa.concat_tables([old, new])), files[file])
             yield file, new
 
 
@@ -171,10 +170,9 @@ def _lots(files: Files, weight: Mapping[str, float], most: int) -> Iterator[list
         yield lot
 
 
-def _before(was: Before, file: str, declared: Table, columns: list[str] | None = None) -> pa.Table:
+def _before(was: Before, file: str, declared: Table) -> pa.Table:
     """What was in the file of before; nothing where there was none, or one of other columns."""
     path = was.like(file)
-    empty = declared.schema.empty_table().select(columns or declared.names)
     if path is None or pq.read_schema(path).names != declared.names:
-        return empty
-    return pq.read_table(path, columns=columns).cast(empty.schema)
+        return declared.schema.empty_table()
+    return pq.read_table(path).cast(declared.schema)

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Mapping
 from datetime import datetime
 from functools import reduce
 from operator import and_
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
@@ -25,9 +25,6 @@ from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs.ordering import NEWEST
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Floats, Trajectory
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 When = datetime | str
 
@@ -62,14 +59,11 @@ def decoded(table: pa.Table) -> pa.Table:
 
 def moment(when: When) -> pd.Timestamp:
     """A moment in UTC; a text without a zone is UTC."""
-    import pandas as pd
-
     try:
         stamp = pd.Timestamp(when)
     except ValueError:
-        raise SettingsError(
-            f"moment {when!r}", "cannot be read", "like 2026-11-21 or 2026-11-21T02:00:00Z"
-        ) from None
+        rule = "like 2026-11-21 or 2026-11-21T02:00:00Z"
+        raise SettingsError(f"moment {when!r}", "cannot be read", rule) from None
     return stamp.tz_localize("UTC") if stamp.tzinfo is None else stamp.tz_convert("UTC")
 
 
@@ -101,21 +95,10 @@ def matching(
 def completed(
     table: StoredTable, found: pd.DataFrame, wanted: list[str], of: int, version: int | None = None
 ) -> pa.Table:
-    """More columns of these rows, in their order; texts that repeat are kept once.
+    """The `wanted` columns of these rows (with `NAMED`), in their order; texts that repeat are kept once.
 
-    Parameters
-    ----------
-    table : StoredTable
-    found : DataFrame
-        Rows with what names each (`NAMED`).
-    wanted : sequence of str
-    of : int
-        How many rows there are to choose from.
-    version : int, optional
-        Of the table.
+    `of` is how many rows there are to choose from, in this version of the table.
     """
-    import pandas as pd
-
     where = None
     if len(found) < max(_FEW * of, _FEW_ROWS):
         where = pc.field("transfer_id").isin(pa.array(found["transfer_id"].tolist(), pa.string()))
@@ -130,13 +113,7 @@ def completed(
 
 
 def beginning(rows: pd.DataFrame, what: str, start: str) -> Row:
-    """The newest row of the one flight or finding whose id begins so.
-
-    Raises
-    ------
-    CatalogError
-        If there is none, or more than one.
-    """
+    """The newest row of the one flight or finding whose id begins so; none, or more than one, is an error."""
     ids = rows[f"{what}_id"]
     found = rows[ids.str.startswith(start)].drop_duplicates(f"{what}_id", keep="last")
     if len(found) != 1:
@@ -155,11 +132,8 @@ def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
 def steps(table: StoredTable, row: Row) -> pa.Table:
     """The waypoints or poses that one row owns, in order.
 
-    Raises
-    ------
-    CatalogError
-        If they are not as many as the row says, or not those whose hash it keeps: one changed bit is
-        another flight.
+    It is an error if they are not as many as the row says, or not those whose hash it keeps: one changed bit
+    is another flight.
     """
     declared = table.declared
     name, count = declared.names[0], row[f"n_{declared.name}"]

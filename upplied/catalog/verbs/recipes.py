@@ -78,13 +78,7 @@ def recipe(catalog: Catalog, transfer_id: str) -> Recipe:
 
 
 def siblings_of(row: Row) -> list[tuple[str, str]]:
-    """Id and hash of each structure that a plan was given to ask for the parts of a scan.
-
-    Raises
-    ------
-    CatalogError
-        If the column holds something else.
-    """
+    """Id and hash of each structure that a plan was given to ask for the parts of a scan."""
     try:
         return [(str(name), str(sha256)) for name, sha256 in json.loads(row["siblings"] or "[]")]
     except (ValueError, TypeError) as error:

@@ -29,13 +29,7 @@ class Requiring(Finding):
     """A catalog that holds what must be seen of structures; see `upplied.catalog.Catalog`."""
 
     def require(
-        self,
-        scope: str,
-        owner: str,
-        name: str,
-        zones: Sequence[Mapping[str, Any]],
-        by: str,
-        note: str = "",
+        self, scope: str, owner: str, name: str, zones: Sequence[Mapping[str, Any]], by: str, note: str = ""
     ) -> int:
         """Say which zones of a structure, or of all of a kind, must be seen: the next version of a set.
 
@@ -119,11 +113,7 @@ def _zone(name: str, zone: Mapping[str, Any]) -> Row:
 class Zones:
     """The zones that are asked of structures, by their kind and by themselves, and what names them.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    version : int, optional
-        Of the catalog's commits, until which requirements count; all where not given.
+    Requirements count until a version of the catalog's commits; all where none is given.
     """
 
     def __init__(self, catalog: Reading, version: int | None = None) -> None:
@@ -160,10 +150,7 @@ PLANNED = ("on", "gsd_mm", "incidence_deg")
 def zones_named(catalog: Reading, kind: str, structure_id: str, name: str) -> list[Row]:
     """The zones of a structure of that name, as they are asked for now or were before.
 
-    Raises
-    ------
-    CatalogError
-        If there are none, since a structure that one was carried from changed.
+    None is an error: a structure that one was carried from changed.
     """
     table = catalog.tables["requirements"].read(None, ["commit_version"])
     for version in sorted(set(table["commit_version"].to_pylist()), reverse=True):

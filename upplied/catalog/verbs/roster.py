@@ -33,13 +33,10 @@ _SIGNED = ("decision_id", "transfer_id", "demonstration_id", "target_id", "purpo
 #: Scripts that one name may mix.
 _TOGETHER = ({"HIRAGANA", "KATAKANA", "KATAKANA-HIRAGANA", "CJK"}, {"HANGUL", "CJK"}, {"BOPOMOFO", "CJK"})
 #: Letters of Cyrillic and Greek by the Latin one that they look like.
-_LIKE = dict(
-    zip(
-        "\u0430\u044c\u0441\u0501\u0435\u04bb\u0456\u0458\u043a\u04cf\u043c\u043f\u043e\u0440\u0433\u0455\u0442\u0438"
-        "\u0475\u0445\u0443\u03b1\u03b5\u03b9\u03ba\u03bf\u03c1\u03c4\u03c5\u03bd\u03c7",
-        "abcdehijklmnoprstuvxyaeikoptuvx",
-        strict=True,
-    )
+_LIKE = str.maketrans(
+    "\u0430\u044c\u0441\u0501\u0435\u04bb\u0456\u0458\u043a\u04cf\u043c\u043f\u043e\u0440\u0433\u0455\u0442\u0438"
+    "\u0475\u0445\u0443\u03b1\u03b5\u03b9\u03ba\u03bf\u03c1\u03c4\u03c5\u03bd\u03c7",
+    "abcdehijklmnoprstuvxyaeikoptuvx",
 )
 
 
@@ -53,13 +50,7 @@ class Person:
 
 
 class Roster:
-    """Who may release plans of a catalog.
-
-    Parameters
-    ----------
-    location : str
-        Of the catalog.
-    """
+    """Who may release plans of the catalog at a location."""
 
     def __init__(self, location: str) -> None:
         elsewhere = os.environ.get("UPPLIED_ROSTER")
@@ -98,9 +89,8 @@ class Roster:
         """Let somebody release."""
         check_name(name)
         if len(key) != 64 or any(digit not in "0123456789abcdef" for digit in key):
-            raise InputError(
-                f"key of {name}", f"is {key[:80]!r}", "64 hexadecimal digits", "see: upplied keys new"
-            )
+            rule, remedy = "64 hexadecimal digits", "see: upplied keys new"
+            raise InputError(f"key of {name}", f"is {key[:80]!r}", rule, remedy)
         for one in self.people or []:
             if _skeleton(one.name) == _skeleton(name) or one.key == key:
                 rule = "every name and key is another, and none looks like another"
@@ -129,12 +119,7 @@ class Roster:
     def fault(self, decision: Row, order: dict[str, int]) -> str:
         """Why a release does not count by the roster, in words; empty where it does.
 
-        Parameters
-        ----------
-        decision : mapping
-            A row of `decisions`.
-        order : dict
-            The number of each decision's commit.
+        `order` is the number of each decision's commit.
         """
         if self.people is None:
             return ""
@@ -157,9 +142,8 @@ def check_name(name: str) -> str:
     """A person's name; one that could be taken for another, or hides something, is refused."""
     what, remedy = f"name {ascii(name)[:100]}", "write it in letters of one script, composed (NFKC)"
     if not name.strip() or name != name.strip() or len(name) > _LONGEST:
-        raise SettingsError(
-            what, "is empty, too long, or begins or ends with a space", f"1 to {_LONGEST} letters"
-        )
+        fault = "is empty, too long, or begins or ends with a space"
+        raise SettingsError(what, fault, f"1 to {_LONGEST} letters")
     if unicodedata.normalize("NFKC", name) != name:
         raise SettingsError(what, "has letters that are written otherwise than they look", "", remedy)
     scripts = {unicodedata.name(letter, "").split(" ")[0] for letter in name if letter.isalpha()}
@@ -174,8 +158,7 @@ def check_name(name: str) -> str:
 
 def _skeleton(name: str) -> str:
     """What a name looks like."""
-    table = {ord(letter): like for letter, like in _LIKE.items()}
-    plain = unicodedata.normalize("NFKD", name.casefold()).translate(table)
+    plain = unicodedata.normalize("NFKD", name.casefold()).translate(_LIKE)
     plain = plain.replace("0", "o").replace("1", "l").replace("i", "l").replace("rn", "m")
     return "".join(letter for letter in plain if letter.isalnum())
 
@@ -222,19 +205,15 @@ def new_key(name: str) -> str:
 def signature(roster: Roster, decision: Row) -> str:
     """The signature of a decision by whoever makes it; empty where there is no roster, or no key of theirs.
 
-    Raises
-    ------
-    RefusedError
-        If it is a release and cannot be signed.
+    A release that cannot be signed is refused.
     """
     person = next((one for one in roster.active() if one.name == decision["by"]), None)
     path = key_path(decision["by"]) if person is not None else Path()
     if person is None or not path.is_file():
         if roster.people is not None and decision["state"] == "released":
             remedy = "sign where the key lies (UPPLIED_KEYS); a new one: upplied keys new NAME"
-            raise RefusedError(
-                f"release by {decision['by']!r}", f"there is no key at {path}", "signed", remedy
-            )
+            what = f"release by {decision['by']!r}"
+            raise RefusedError(what, f"there is no key at {path}", "signed", remedy)
         return ""
     with _signing() as (serialization, _, _):
         try:

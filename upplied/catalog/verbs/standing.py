@@ -82,14 +82,17 @@ def with_states(plans: pd.DataFrame, now: Standing) -> pd.DataFrame:
     import pandas as pd
 
     ids = plans["transfer_id"]
-    state = ids.map(now.state).where(ids.isin(list(now.state)), "draft").astype(object)
-    nobody: Row = {"by": "", "note": ""}
-    why = [now.why.get(plan, nobody) for plan in ids]
-    values = {
-        "state": state.where(plans["status"] == "ok", ""),
-        "state_at": pd.to_datetime(ids.map({p: row["added_at"] for p, row in now.why.items()}), utc=True),
-        "state_by": [row["by"] for row in why],
-        "state_note": [row["note"] for row in why],
-    }
-    known = {name: value for name, value in values.items() if name in plans or name == "state"}
+    decided = ids[ids.isin(list(now.state))]  # few of many
+    why = [now.why[plan] for plan in decided]
+    values = {"state": ("draft", [now.state[plan] for plan in decided])}
+    values |= {f"state_{name}": ("", [row[name] for row in why]) for name in ("by", "note")}
+    values["state_at"] = (pd.NaT, [row["added_at"] for row in why])
+    known = {}
+    for name, (usual, of_decided) in values.items():
+        if name in plans or name == "state":
+            known[name] = pd.Series(usual, plans.index, dtype=object)
+            known[name].loc[decided.index] = of_decided
+    known["state"] = known["state"].where(plans["status"] == "ok", "")
+    if "state_at" in known:
+        known["state_at"] = pd.to_datetime(known["state_at"], utc=True)
     return plans.assign(**known)

@@ -88,25 +88,22 @@ def write_splits(
     side = split_of(kinds)
     plans = {str(row["transfer_id"]): str(row["target_id"]) for row in rows}
 
-    def chosen(where: Mapping[str, str], sides: set[str]) -> list[str]:
-        return sorted(name for name, structure in where.items() if side.get(structure) in sides)
+    def chosen(value: str, of: Mapping[str, str]) -> dict[str, list[Any]]:
+        """The plans and demonstrations of structures with a value."""
+        held = {"plans": plans, "demonstrations": on}
+        return {
+            name: sorted(k for k, at in where.items() if of.get(at) == value) for name, where in held.items()
+        }
 
-    splits: dict[str, dict[str, dict[str, list[Any]]]] = {
+    splits = {
         "by_structure": {
             name: {
                 "structures": sorted(item for item, of in side.items() if of == name),
-                "plans": chosen(plans, {name}),
-                "demonstrations": chosen(on, {name}),
+                **chosen(name, side),
             }
             for name in SHARES
         },
-        "by_kind": {
-            kind: {
-                "plans": sorted(name for name, target in plans.items() if kinds.get(target) == kind),
-                "demonstrations": sorted(name for name, item in on.items() if kinds.get(item) == kind),
-            }
-            for kind in sorted(set(kinds.values()))
-        },
+        "by_kind": {kind: chosen(kind, kinds) for kind in sorted(set(kinds.values()))},
     }
     for column, sides in (("split", splits["by_structure"]), ("kind", splits["by_kind"])) if episodes else ():
         for name, side_of in sides.items():

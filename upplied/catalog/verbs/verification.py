@@ -127,11 +127,7 @@ def _lost_heads(catalog: Catalog, heads: Collection[str]) -> Iterator[Finding]:
 
 
 def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[Finding]]:
-    """Some columns of all rows, and what is wrong with these, each row read once.
-
-    Values that their columns do not allow, and rows that do not match their hashes, lack them, or are fewer
-    than were added.
-    """
+    """Some columns of all rows, each read once; and those that are wrong, changed, unhashed or lost."""
     added, delta = rows_added(FileStore(f"{table.uri}/_delta_log")), table.delta()
     since = "" if delta is None else delta.metadata().configuration.get(HASHED_KEY, "")
     key, name = table.declared.names[0], table.declared.name
