@@ -6,12 +6,12 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import CatalogOption, JsonOption
-from upplied.cli.terminal import console, errors, opened, rows_of, say, show, show_frame
+from upplied.cli.terminal import PRINTED, Results, console, errors, rows_of, say
 
 app = App(name="catalog", help="Inspect, check, export and maintain the catalog.")
 
-LimitOption = Annotated[int, Parameter(name="--limit", help="Maximum number, the newest first.")]
+LimitOption = Annotated[int, Parameter(help="Maximum number, the newest first.")]
+HeadOption = Annotated[tuple[str, ...], Parameter(help="Head hash noted earlier; its row must exist.")]
 PLANNED = {
     "transfer_id": "transfer",
     "demonstration_id": "demonstration",
@@ -38,23 +38,21 @@ CHANGED = {
 
 
 @app.command
-def info(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def info(*, results: Results = PRINTED) -> int:
     """Count the contents of the catalog."""
-    store = opened(catalog)
-    transfers = store.transfers()
-    rows = [
-        {"what": "structures", "count": len(store.structures())},
-        {"what": "demonstrations", "count": len(store.demonstrations())},
-        {"what": "transfers", "count": len(transfers)},
-    ]
-    for status, count in transfers["status"].value_counts().sort_index().items():
-        rows.append({"what": f"transfers {status}", "count": int(count)})
-    show(f"catalog {store.location}", rows, json)
+    store = results.opened()
+    tables = {name: getattr(store, name)() for name in ("structures", "demonstrations", "transfers")}
+    counts = {name: len(table) for name, table in tables.items()}
+    for status, count in tables["transfers"]["status"].value_counts().sort_index().items():
+        counts[f"transfers {status}"] = int(count)
+    results.show(
+        f"catalog {store.location}", [{"what": what, "count": count} for what, count in counts.items()]
+    )
     return 0
 
 
 @app.command(name="show")
-def show_one(id: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def show_one(id: str, /, *, results: Results = PRINTED) -> int:
     """Show everything stored about a structure, a demonstration or a plan.
 
     Parameters
@@ -64,7 +62,7 @@ def show_one(id: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption
     """
     from upplied.errors import CatalogError
 
-    store = opened(catalog)
+    store = results.opened()
     rows = []
     for table, frame in (("structure", store.structures()), ("demonstration", store.demonstrations())):
         for row in rows_of(frame[frame[f"{table}_id"] == id]):
@@ -79,14 +77,13 @@ def show_one(id: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption
     except CatalogError:
         if not rows:
             raise
-    if json:
-        show("", rows, json)
+    if results.json:
+        results.show("", rows)
         return 0
     for row in rows:
-        values = {name: _short(value) for name, value in row.items() if value is not None}
-        show(
-            f"{row['what']} {id}", [{"column": name, "value": text} for name, text in values.items() if text]
-        )
+        texts = {name: _short(value) for name, value in row.items() if value is not None}
+        filled = [{"column": name, "value": text} for name, text in texts.items() if text]
+        results.show(f"{row['what']} {id}", filled)
     return 0
 
 
@@ -96,23 +93,16 @@ def _short(value: Any) -> str:
 
 
 @app.command
-def history(*, limit: LimitOption = 30, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def history(*, limit: LimitOption = 30, results: Results = PRINTED) -> int:
     """List the commits, newest first, with time, table and operation."""
     from upplied.catalog import history as commits
 
-    show("commits", rows_of(commits(opened(catalog), limit)), json)
+    results.show("commits", rows_of(commits(results.opened(), limit)))
     return 0
 
 
 @app.command
-def diff(
-    before: str,
-    after: str | None = None,
-    /,
-    *,
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
-) -> int:
+def diff(before: str, after: str | None = None, /, *, results: Results = PRINTED) -> int:
     """Show which plans changed between two times, and why.
 
     Parameters
@@ -124,24 +114,24 @@ def diff(
     """
     from upplied.catalog import diff as changed
 
-    frame = changed(opened(catalog), _when(before), None if after is None else _when(after))
-    show_frame("changes", frame, CHANGED, json, ("before", "seen %", "clear m"))
+    frame = changed(results.opened(), _when(before), None if after is None else _when(after))
+    results.show_frame("changes", frame, CHANGED, ("before", "seen %", "clear m"))
     return 0
 
 
 @app.command
-def transfers(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def transfers(*, results: Results = PRINTED) -> int:
     """List the newest plan of every demonstration, target and preset."""
-    store = opened(catalog)
+    store = results.opened()
     frame = store.transfers()
     rules = store.overruled().groupby("transfer_id")["rule"].unique().map(lambda some: " ".join(sorted(some)))
     frame["overruled"] = frame["transfer_id"].map(rules).fillna("")
-    show_frame("transfers", frame, {**PLANNED, "overruled": "overruled"}, json, SPARE)
+    results.show_frame("transfers", frame, {**PLANNED, "overruled": "overruled"}, SPARE)
     return 0
 
 
 @app.command(name="as-of")
-def as_of(moment: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def as_of(moment: str, /, *, results: Results = PRINTED) -> int:
     """List the plans as they were at a time.
 
     Parameters
@@ -149,17 +139,13 @@ def as_of(moment: str, /, *, catalog: CatalogOption = "catalog", json: JsonOptio
     moment : str
         As 2026-11-21 or 2026-11-21T02:00:00Z; without a zone it is UTC.
     """
-    show_frame(f"transfers as of {moment}", opened(catalog).transfers(as_of=moment), PLANNED, json, SPARE)
+    frame = results.opened().transfers(as_of=moment)
+    results.show_frame(f"transfers as of {moment}", frame, PLANNED, SPARE)
     return 0
 
 
 @app.command
-def verify(
-    *,
-    head: Annotated[tuple[str, ...], Parameter(help="Head hash noted earlier; its row must exist.")] = (),
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
-) -> int:
+def verify(*, head: HeadOption = (), results: Results = PRINTED) -> int:
     """Check every byte, row, count, reference and hash, and print the head of each chain of rows.
 
     Heads are the hashes of the last rows. Briefs and missions note them, to be checked later.
@@ -167,26 +153,21 @@ def verify(
     from upplied.catalog import verify as check
     from upplied.catalog.verbs.custody import HEAD_DIGITS, chain_heads, foreign_plans
 
-    store = opened(catalog)
+    store = results.opened()
     with errors.status("checking every byte"):
         faults, heads, foreign = check(store, head), chain_heads(store), foreign_plans(store)
-    if json:
-        summary = {
-            "findings": [vars(finding) for finding in faults],
-            "heads": heads,
-            "not_measured_here": foreign,
-        }
-        show("", [summary], json)
-    else:
-        for name, sha256 in heads.items():
-            say(f"head of {name}: {sha256[:HEAD_DIGITS]}")
-        if foreign:
-            say(f"{len(foreign)} imported plans were not measured here: {', '.join(foreign[:5])}")
-        for finding in faults:
-            say(finding)
-        console.print(
-            f"{len(faults)} finding(s): take the damaged files from a backup" if faults else "no fault found"
-        )
+    if results.json:
+        every = [vars(finding) for finding in faults]
+        results.show("", [{"findings": every, "heads": heads, "not_measured_here": foreign}])
+        return int(bool(faults))
+    for name, sha256 in heads.items():
+        say(f"head of {name}: {sha256[:HEAD_DIGITS]}")
+    if foreign:
+        say(f"{len(foreign)} imported plans were not measured here: {', '.join(foreign[:5])}")
+    for finding in faults:
+        say(finding)
+    remedy = "take the damaged files from a backup"
+    console.print(f"{len(faults)} finding(s): {remedy}" if faults else "no fault found")
     return int(bool(faults))
 
 

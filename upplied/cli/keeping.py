@@ -10,33 +10,39 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from upplied.cli.catalog import app
-from upplied.cli.options import CatalogOption
-from upplied.cli.terminal import console, errors, opened, say
+from upplied.cli.terminal import HERE, Where, console, errors, say
 
 NO_LICENCE = "All rights reserved"  # whoever gives data away chooses another
+FormatOption = Annotated[
+    Literal["parquet", "lerobot", "tum"],
+    Parameter(help="parquet for any program, lerobot for learning, tum for evo."),
+]
+NameOption = Annotated[
+    str, Parameter(help="Name with a version, as boxes-v1; by default that of the folder.")
+]
+PresetOption = Annotated[
+    str, Parameter(help="Preset, or all; by default the first in use of recommended, paper, baseline.")
+]
+DaysOption = Annotated[float, Parameter(help="Days for which older versions stay readable.")]
 
 
 @app.command
-def compact(*, catalog: CatalogOption = "catalog") -> int:
+def compact(*, where: Where = HERE) -> int:
     """Merge small data files; readers and writers are not interrupted."""
     from upplied.catalog import compact as merge
 
     with errors.status("merging files"):
-        _counted("merged files", merge(opened(catalog)))
+        _counted("merged files", merge(where.opened()))
     return 0
 
 
 @app.command
-def vacuum(
-    *,
-    keep_days: Annotated[float, Parameter(help="Days for which older versions stay readable.")] = 30.0,
-    catalog: CatalogOption = "catalog",
-) -> int:
+def vacuum(*, keep_days: DaysOption = 30.0, where: Where = HERE) -> int:
     """Remove files that no version needs; rows are never removed."""
     from upplied.catalog import vacuum as clean
 
     with errors.status("removing files"):
-        done = clean(opened(catalog), keep_days)
+        done = clean(where.opened(), keep_days)
     _counted("files removed", done.files_removed)
     _counted("rows of stopped writers removed", done.orphan_commits)
     console.print(
@@ -51,21 +57,14 @@ def export(
     folder: Path | None = None,
     /,
     *,
-    format: Annotated[
-        Literal["parquet", "lerobot", "tum"],
-        Parameter(help="parquet for any program, lerobot for learning, tum for evo."),
-    ] = "parquet",
+    format: FormatOption = "parquet",
     licence: Annotated[str, Parameter(help="Licence: an SPDX name (CC-BY-4.0) or a sentence.")] = NO_LICENCE,
-    name: Annotated[
-        str, Parameter(help="Name with a version, as boxes-v1; by default that of the folder.")
-    ] = "",
+    name: NameOption = "",
     attribution: Annotated[str, Parameter(help="Name that users must credit.")] = "",
     kind: Annotated[str | None, Parameter(help="Only structures of this kind.")] = None,
     demonstration: Annotated[str | None, Parameter(help="Only this demonstration.")] = None,
-    preset: Annotated[
-        str, Parameter(help="Preset, or all; by default the first in use of recommended, paper, baseline.")
-    ] = "",
-    catalog: CatalogOption = "catalog",
+    preset: PresetOption = "",
+    where: Where = HERE,
 ) -> int:
     """Export all plans with result ok and their inputs as a folder.
 
@@ -76,7 +75,7 @@ def export(
     """
     from upplied.catalog import export_dataset, export_lerobot, export_tum
 
-    store = opened(catalog)
+    store = where.opened()
     folder = folder or next(each for at in count(1) if not (each := Path(f"fleet-v{at}")).exists())
     chosen_preset = preset if preset not in ("", "all") else None
     chosen = store.transfers(status="ok", kind=kind, demonstration=demonstration, preset=chosen_preset)
@@ -110,7 +109,7 @@ def import_(
     *,
     replace: Annotated[bool, Parameter(help="Store entries of the same name as newer versions.")] = False,
     verify: Annotated[bool, Parameter(help="Compute the measures of every plan again and compare.")] = False,
-    catalog: CatalogOption = "catalog",
+    where: Where = HERE,
 ) -> int:
     """Import an exported folder after checking it.
 
@@ -123,7 +122,7 @@ def import_(
     from upplied.fleet.flights import measured
 
     with errors.status("importing"):
-        done = import_dataset(opened(catalog), folder, replace, measured if verify else None)
+        done = import_dataset(where.opened(), folder, replace, measured if verify else None)
     _counted("added rows", done)
     return 0
 

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 PRESETS = ("paper", "recommended", "baseline")
 samples = App(name="samples", help="Write a sample fleet to try.")
-app = App(name="quickstart", help="Plan a sample fleet from log to report.")
 
 
 @samples.command
@@ -36,9 +35,10 @@ def write(folder: Path = Path("samples")) -> int:
     return 0
 
 
-@app.default
 def quickstart(folder: Path = Path(".")) -> int:
-    """Write a sample fleet, transfer every demonstration to every structure of its kind, and publish.
+    """Plan a sample fleet from log to report.
+
+    Every demonstration is transferred to every structure of its kind.
 
     Parameters
     ----------
