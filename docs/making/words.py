@@ -58,10 +58,10 @@ def git(*words: str) -> str:
 def texts(name: str, content: str) -> Iterator[str]:
     """The strings of two words and more that a file shows to people."""
     if name.endswith(".js"):
-        found = re.findall(
+        strings = re.findall(
             r'"([^"\n]*[A-Za-z]+ [a-z][^"\n]*)"', re.sub(r"^\s*//.*$", "", content, flags=re.M)
         )
-        yield from (text for text in found if not re.search(r"[{}=;]|^M\d", text))
+        yield from (text for text in strings if not re.search(r"[{}=;]|^M\d", text))
         return
     tree = ast.parse(content)
     quiet = set()

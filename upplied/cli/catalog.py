@@ -7,34 +7,13 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from upplied.cli.terminal import PRINTED, Results, console, errors, rows_of, say
+from upplied.outputs.labels import LABELS
 
 app = App(name="catalog", help="Inspect, check, export and maintain the catalog.")
 
 LimitOption = Annotated[int, Parameter(help="Maximum number, the newest first.")]
 HeadOption = Annotated[tuple[str, ...], Parameter(help="Head hash noted earlier; its row must exist.")]
-PLANNED = {
-    "transfer_id": "transfer",
-    "demonstration_id": "demonstration",
-    "target_id": "target",
-    "preset": "preset",
-    "status": "status",
-    "coverage_inspected_pct": "inspected %",
-    "min_clearance_m": "clear m",
-    "planned_at": "planned",
-}
 SPARE = ("planned", "clear m", "inspected %")
-CHANGED = {
-    "demonstration_id": "demonstration",
-    "target_id": "target",
-    "preset": "preset",
-    "change": "change",
-    "why": "why",
-    "status_before": "before",
-    "status_after": "after",
-    "coverage_inspected_pct_change": "inspected %",
-    "coverage_seen_pct_change": "seen %",
-    "min_clearance_m_change": "clear m",
-}
 
 
 @app.command
@@ -115,7 +94,7 @@ def diff(before: str, after: str | None = None, /, *, results: Results = PRINTED
     from upplied.catalog import diff as changed
 
     frame = changed(results.opened(), _when(before), None if after is None else _when(after))
-    results.show_frame("changes", frame, CHANGED, ("before", "seen %", "clear m"))
+    results.show_frame("changes", frame, LABELS["changes"], ("before", "seen %", "clear m"))
     return 0
 
 
@@ -126,7 +105,7 @@ def transfers(*, results: Results = PRINTED) -> int:
     frame = store.transfers()
     rules = store.overruled().groupby("transfer_id")["rule"].unique().map(lambda some: " ".join(sorted(some)))
     frame["overruled"] = frame["transfer_id"].map(rules).fillna("")
-    results.show_frame("transfers", frame, {**PLANNED, "overruled": "overruled"}, SPARE)
+    results.show_frame("transfers", frame, LABELS["plans"] | {"overruled": "overruled"}, SPARE)
     return 0
 
 
@@ -140,7 +119,7 @@ def as_of(moment: str, /, *, results: Results = PRINTED) -> int:
         As 2026-11-21 or 2026-11-21T02:00:00Z; without a zone it is UTC.
     """
     frame = results.opened().transfers(as_of=moment)
-    results.show_frame(f"transfers as of {moment}", frame, PLANNED, SPARE)
+    results.show_frame(f"transfers as of {moment}", frame, LABELS["plans"], SPARE)
     return 0
 
 

@@ -20,20 +20,12 @@ from upplied.cli.terminal import (
     rows_of,
     say,
 )
+from upplied.outputs.labels import LABELS
 
 app = App(name="demonstrations", help="The demonstrations of the catalog.")
 
-LISTED = {
-    "demonstration_id": "demonstration",
-    "structure_id": "structure",
-    "verdict": "verdict",
-    "lowest_m": "lowest m",
-    "flown_clearance_m": "clear m",
-    "axis_pct": "on it %",
-    "recorded_pct": "recorded %",
-    "overruled": "overruled",
-    "findings": "findings",
-}
+LISTED = LABELS["demonstrations"]
+
 StructureOption = Annotated[str, Parameter(help="Structure that was flown, if no side-car file names it.")]
 RegisterOption = Annotated[tuple[str, ...], Parameter(help="A landmark in the log's frame, as NAME=X,Y,Z.")]
 TimeOption = Annotated[

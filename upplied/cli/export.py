@@ -9,20 +9,10 @@ from cyclopts import Parameter
 
 from upplied.cli.options import PlanArgument
 from upplied.cli.terminal import HERE, Where, beside, errors, hint, say
+from upplied.outputs.labels import LABELS
 from upplied.outputs.mission_options import MissionOptions
 
 Format = Literal["qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"]
-#: What a person looks at a mission of each format with, before it is flown.
-OPENED_IN = {
-    "qgc-plan": "QGroundControl",
-    "mavlink": "QGroundControl or Mission Planner",
-    "dji-wpml": "DJI Pilot 2",
-    "litchi": "Litchi's mission hub",
-    "kml": "Google Earth",
-    "geojson": "QGIS",
-    "mcap": "Foxglove",
-    "csv": "any table or plot",
-}
 FormatOption = Annotated[Format, Parameter(help="Format of the mission.")]
 OutputOption = Annotated[Path, Parameter(("--output", "-o"))]
 MissionFlags = Annotated[MissionOptions | None, Parameter("*")]
@@ -50,7 +40,7 @@ def export(
         say(path)
     for note in written.notes:
         say(f"note: {note}")
-    hint(f"Next: read the notes, then open the mission in {OPENED_IN[to]}")
+    hint(f"Next: read the notes, then open the mission in {LABELS['opened_in'][to]}")
     return 0
 
 

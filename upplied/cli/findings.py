@@ -10,15 +10,12 @@ from cyclopts import App, Parameter
 from upplied.cli.looks import LOOKED, LookResults
 from upplied.cli.options import ByOption, FindingArgument, NoteOption
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, complain, errors, say
+from upplied.outputs.labels import LABELS
 
 app = App(
     name="findings", help="Place findings on structures, see them again, and find the same place elsewhere."
 )
-LISTED = {
-    "finding_id": "finding", "target_id": "structure", "class": "class", "severity": "severity",
-    "state": "state", "by": "by", "x_m": "x m", "y_m": "y m", "z_m": "z m", "place_error_m": "error m",
-    "length_mm": "length mm", "area_mm2": "area mm2", "photo": "photo", "note": "note",
-}  # fmt: skip
+LISTED = LABELS["findings"]
 SPARE = ("note", "severity", "by", "doubt")
 PhotoOption = Annotated[str, Parameter(help="Name or path of a registered photo.")]
 TimeOption = Annotated[float | None, Parameter(help="Seconds from its first pose, in place of a photo.")]
@@ -223,12 +220,7 @@ def carry(
     row = store.finding(finding)
     with errors.status("carrying"):
         spots = photographed(store, row, to, mm_px, since, every=every)
-    columns = {
-        "structure_id": "structure", "part": "part", "x_m": "x m", "y_m": "y m", "z_m": "z m",
-        "probability": "probability", "error_m": "error m", "looked_at": "last seen", "mm_px": "mm/px",
-        "looks": "flights", "doubt": "doubt",
-    }  # fmt: skip
-    results.show_frame(f"finding {row['finding_id']} elsewhere", spots, columns, SPARE)
+    results.show_frame(f"finding {row['finding_id']} elsewhere", spots, LABELS["carried"], SPARE)
     return 0
 
 

@@ -20,49 +20,10 @@ from upplied.cli.terminal import (
     rows_of,
     say,
 )
+from upplied.outputs.labels import LABELS
 
 app = App(name="flights", help="Import flights of plans, compare them, and plan what they missed.")
 
-LISTED = {
-    "flight_id": "flight",
-    "kind": "kind",
-    "target_id": "target",
-    "transfer_id": "plan",
-    "flown_at": "flown",
-    "flown_pct": "of plan %",
-    "inspected_pct": "inspected %",
-    "inspected_if_corrected_pct": "if corrected %",
-    "required_pct": "in view %",
-    "min_clearance_m": "clear m",
-    "findings": "findings",
-}
-SHOWN = {
-    "kind": "kind",
-    "flown_at": "flown",
-    "operator": "operator",
-    "transfer_id": "plan",
-    "target_id": "target",
-    "flown_pct": "share of the plan's length flown, %",
-    "inspected_pct": "share of the planned surface inspected as planned, %",
-    "inspected_if_corrected_pct": "the same if the alignment is right, %",
-    "required_pct": "share of the planned surface certainly in view, %",
-    "assumed_pct": "additional share in view if the alignment is right, %",
-    "min_clearance_m": "minimum clearance, m",
-    "silent_s": "clearance not known for, s",
-    "cross_track_p95_m": "deviation from the planned path, 95th percentile, m",
-    "plan_frechet_m": "Frechet distance from the flown part of the plan, m",
-    "duration_s": "duration, s",
-    "photos": "photos",
-    "photos_missing": "viewpoints whose photo is missing",
-    "clock_s": "start of the plan in the log, s",
-    "clock_error_s": "standard error of that start, s",
-    "shift_m": "shift of the log, m",
-    "turn_deg": "rotation of the log, deg",
-    "place_error_m": "position error, m",
-    "camera_yaw_deg": "rotation of the logged camera, deg",
-    "wind": "wind",
-    "findings": "findings",
-}
 PlanOption = Annotated[
     str, Parameter(help="ID of the plan that was flown; by default the plan that fits best.")
 ]
@@ -112,7 +73,7 @@ def list_flights(
 ) -> int:
     """List the flights in the order of their import."""
     flights = results.opened().flights(structure=structure, kind=kind)
-    results.show_frame("flights", flights, LISTED, ("findings", "plan", "clear m"))
+    results.show_frame("flights", flights, LABELS["flights"], ("findings", "plan", "clear m"))
     return 0
 
 
@@ -198,6 +159,6 @@ def _show(row: dict[str, Any], results: Results) -> None:
         results.show("", [known])
         return
     known["wind"] = wind_words(row)
-    facts = [{"what": title, "value": known.get(name)} for name, title in SHOWN.items()]
+    facts = [{"what": title, "value": known.get(name)} for name, title in LABELS["flight"].items()]
     filled = [each for each in facts if each["value"] not in (None, "")]
     results.show(f"flight {row['flight_id'][:ID_DIGITS]}", filled)

@@ -8,15 +8,8 @@ from cyclopts import Parameter
 
 from upplied.cli.options import PlanArgument
 from upplied.cli.terminal import PRINTED, Results, compared, errors
+from upplied.outputs.labels import LABELS
 
-MEASURED = {
-    "min_clearance_m": "minimum clearance, m",
-    "coverage_inspected_pct": "inspected surface shown, %",
-    "coverage_seen_pct": "surface seen, %",
-    "coverage_paper_pct": "seen by frustum, %",
-    "duration_s": "duration, s",
-    "peak_speed_mps": "peak speed, m/s",
-}
 TowardsOption = Annotated[
     float, Parameter(help="Direction of the wind, in degrees counter-clockwise from +X.")
 ]
@@ -46,7 +39,7 @@ def fly(
         flown = fly_plan(store, transfer, Wind(wind, towards, gusts), seed, force)
     row = store.transfer(transfer)
     route = settings_of(row["settings_json"]).route
-    rows = compared(MEASURED, {"planned": row, "flown": flown}, ("change", "flown", "planned"))
+    rows = compared(LABELS["simulated"], {"planned": row, "flown": flown}, ("change", "flown", "planned"))
     results.show(f"{transfer} in {wind:g} m/s of wind", rows)
     if not route.enforce:
         return 0

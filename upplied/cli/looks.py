@@ -9,16 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from upplied.cli.terminal import Results, complain, errors
+from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
     from upplied.findings.looks import Spot
-
-LOOKS = {
-    "flight_id": "flight", "kind": "kind", "taken_at": "taken", "photo": "photo", "t_s": "s",
-    "distance_m": "m", "mm_px": "mm/px", "incidence_deg": "incidence deg", "blur_px": "blur px",
-    "in_picture_pct": "in picture %", "box": "box px",
-}  # fmt: skip
 
 
 @Parameter(name="*")
@@ -39,7 +34,7 @@ class LookResults(Results):
         frame = looks_frame(looks)
         sides = frame[["left_px", "top_px", "right_px", "bottom_px"]].round(0)
         frame["box"] = [" ".join(f"{side:.0f}" for side in row) for row in sides.to_numpy()]
-        self.show_frame(f"looks at {title}", frame, LOOKS)
+        self.show_frame(f"looks at {title}", frame, LABELS["looks"])
         if self.out is None:
             return 0
         from upplied.findings.crops import write_crops

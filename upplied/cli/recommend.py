@@ -9,15 +9,10 @@ from cyclopts import Parameter
 
 from upplied.cli.options import StructureArgument
 from upplied.cli.terminal import PRINTED, Results, complain, errors, plain, say
+from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
-
-COLUMNS = {
-    "rank": "rank", "demonstration_id": "demonstration", "kind": "kind", "verdict": "verdict",
-    "misfit": "misfit", "predicted_seen_pct": "seen %", "without_pct": "lost %",
-    "inspected_pct": "inspected %",
-}  # fmt: skip
 
 MostOption = Annotated[int, Parameter(help="Number of demonstrations to show.")]
 
@@ -31,7 +26,7 @@ def recommend(structure: StructureArgument, /, *, most: MostOption = 10, results
     if results.json:
         results.show("", [plain(row) for row in ranks])
     else:
-        rows = [{title: row[name] for name, title in COLUMNS.items()} for row in ranks]
+        rows = [{title: row[name] for name, title in LABELS["recommended"].items()} for row in ranks]
         results.show(f"demonstrations for {structure}", rows, ("inspected %", "lost %"))
         for row in ranks:
             say(f"{row['rank']}. {row['demonstration_id']}: {row['why']}")

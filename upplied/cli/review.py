@@ -20,26 +20,8 @@ from upplied.cli.terminal import (
     errors,
     say,
 )
+from upplied.outputs.labels import LABELS
 
-COMPARED = {
-    "coverage_inspected_pct": "inspected surface shown, %",
-    "coverage_seen_pct": "surface seen, %",
-    "min_clearance_m": "minimum clearance, m",
-    "duration_s": "duration, s",
-    "path_length_m": "length, m",
-    "n_viewpoints": "viewpoints",
-}
-LISTED = {
-    "transfer_id": "in force",
-    "demonstration_id": "demonstration",
-    "target_id": "target",
-    "state_by": "released by",
-    "state_at": "at",
-    "coverage_inspected_pct": "inspected %",
-    "min_clearance_m": "clear m",
-    "newer_draft": "newer draft",
-    "altered": "differs from the release",
-}
 ForceOption = Annotated[
     tuple[str, ...], Parameter(help="Rule to overrule: preset, verdict, rejected, recalled or changed.")
 ]
@@ -59,7 +41,7 @@ def review(
     rows = {"this plan": row}
     if not force.empty and force.iloc[-1]["transfer_id"] != plan:
         rows["in force"] = force.iloc[-1]
-    lines = compared(COMPARED, rows, ("difference", "this plan", "in force"))
+    lines = compared(LABELS["review"], rows, ("difference", "this plan", "in force"))
     results.show(f"{plan}, {row['state'] or row['status']}", lines)
     for text in filter(None, (row["reason"], row["not_flyable"], row["state_note"])):
         results.say(text)
@@ -106,7 +88,7 @@ def in_force(
     store = results.opened()
     plans = store.in_force(structure=structure, kind=kind)
     recalled = store.recalled(structure=structure)
-    results.show_frame("in force", plans, LISTED)
+    results.show_frame("in force", plans, LABELS["in_force"])
     for row in recalled.to_dict("records"):
         what = f"recalled: {row['transfer_id']}, {row['demonstration_id']} on {row['target_id']}"
         complain(f"{what}: {row['state_note']}")

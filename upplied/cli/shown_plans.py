@@ -5,29 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from upplied.cli.terminal import Results, console, say
+from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
     from upplied.fleet import Decision, PlanRequest
 
-COLUMNS = {
-    "transfer_id": "transfer",
-    "target_id": "target",
-    "preset": "preset",
-    "status": "status",
-    "coverage_inspected_pct": "inspected %",
-    "coverage_seen_pct": "seen %",
-    "coverage_paper_pct": "paper %",
-    "frechet_z": "Frechet",
-    "min_clearance_m": "clear m",
-    "camera_turn_ratio": "turned",
-    "gsd_mm_p50": "gsd mm",
-    "gsd_demonstrated_mm_p50": "flown mm",
-    "gsd_within_pct": "as fine %",
-    "standoff_mode": "stand-off",
-    "duration_s": "time s",
-}
-
+COLUMNS = LABELS["transfers"]
 _SPARE = ("paper %", "Frechet", "time s", "flown mm", "as fine %", "stand-off", "gsd mm", "turned", "seen %")
 
 

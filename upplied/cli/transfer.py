@@ -202,10 +202,10 @@ def _reproduced(where: Where, transfer_id: str) -> int:
         raise RefusedError(f"plan {transfer_id}", "was made from findings", "", remedy)
     with errors.status("planning again"):
         settings = basis.settings
-        zones, untold = required_surface(store, store.cache, basis.target, settings.required.zones)
+        zones, unnamed = required_surface(store, store.cache, basis.target, settings.required.zones)
         inputs = (basis.demonstration, basis.source, basis.target)
         plan = plan_transfer(*inputs, settings, no_memo, zones, basis.siblings)
-        plan = replace(plan, warnings=(*plan.warnings, *untold))
+        plan = replace(plan, warnings=(*plan.warnings, *unnamed))
     different = basis.differences(plan)
     row = basis.row
     for doubt in basis.doubts:

@@ -99,9 +99,9 @@ def recommend(
             remedy="add logs first: upplied demonstrations add",
         )
     question = _Question(catalog, structure_id, structures, by_kind)
-    found = [question.judge(row, unlike) for row, unlike in question.candidates(flights)]
-    found.sort(key=_order)
-    return [_ranked(one, place) for place, one in enumerate(found[:most], 1)]
+    judged = [question.judge(row, unlike) for row, unlike in question.candidates(flights)]
+    judged.sort(key=_order)
+    return [_ranked(one, place) for place, one in enumerate(judged[:most], 1)]
 
 
 @dataclass(frozen=True)
@@ -229,17 +229,19 @@ def _why(one: _Judged) -> str:
     parts = one.agreement
     if parts is None:
         return one.registration.reason + _of_another_kind(one)
-    said = [
+    reasons = [
         f"the structures fit (misfit {one.registration.acceptance:.2f})",
         f"{parts.parts_matched} of {parts.parts} parts match ({100 * parts.area_matched:.0f} % by area)",
         f"size ratio {one.size:.2f}",
         one.seen.summary,
     ]
     if one.foreseen.without_pct > 0.5:
-        said.append(f"{one.foreseen.without_pct:.0f} % of that has no counterpart here")
+        reasons.append(f"{one.foreseen.without_pct:.0f} % of that has no counterpart here")
     if _verdict(one) == "doubtful":
-        said.append(f"uncertain match (unlikeness {one.unlike:.2f}): compare both structures before flying")
-    return "; ".join(said) + _of_another_kind(one)
+        reasons.append(
+            f"uncertain match (unlikeness {one.unlike:.2f}): compare both structures before flying"
+        )
+    return "; ".join(reasons) + _of_another_kind(one)
 
 
 def _of_another_kind(one: _Judged) -> str:

@@ -112,8 +112,8 @@ class Shapes:
 
     def _cloud(self, sha256: str, structure: Callable[[], Structure]) -> Cloud:
         def sampled() -> Cloud:
-            found = structure()
-            return surface_samples(found, scene_of(found), self.clouds)
+            known = structure()
+            return surface_samples(known, scene_of(known), self.clouds)
 
         return self.catalog.cache("clouds", Cloud, surface_key(sha256, self.clouds), sampled)
 

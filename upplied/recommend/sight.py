@@ -36,7 +36,7 @@ def in_sight(cloud: Cloud, wanted: Ints, stations: Floats, camera: Camera) -> Bo
     -------
     array of bool, shape (K,)
     """
-    found = _in_sight(
+    visible = _in_sight(
         np.ascontiguousarray(cloud.points[wanted]),
         np.ascontiguousarray(cloud.outward[wanted]),
         np.ascontiguousarray(stations),
@@ -45,7 +45,7 @@ def in_sight(cloud: Cloud, wanted: Ints, stations: Floats, camera: Camera) -> Bo
         _OWN_SURFACE * spacing(cloud),
         *_discs(cloud.points, cloud.outward, cloud.areas),
     )
-    return np.asarray(found, bool)
+    return np.asarray(visible, bool)
 
 
 def _discs(points: Floats, normals: Floats, area_m2: Floats) -> tuple[Floats, Ints, Floats]:
@@ -80,7 +80,7 @@ def _in_sight(
     start: Ints,
     balls: Floats,
 ) -> Bools:
-    found = np.zeros(len(points), np.bool_)
+    visible = np.zeros(len(points), np.bool_)
     cosine = np.empty(len(stations))
     for row in range(len(points)):
         at, normal = points[row], normals[row]
@@ -94,10 +94,10 @@ def _in_sight(
             if cosine[best] < least_cosine:
                 break
             if _free(at, stations[best], near, discs, start, balls):
-                found[row] = True
+                visible[row] = True
                 break
             cosine[best] = -1.0
-    return found
+    return visible
 
 
 @njit(cache=True)

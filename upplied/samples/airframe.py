@@ -106,20 +106,20 @@ def _wing(
     """Edges of the left wing, followed from three quarters of its span inwards and outwards."""
     rows = np.flatnonzero((map_y > 1.25 * half_width) & (map_y < 0.985 * semi_span))
     start = rows[np.argmin(np.abs(map_y[rows] - 0.72 * semi_span))] if len(rows) else 0
-    found: dict[int, tuple[int, int]] = {}
+    runs: dict[int, tuple[int, int]] = {}
     for step in (-1, 1):
         run: tuple[int, int] | None = None
         for row in rows[rows <= start][::-1] if step < 0 else rows[rows >= start]:
             run = _overlapping_run(np.isfinite(map_z[row]), run)
             if run is None:
                 break
-            found[int(row)] = run
-    kept = sorted(found)
-    y = map_y[kept]
-    trailing = median_filter(map_x[[found[row][0] for row in kept]], size=9, mode="nearest")
-    leading = _straight(y, map_x[[found[row][1] for row in kept]])
-    middle = [(found[row][0] + found[row][1]) // 2 for row in kept]
-    height = median_filter(map_z[kept, middle], size=5, mode="nearest") if kept else np.empty(0)
+            runs[int(row)] = run
+    wing = sorted(runs)
+    y = map_y[wing]
+    trailing = median_filter(map_x[[runs[row][0] for row in wing]], size=9, mode="nearest")
+    leading = _straight(y, map_x[[runs[row][1] for row in wing]])
+    middle = [(runs[row][0] + runs[row][1]) // 2 for row in wing]
+    height = median_filter(map_z[wing, middle], size=5, mode="nearest") if wing else np.empty(0)
     return y, leading, np.minimum(trailing, leading - 0.3), height
 
 

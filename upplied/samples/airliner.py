@@ -56,7 +56,7 @@ def random_airliner(structure_id: str, rng: np.random.Generator) -> Member:
     """An airliner that nobody built: a sample at another size, with another wing and tail."""
     base = (A320, BELUGA, B747, B777)[rng.integers(4)]
     wing, stabiliser, fin = base.wing, base.stabiliser, base.fin
-    made = airliner(
+    other = airliner(
         replace(
             base,
             wing=replace(
@@ -75,9 +75,11 @@ def random_airliner(structure_id: str, rng: np.random.Generator) -> Member:
         structure_id,
     )
     size = float(rng.uniform(0.85, 1.2))
-    landmarks = {name: (size * x, size * y, size * z) for name, (x, y, z) in made.structure.landmarks.items()}
-    grown = replace(made.structure, vertices=size * made.structure.vertices, landmarks=landmarks)
-    return replace(made, structure=stamped(grown))
+    landmarks = {
+        name: (size * x, size * y, size * z) for name, (x, y, z) in other.structure.landmarks.items()
+    }
+    grown = replace(other.structure, vertices=size * other.structure.vertices, landmarks=landmarks)
+    return replace(other, structure=stamped(grown))
 
 
 def _fuselage(shape: AirlinerShape, around: int = 36) -> Part:

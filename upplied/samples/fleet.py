@@ -88,11 +88,11 @@ def member(structure_id: str) -> Member:
         raise InputError(
             f"sample structure {structure_id!r}", "is unknown", f"one of {', '.join(sorted(_MAKERS))}"
         )
-    made = _MAKERS[structure_id](structure_id)
-    site, lat, lon, alt = _SITES[made.structure.kind]
+    sample = _MAKERS[structure_id](structure_id)
+    site, lat, lon, alt = _SITES[sample.structure.kind]
     row = list(_MAKERS).index(structure_id)
     placement = Placement(lat, round(lon + 0.002 * row, 6), alt, (75.0 + 23.0 * row) % 360)
-    return replace(made, structure=replace(made.structure, site=site, placement=placement))
+    return replace(sample, structure=replace(sample.structure, site=site, placement=placement))
 
 
 def random_member(kind: str, seed: int) -> Member:

@@ -54,8 +54,8 @@ def _about_the_middle(inspect: Inspection) -> Inspection:
         if abs(aside[1]) < 0.002 * (high - low):
             return inspect(structure, scene, ground_z)
         centred = replace(structure, vertices=structure.vertices - aside)
-        found = inspect(centred, scene_of(centred), ground_z)
-        return Route(found.positions + aside, found.look + aside)
+        flown = inspect(centred, scene_of(centred), ground_z)
+        return Route(flown.positions + aside, flown.look + aside)
 
     return route
 
@@ -168,9 +168,9 @@ def _sides(structure: Structure, scene: Scene, ground_z: float) -> Route:
     off = float(np.clip(0.55 * tall, 5.0, 14.0))
     loop = offset_outline(points[:, :2], off)
     rear = points[:, 0].min() + 0.5
-    kept = loop[:, 0] > rear
+    ahead = loop[:, 0] > rear
     # The loop begins behind the building on the axis and goes round by the right: what is kept is one piece.
-    plan = loop[kept][::-1]
+    plan = loop[ahead][::-1]
     wall = offset_outline(points[:, :2], 0.0, step_m=0.25)
     height = ground_z + 0.5 * tall
     return Route(

@@ -15,14 +15,16 @@ import numpy as np
 from upplied.errors import RefusedError, SettingsError
 from upplied.geometry.scene import Scene
 from upplied.geometry.supposed_scene import scene_for
+from upplied.outputs.labels import table
 from upplied.outputs.mission_options import DRAFTS, MissionOptions
 from upplied.outputs.missions.reading import Reading, planned
-from upplied.outputs.missions.rules import RULES
 from upplied.outputs.missions.ways import ground_z_m
 from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.planning.airspace.rules import Airspace, crosses_box
 from upplied.records import Floats, Plan, Structure, SupposedSurface, Surroundings, Trajectory
 
+#: What every mission keeps, by name: why, and what to do where one does not.
+RULES: dict[str, list[str]] = table("missions/rules.toml")
 DRAFT = "DRAFT, NOT RELEASED:"  # what a mission says of itself that nobody released
 CUSTODY = "custody"  # how a note begins that says what the mission can be traced by
 ZONE = "zone"  # how a note begins that says what becomes of a zone that must be seen
@@ -165,8 +167,8 @@ def pass_or_refuse(what: str, objections: Iterable[Breach], force: tuple[str, ..
         others = sorted({breach.rule for breach in left[1:]} - {left[0].rule})
         more = f"; also broken: {', '.join(others)}" if others else ""
         names = " ".join(dict.fromkeys(map(_overrule, left)))
-        remedy = f"{RULES[left[0].rule].remedy}, or use {names}"
-        raise RefusedError(what, f"{left[0]}{more}", RULES[left[0].rule].why, remedy)
+        why, remedy = RULES[left[0].rule]
+        raise RefusedError(what, f"{left[0]}{more}", why, f"{remedy}, or use {names}")
     return tuple(objections)
 
 

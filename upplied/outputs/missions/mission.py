@@ -169,8 +169,8 @@ def _notes(
     sorties: list[Sortie], options: MissionOptions, flying: Flying, transits: Transits, stops: int
 ) -> list[str]:
     """What the person who flies must know of heights, return and sorties."""
-    ways = [way for sortie in sorties for way in (sortie.way_in, sortie.way_out) if len(way)]
-    highest = max((float(way[:, 2].max()) for way in ways), default=float(transits.home[2]))
+    transit_legs = [leg for sortie in sorties for leg in (sortie.way_in, sortie.way_out) if len(leg)]
+    highest = max((float(leg[:, 2].max()) for leg in transit_legs), default=float(transits.home[2]))
     over_ground = max(highest, float(transits.inspection[:, 2].max())) - ground_z_m(transits.structure)
     heights = {
         "relative": "heights are metres above the take-off point: take off there, or set --home-m",
@@ -233,12 +233,12 @@ def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) ->
     On the ways the camera keeps its direction and its zoom.
     """
     path, inside = cutter.path, slice(sortie.first, sortie.last + 1)
-    before, after = (np.full(len(way), cutter.options.transit_mps) for way in (sortie.way_in, sortie.way_out))
+    before, after = (np.full(len(leg), cutter.options.transit_mps) for leg in (sortie.way_in, sortie.way_out))
 
     def held(values: Floats) -> Floats:
         ends = (
-            values[[at]].repeat(len(way), axis=0)
-            for at, way in ((sortie.first, before), (sortie.last, after))
+            values[[at]].repeat(len(leg), axis=0)
+            for at, leg in ((sortie.first, before), (sortie.last, after))
         )
         return np.concatenate([next(ends), values[inside], next(ends)])
 
