@@ -21,6 +21,7 @@ from functools import cache
 
 import numpy as np
 from attention_changes import Row, Truth, changed
+from random_members import random_member
 from real_data import real_folder, real_structure
 
 from upplied.config import CloudSettings, InspectionSettings
@@ -33,7 +34,7 @@ from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import TRULY, stations_at, views
 from upplied.records import Bools, Cloud, Demonstration, Structure
 from upplied.samples.airframe import airframe, left_nacelle
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 from upplied.samples.plan_view import tower_of
 from upplied.samples.surfaces import Member

@@ -16,13 +16,14 @@ import time
 from collections.abc import Iterator
 
 import numpy as np
+from random_members import random_member
+from true_counterparts import true_counterparts
 
 from upplied.config import settings_for
 from upplied.geometry.scene import scene_of
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.pair import study_pair
-from upplied.samples.correspondence import true_counterparts
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.surfaces import Member
 
 _PAIRS = (

@@ -29,8 +29,10 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from proof_faults import FAULTS
+from random_members import random_member
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
+from true_counterparts import true_counterparts
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.verbs.looks import put_looks
@@ -50,8 +52,6 @@ from upplied.geometry.vectors import points_on_triangles
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.align import align
 from upplied.records import Camera, Demonstration, Plan, Structure, SurfaceStates, Trajectory
-from upplied.samples.correspondence import true_counterparts
-from upplied.samples.fleet import random_member
 from upplied.samples.pilot import fly
 from upplied.simulate import Wind, fly_trajectory
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from random_members import random_member
 
 from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
@@ -31,7 +32,7 @@ from upplied.fleet.workers import Workers
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.correspondence.pair import study_pair
 from upplied.records import Cloud, Plan, Structure
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 

@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 from attention import FLIGHTS, INTENDED
+from random_members import random_member
 from real_data import real_folder, real_structure
 from scipy.optimize import minimize
 
@@ -38,7 +39,7 @@ from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, takes_of
 from upplied.planning.plan import plan_transfer
 from upplied.records import Bools, Floats, Structure
-from upplied.samples.fleet import member, random_member, sample_structures
+from upplied.samples.fleet import member, sample_structures
 from upplied.samples.pilot import fly
 from upplied.samples.surfaces import Member
 

@@ -25,13 +25,13 @@ from scipy.spatial.transform import Rotation
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from made_flights import FAULTS, NAMED, Made, made
+from random_members import random_member
 
 from upplied.errors import InputError
 from upplied.geometry.poses import from_yaw_pitch, yaw_pitch
 from upplied.geometry.scene import scene_of
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.records import Demonstration, Structure
-from upplied.samples.fleet import random_member
 
 _KINDS = ("airliner", "box", "bridge", "ship", "wind_turbine")
 _REAL = ("airplane/b738_fr24", "ship/ferry_88m", "building/house_1_osrf", "wind_turbine/enercon_e82_78m")

@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from random_members import random_member
 from real_data import real_folder, real_structure
 from scipy.spatial import cKDTree
 
@@ -23,7 +24,7 @@ from upplied.inputs.separation import separated, structure_alone
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Floats, Ints, Structure, Surroundings
 from upplied.samples import bridge
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.surfaces import Member, assemble, stamped
 
 FOLDER = Path(os.environ.get("UPPLIED_SCANS", Path(tempfile.gettempdir()) / "upplied-scans"))

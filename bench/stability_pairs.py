@@ -15,13 +15,13 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
+from random_members import random_member
 from real_data import real_folder
 
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
 from upplied.records import Demonstration, Structure, Surroundings
-from upplied.samples.fleet import random_member
 from upplied.samples.pilot import fly
 
 GROUPS = {

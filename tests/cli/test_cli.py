@@ -11,12 +11,13 @@ from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
+from random_members import random_member
 
 import upplied
 from upplied.catalog import open_catalog
 from upplied.cli import main, terminal
 from upplied.cli.shown_plans import COLUMNS, show_plans
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from random_members import random_member
 
 import upplied.planning.plan as planning
 from upplied import provenance
@@ -15,7 +16,7 @@ from upplied.cli import main
 from upplied.errors import RefusedError
 from upplied.outputs.missions import FORMATS
 from upplied.records import Placement
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 FORCED = ("--force", "preset", "--force", "verdict")  # the plan is a comparison, and turns too hard

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from upplied.samples.surfaces import Member, assemble, box_faces
 
 
@@ -12,9 +10,3 @@ def box(size_m: tuple[float, float, float], structure_id: str) -> Member:
     length, width, height = size_m
     faces = box_faces((-length / 2, -width / 2, 0.0), (length / 2, width / 2, height), cells=12)
     return assemble(structure_id, "box", faces, "box")
-
-
-def random_box(structure_id: str, rng: np.random.Generator) -> Member:
-    """A box of random size."""
-    x, y, z = rng.uniform(8, 30, 3)
-    return box((float(x), float(y), float(z)), structure_id)

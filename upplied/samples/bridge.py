@@ -36,24 +36,6 @@ def bridge(shape: BridgeShape, structure_id: str) -> Member:
     return assemble(structure_id, "bridge", parts, "parametric beam bridge", landmarks=("pier",))
 
 
-def random_bridge(structure_id: str, rng: np.random.Generator) -> Member:
-    """A bridge that nobody built."""
-    spacing = rng.uniform(24, 50)
-    return bridge(
-        BridgeShape(
-            spacing * rng.uniform(2.2, 2.9),
-            rng.uniform(9, 16),
-            rng.uniform(12, 24),
-            rng.uniform(1.0, 2.4),
-            spacing,
-            (rng.uniform(2.0, 4.5), rng.uniform(5.0, 8.0)),
-            rng.uniform(2.0, 6.0),
-            rng.uniform(0.0, 0.25),
-        ),
-        structure_id,
-    )
-
-
 def _slab(shape: BridgeShape) -> Part:
     half, wide = shape.length_m / 2, shape.width_m / 2
     return block(

@@ -1,4 +1,4 @@
-"""The sample fleet: fourteen structures of five kinds, and members that nobody built."""
+"""The sample fleet: fourteen structures of five kinds."""
 
 from __future__ import annotations
 
@@ -6,18 +6,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 
-import numpy as np
-
 from upplied.errors import InputError
 from upplied.records import Demonstration, Placement, Structure
-from upplied.samples.airliner import airliner, random_airliner
+from upplied.samples.airliner import airliner
 from upplied.samples.airliner_shapes import A320, B747, B777, BELUGA
-from upplied.samples.box import box, random_box
-from upplied.samples.bridge import BRIDGE_1, BRIDGE_2, bridge, random_bridge
+from upplied.samples.box import box
+from upplied.samples.bridge import BRIDGE_1, BRIDGE_2, bridge
 from upplied.samples.pilot import fly
-from upplied.samples.ship import CRUISE, YACHT_1, YACHT_2, random_ship, ship
+from upplied.samples.ship import CRUISE, YACHT_1, YACHT_2, ship
 from upplied.samples.surfaces import Member
-from upplied.samples.turbine import TURBINE_1, TURBINE_2, TURBINE_3, random_turbine, turbine
+from upplied.samples.turbine import TURBINE_1, TURBINE_2, TURBINE_3, turbine
 
 _MAKERS: dict[str, Callable[[str], Member]] = {
     "a320-v1": partial(airliner, A320),
@@ -34,13 +32,6 @@ _MAKERS: dict[str, Callable[[str], Member]] = {
     "cuboid-v1": partial(box, (20.0, 12.0, 9.0)),
     "bridge-1-v1": partial(bridge, BRIDGE_1),
     "bridge-2-v1": partial(bridge, BRIDGE_2),
-}
-_RANDOM: dict[str, Callable[[str, np.random.Generator], Member]] = {
-    "airliner": random_airliner,
-    "wind_turbine": random_turbine,
-    "ship": random_ship,
-    "box": random_box,
-    "bridge": random_bridge,
 }
 # Where they would stand: on an airfield, in a wind park, in a harbour, in a town.
 _SITES = {
@@ -93,10 +84,3 @@ def member(structure_id: str) -> Member:
     row = list(_MAKERS).index(structure_id)
     placement = Placement(lat, round(lon + 0.002 * row, 6), alt, (75.0 + 23.0 * row) % 360)
     return replace(sample, structure=replace(sample.structure, site=site, placement=placement))
-
-
-def random_member(kind: str, seed: int) -> Member:
-    """A structure of the kind that is not in the fleet, the same for the same seed."""
-    if kind not in _RANDOM:
-        raise InputError(f"kind {kind!r}", "is unknown", f"one of {', '.join(sorted(_RANDOM))}")
-    return _RANDOM[kind](f"{kind}-random-{seed}", np.random.default_rng(seed))

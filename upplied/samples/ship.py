@@ -57,32 +57,6 @@ def ship(shape: ShipShape, structure_id: str) -> Member:
     return assemble(structure_id, "ship", parts, "parametric ship, from the waterline up")
 
 
-def random_ship(structure_id: str, rng: np.random.Generator) -> Member:
-    """A ship that nobody built."""
-    length = float(np.exp(rng.uniform(np.log(20), np.log(200))))
-    beam = length * rng.uniform(0.14, 0.22) * (1 - 0.15 * np.log(length / 20) / np.log(10))
-    freeboard = beam * rng.uniform(0.3, 0.4)
-    decks, stern, bow = [], rng.uniform(0.08, 0.2), rng.uniform(0.68, 0.84)
-    for tier in range(3):
-        decks.append((stern, bow, rng.uniform(0.84, 0.92) - 0.12 * tier, beam * rng.uniform(0.18, 0.26)))
-        stern, bow = stern + rng.uniform(0.03, 0.1), bow - rng.uniform(0.04, 0.1)
-    return ship(
-        ShipShape(
-            length,
-            beam,
-            freeboard,
-            0.1 * freeboard,
-            0.3 * freeboard,
-            length * rng.uniform(0.05, 0.1),
-            rng.uniform(0.08, 0.16),
-            rng.uniform(0.32, 0.46),
-            tuple(decks),
-            0.4 * freeboard,
-        ),
-        structure_id,
-    )
-
-
 def _hull(shape: ShipShape) -> Part:
     """Stations from the transom to the stem; each a keel-to-deck outline of fixed grid."""
     share = 1 - (1 - np.linspace(0, 1, 41)) ** 1.5

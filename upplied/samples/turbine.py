@@ -46,27 +46,6 @@ def turbine(shape: TurbineShape, structure_id: str) -> Member:
     )
 
 
-def random_turbine(structure_id: str, rng: np.random.Generator) -> Member:
-    """A turbine that nobody built."""
-    hub = rng.uniform(60, 140)
-    rotor = hub * rng.uniform(0.8, 1.25)
-    size = rotor / 90
-    return turbine(
-        TurbineShape(
-            hub,
-            rotor,
-            (rng.uniform(4, 7), rng.uniform(2.2, 3.2)),
-            (size * rng.uniform(8, 12), size * rng.uniform(3.2, 4.6), size * rng.uniform(3.4, 4.6)),
-            rng.uniform(2.2, 6),
-            size * rng.uniform(3.0, 4.0),
-            size * rng.uniform(3.8, 5.0),
-            rng.uniform(3, 6),
-            flare=rng.uniform(1.0, 2.0),
-        ),
-        structure_id,
-    )
-
-
 def _tower(shape: TurbineShape) -> Part:
     share = np.linspace(0, 1, 29)
     foot, top = shape.tower_m
