@@ -13,7 +13,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from upplied.errors import RefusedError, SettingsError
+from upplied.errors import SettingsError
 from upplied.geometry.polylines import leg_lengths
 from upplied.outputs.labels import table
 from upplied.outputs.mission_options import MissionOptions
@@ -27,6 +27,8 @@ FLYING = Flying(
     MAX_WAYPOINTS,
     stop_s=3.0,
     turning="evenly",
+    altitudes=("relative",),
+    altitude_rule="DJI files are written with heights above take-off",
     passes=True,
     zooms=True,
     zoom_note=", written as focal lengths for film 36 mm wide: check that the camera supports them",
@@ -51,9 +53,6 @@ _STOPS, _PASSES = "toPointAndStopWithDiscontinuityCurvature", "toPointAndPassWit
 
 def dji_kmz(mission: Mission, options: MissionOptions) -> bytes:
     """The mission as KMZ bytes with `wpmz/template.kml` and `wpmz/waylines.wpml`."""
-    if mission.altitude != "relative":
-        fault = f"{mission.altitude} altitudes were requested"
-        raise RefusedError(mission.name, fault, "DJI files are written with heights above take-off")
     settings = _mission_config(mission, options)
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:

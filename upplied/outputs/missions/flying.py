@@ -23,6 +23,8 @@ class Flying:
     stop_s: float = 0.0  # that each stop at a waypoint of the inspection costs besides the way
     passes: bool = False  # waypoints where nothing else asks for a stop are passed, see `corners`
     turning: Turning = "evenly"
+    altitudes: tuple[str, ...] = ("relative", "amsl", "ellipsoid")  # references that the format knows
+    altitude_rule: str = ""  # the same in words, where some are missing
     zooms: bool = False  # whether the file tells the camera to zoom
     zooms_not_by: str = ""  # firmware that does not understand it
     zoom_note: str = ""  # how the file says it, in words

@@ -64,6 +64,8 @@ def missions_of(
     supposed = plan.supposed if isinstance(plan, Plan) else None
     placement = geodesy.placement_of(structure)
     check_altitude(options.altitude, placement, structure.structure_id)
+    if options.altitude not in flying.altitudes:
+        raise RefusedError(name, f"{options.altitude} altitudes were requested", flying.altitude_rule)
     limits = gate.limits_of(options)
     broken = [*objections, *gate.breaches(planned(path.positions, path.t_s), structure, limits, supposed)]
     zooms = flying.zooms and not (flying.zooms_not_by and options.firmware == flying.zooms_not_by)
