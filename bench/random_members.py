@@ -9,11 +9,10 @@ import numpy as np
 
 from upplied.errors import InputError
 from upplied.samples.airliner import airliner
-from upplied.samples.airliner_shapes import A320, B747, B777, BELUGA
-from upplied.samples.box import box
 from upplied.samples.bridge import BridgeShape, bridge
+from upplied.samples.fleet import SHAPES, shape_of
 from upplied.samples.ship import ShipShape, ship
-from upplied.samples.surfaces import Member, stamped
+from upplied.samples.surfaces import Member, box, stamped
 from upplied.samples.turbine import TurbineShape, turbine
 
 
@@ -26,7 +25,7 @@ def random_member(kind: str, seed: int) -> Member:
 
 def random_airliner(structure_id: str, rng: np.random.Generator) -> Member:
     """An airliner that nobody built: a sample at another size, with another wing and tail."""
-    base = (A320, BELUGA, B747, B777)[rng.integers(4)]
+    base = shape_of(list(SHAPES["airliner"])[rng.integers(4)])
     wing, stabiliser, fin = base.wing, base.stabiliser, base.fin
     other = airliner(
         replace(

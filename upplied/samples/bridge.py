@@ -23,10 +23,6 @@ class BridgeShape:
     taper: float = 0.0  # share by which a pier is narrower at its top
 
 
-BRIDGE_1 = BridgeShape(72.0, 11.0, 14.0, 1.4, 28.0, (3.0, 7.5), 6.0)
-BRIDGE_2 = BridgeShape(96.0, 13.5, 19.0, 2.0, 40.0, (4.0, 8.0), 2.2, 0.2)
-
-
 def bridge(shape: BridgeShape, structure_id: str) -> Member:
     """The mesh of a bridge whose middle stands on the origin."""
     parts = [_slab(shape), *_parapets(shape)]

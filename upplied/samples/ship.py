@@ -28,21 +28,6 @@ class ShipShape:
     lifeboats: int = 0  # on each side
 
 
-CRUISE = ShipShape(
-    220.0, 30.0, 11.0, 1.5, 3.5, 10.0, 0.10, 0.42,
-    decks=((0.06, 0.86, 0.97, 6.5), (0.1, 0.8, 0.93, 6.0), (0.16, 0.76, 0.86, 5.5), (0.24, 0.72, 0.66, 3.2)),
-    mast_m=10.0, funnel=(0.30, 14.0, 11.0), lifeboats=7,
-)  # fmt: skip
-YACHT_1 = ShipShape(
-    46.0, 9.0, 3.0, 0.4, 1.3, 4.2, 0.12, 0.36,
-    decks=((0.12, 0.72, 0.90, 2.5), (0.20, 0.62, 0.80, 2.4), (0.30, 0.52, 0.62, 1.0)), mast_m=4.0,
-)  # fmt: skip
-YACHT_2 = ShipShape(
-    27.0, 6.6, 2.1, 0.3, 0.7, 3.2, 0.16, 0.34,
-    decks=((0.22, 0.66, 0.78, 1.9), (0.28, 0.52, 0.62, 1.1)), mast_m=2.2,
-)  # fmt: skip
-
-
 def ship(shape: ShipShape, structure_id: str) -> Member:
     """The mesh of a ship whose waterline has its middle on the origin."""
     parts = [_hull(shape)]

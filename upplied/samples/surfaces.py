@@ -258,6 +258,16 @@ def box_faces(low: Sequence[float], high: Sequence[float], cells: int) -> list[P
     ]
 
 
+def box(size_m: tuple[float, float, float], structure_id: str) -> Member:
+    """A box of the size of a building (length along X, width, height); its base has its middle on the origin.
+
+    Every face is a part of its own.
+    """
+    length, width, height = size_m
+    faces = box_faces((-length / 2, -width / 2, 0.0), (length / 2, width / 2, height), cells=12)
+    return assemble(structure_id, "box", faces, "box")
+
+
 def smoothstep(value: Floats, start: float, stop: float) -> Floats:
     """0 before `start`, 1 after `stop`, smooth between."""
     t = np.clip((value - start) / (stop - start), 0, 1)
