@@ -155,10 +155,7 @@ def _hull(structure: Structure, scene: Scene, ground_z: float) -> Route:
     loop = offset_outline(side[:, :2], off)
     hull = offset_outline(side[:, :2], 0.0, step_m=0.25)
     look = _nearest(hull, loop)
-    return Route(
-        np.column_stack([loop, np.full(len(loop), height)]),
-        np.column_stack([look, np.full(len(loop), ground_z + 0.12 * tall)]),
-    )
+    return Route(_level(loop, height), _level(look, ground_z + 0.12 * tall))
 
 
 def _sides(structure: Structure, scene: Scene, ground_z: float) -> Route:
@@ -173,10 +170,7 @@ def _sides(structure: Structure, scene: Scene, ground_z: float) -> Route:
     plan = loop[ahead][::-1]
     wall = offset_outline(points[:, :2], 0.0, step_m=0.25)
     height = ground_z + 0.5 * tall
-    return Route(
-        np.column_stack([plan, np.full(len(plan), max(height, ground_z + 2.5))]),
-        np.column_stack([_nearest(wall, plan), np.full(len(plan), height)]),
-    )
+    return Route(_level(plan, max(height, ground_z + 2.5)), _level(_nearest(wall, plan), height))
 
 
 def _piers(structure: Structure, scene: Scene, ground_z: float) -> Route:
@@ -189,7 +183,7 @@ def _piers(structure: Structure, scene: Scene, ground_z: float) -> Route:
     best: tuple[float, float] | None = None
     for share in (0.45, 0.38, 0.55, 0.3, 0.65, 0.75):
         height = max(low + share * room, ground_z + 2.5)
-        clear = float(scene.distance(np.column_stack([plan, np.full(len(plan), height)])).min())
+        clear = float(scene.distance(_level(plan, height)).min())
         if best is None or clear > best[0] + 0.5:
             best = (clear, height)
     assert best is not None
@@ -198,10 +192,7 @@ def _piers(structure: Structure, scene: Scene, ground_z: float) -> Route:
             structure.structure_id, f"a figure 8 round the piers comes within {best[0]:.1f} m", "2.5 m free"
         )
     nearer = np.repeat([[*one.centre], [*two.centre]], [len(loops[0]), len(loops[1])], axis=0)
-    return Route(
-        np.column_stack([plan, np.full(len(plan), best[1])]),
-        np.column_stack([nearer, np.full(len(plan), best[1])]),
-    )
+    return Route(_level(plan, best[1]), _level(nearer, best[1]))
 
 
 def _figure(pier: Pier, side: float, apart: float) -> Floats:
@@ -230,6 +221,10 @@ def _eased(height: Floats, reach: int) -> Floats:
     return np.asarray(
         gaussian_filter1d(maximum_filter1d(height, 2 * reach + 1, mode="nearest"), reach / 2, mode="nearest")
     )
+
+
+def _level(plan: Floats, height: float) -> Floats:
+    return np.column_stack([plan, np.full(len(plan), height)])
 
 
 def _nearest(outline: Floats, points: Floats) -> Floats:
