@@ -16,6 +16,7 @@ from rich.markup import escape
 
 import upplied
 from upplied.cli import (
+    catalog,
     declared,
     demonstrations,
     doctor,
@@ -23,7 +24,6 @@ from upplied.cli import (
     findings,
     flights,
     fly,
-    keeping,
     keys,
     looks,
     quickstart,
@@ -60,8 +60,7 @@ app = App(
 )
 app.register_install_completion_command(help="Install completion of commands and options for the shell.")
 _GROUPS = {  # of the help, in the order in which a newcomer needs them
-    # The last of the first is `upplied catalog`, with the half of it that writes.
-    "Data": (quickstart.samples, structures.app, demonstrations.app, keeping.app),
+    "Data": (quickstart.samples, structures.app, demonstrations.app, catalog.app),
     "Plan": (
         *(transfer.transfer, transfer.plan, recommend.recommend),
         *(declared.set_, declared.settings, declared.require, declared.zones),

@@ -20,23 +20,17 @@ from upplied.errors import CatalogError, RefusedError, SettingsError, UppliedErr
 from upplied.outputs import pages
 from upplied.outputs.files import replace_file
 from upplied.outputs.findings_page import MapOf, findings_html
-from upplied.outputs.fleet_page import fleet_data
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
 from upplied.outputs.pairs import Pair
 from upplied.outputs.render import export_transfer
 from upplied.outputs.reports import Reader
-from upplied.outputs.site import TITLE, Site
+from upplied.outputs.site import ENDINGS, TITLE, Site, fleet_data
 from upplied.outputs.structure_page import marks, places
 
 PICTURES = 200  # at most, unless asked for more: each takes a second
 PAGES = 10_000  # likewise; a list that a browser still shows at once, and about a gigabyte
 _RECORD = ".published.json"
-_ROOMS = (
-    *("transfers", "pictures", "thumbnails", "data", "assets"),
-    *("demonstrations", "structures", "findings", "missions"),
-)
-_ENDINGS = {"data": ".js", "pictures": ".png", "thumbnails": ".png"}
 _MAILED = 60  # pairs that one file may hold
 
 #: What lies beside a transfer's page, and how it is called there; other formats by `upplied export`.
@@ -78,7 +72,7 @@ class _Folder:
 
     def make(self, room: str, name: str, key: str) -> None:
         """Put what the site has under this name, unless it stands there."""
-        path = f"{room}/{name}{_ENDINGS.get(room, '.html')}"
+        path = f"{room}/{name}{ENDINGS[room]}"
         self.put(path, key, partial(self.site.content, room, name))
 
     def put(self, name: str, key: str, make: Callable[[], bytes | str]) -> None:
@@ -316,4 +310,5 @@ def _recorded(root: Path) -> dict[str, str]:
 def _inside(root: Path, name: str) -> bool:
     """Whether a noted name is one of the kinds of file we write, below the folder."""
     path = root / name
-    return path.parent in [root / each for each in _ROOMS] and not path.is_symlink()
+    rooms = [root / room for room in (*ENDINGS, "assets", "missions") if room]
+    return path.parent in rooms and not path.is_symlink()

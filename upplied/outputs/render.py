@@ -19,11 +19,11 @@ from upplied.outputs.colours import DEMONSTRATED
 from upplied.outputs.draw.views import View
 from upplied.outputs.files import replace_file
 from upplied.outputs.fly import as_settled
-from upplied.outputs.mission_zones import MissionZones
 from upplied.outputs.missions import Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import CUSTODY, Breach
 from upplied.outputs.reference_photos import reference_photos
 from upplied.outputs.reports import plan_of
+from upplied.outputs.zones import MissionZones
 
 
 def render_structure(

@@ -21,6 +21,7 @@ from starlette.routing import Route
 from upplied.catalog import Catalog
 from upplied.errors import CatalogError, UppliedError
 from upplied.outputs import pages
+from upplied.outputs.site import ENDINGS
 from upplied.web.guard import Guard
 from upplied.web.live import LivePages
 from upplied.web.login import Login
@@ -86,12 +87,9 @@ class _Web:
         """A page for whoever is signed in, the login for all others."""
         room, name = request.path_params.get("room", ""), request.path_params.get("name", "index.html")
         stem, dot, ending = name.rpartition(".")
-        known = {"": ".html", "data": ".js", "pictures": ".png", "thumbnails": ".png", "studio": ""}
         if room == "studio":
             stem = name
-        elif room not in (*known, "transfers", "structures", "demonstrations", "findings") or (
-            dot + ending != known.get(room, ".html")
-        ):
+        elif ENDINGS.get(room) != dot + ending:
             raise HTTPException(404, "This page does not exist.")
         if not self.login.may_read(request):
             return HTMLResponse(pages.login_page(), 401)

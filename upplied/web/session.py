@@ -27,8 +27,7 @@ from upplied.outputs.verdicts import headline
 from upplied.proof.carried_edit import kept_edit
 from upplied.proof.edit import Asked, Edit
 from upplied.records import Ints
-from upplied.web.requests import Decisions, place_looked_from, signed
-from upplied.web.zone_requests import ZoneRequests
+from upplied.web.requests import Decisions, ZoneRequests, place_looked_from, signed
 
 _MOST_BASES = 50  # that were planned again and are held: a page goes back to them
 _MOST_OPEN = 8  # plans; of more, the one that was not asked for longest is closed
