@@ -11,6 +11,7 @@ import numpy as np
 
 from upplied.geometry.polylines import leg_lengths
 from upplied.outputs import pages
+from upplied.outputs.labels import LABELS
 from upplied.outputs.mission_map import Line, map_png, side_png
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import DRAFT
@@ -110,7 +111,7 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
     first = missions[0]
     home, ground = float(first.home_local[2]), ground_z_m(structure)
     every = np.concatenate([mission.local[:, 2] for mission in missions])
-    ways = np.concatenate([mission.local[~mission.inspect, 2] for mission in missions])
+    transit_z = np.concatenate([mission.local[~mission.inspect, 2] for mission in missions])
     ceiling = structure.surroundings.ceiling_z_m
     lat, lon, _ = first.home
     rows = [
@@ -119,7 +120,7 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
         ("highest point above take-off", f"{every.max() - home:.1f} m"),
         ("highest point above ground", f"{every.max() - ground:.1f} m"),
         ("lowest point above ground", f"{every.min() - ground:.1f} m"),
-        ("transit legs above take-off", f"{(ways.max() if len(ways) else every.max()) - home:.1f} m"),
+        ("transit legs above take-off", f"{(transit_z if len(transit_z) else every).max() - home:.1f} m"),
         ("return-to-home altitude above take-off", f"at least {first.return_height_m:.1f} m"),
         ("ceiling", "none declared" if ceiling is None else f"{ceiling - home:.1f} m above take-off"),
         ("clearance limit of every leg", f"{options.clearance_m:g} m"),
@@ -129,20 +130,10 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
 
 def _measures(row: Mapping[str, Any], by_photos_pct: float) -> str:
     size = ", relative to size" if row.get("standoff_mode") == "scaled" else ""
-    shown = (
-        ("coverage_inspected_pct", f"inspected surface shown at the demonstrated quality{size}", "{:.1f} %"),
-        ("coverage_seen_pct", "demonstrated surface seen", "{:.1f} %"),
-        ("min_clearance_m", "minimum clearance of the plan", "{:.2f} m"),
-        ("path_length_m", "inspection path", "{:.0f} m"),
-        ("duration_s", "inspection time", "{:.0f} s"),
-        ("peak_speed_mps", "peak speed", "{:.1f} m/s"),
-        ("standoff_ratio_p50", "stand-off / requested stand-off", "{:.2f}"),
-    )
     rows = []
-    for name, text, form in shown:
-        value = number(row, name)
-        if value is not None:
-            rows.append((text, form.format(value)))
+    for name, (words, form) in LABELS["brief"].items():
+        if (value := number(row, name)) is not None:
+            rows.append((words + size * (name == "coverage_inspected_pct"), form.format(value)))
     if by_photos_pct == by_photos_pct:
         rows.insert(1, ("inspected surface shown by the photos", f"{by_photos_pct:.1f} %"))
     return _table("Plan", rows)

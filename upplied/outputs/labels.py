@@ -12,5 +12,5 @@ def table(name: str) -> dict[str, Any]:
     return tomllib.loads(resources.files("upplied.outputs").joinpath(name).read_text("utf-8"))
 
 
-#: Title of each column or measure, by table.
-LABELS: dict[str, dict[str, str]] = table("labels.toml")
+#: Title of each column or measure, by table; where figures stand in sentences with their form.
+LABELS: dict[str, dict[str, Any]] = table("labels.toml")

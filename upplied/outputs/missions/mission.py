@@ -219,13 +219,11 @@ def _inspection(
         return plan, None, None, structure.structure_id
     name = pair_name(plan.demonstration_id, plan.target_id)
     if plan.status != "ok" or plan.trajectory is None:
-        raise RefusedError(
-            name, f"the plan is {plan.status}: {plan.reason}", "only a plan that is ok is flown"
-        )
+        fault = f"the plan is {plan.status}: {plan.reason}"
+        raise RefusedError(name, fault, "only a plan that is ok is flown")
     if plan.target_id != structure.structure_id:
-        raise RefusedError(
-            name, f"the structure given is {structure.structure_id}", f"the plan is for {plan.target_id}"
-        )
+        fault = f"the structure given is {structure.structure_id}"
+        raise RefusedError(name, fault, f"the plan is for {plan.target_id}")
     return plan.trajectory, plan.is_viewpoint, plan.surface, name
 
 

@@ -94,12 +94,9 @@ class Cutter:
 
     def _too_short(self, at: int) -> RefusedError:
         given = self.options.endurance_s
-        limits = (
-            []
-            if given is None
-            else [f"an endurance of {given:g} s, {self.options.reserve_pct:g} % in reserve"]
-        )
-        limits += [f"at most {self.most} waypoints"] if self.most < 10**9 else []
+        limits = [f"at most {self.most} waypoints"] if self.most < 10**9 else []
+        if given is not None:
+            limits.insert(0, f"an endurance of {given:g} s, {self.options.reserve_pct:g} % in reserve")
         return RefusedError(
             f"mission from {self.path.positions[at].round(1).tolist()} m",
             "no part of the inspection fits into one flight with its transit legs",

@@ -59,21 +59,12 @@ def thinned(
         if not airspace.broken(coarse.positions).any() and (np.isnan(share) or share >= _LEAST_SEEN):
             clear = path_clearance(scene, coarse.positions).distance_m
             view = "" if np.isnan(share) else f", {100 * share:.1f} % of the planned view is retained"
-            return (
-                left,
-                (
-                    f"{len(left)} of {len(path)} waypoints remain within {metres:g} m and {degrees:g} deg: "
-                    f"clearance {clear:.2f} m (planned {planned:.2f} m){view}"
-                ),
-                share,
-            )
+            remaining = f"{len(left)} of {len(path)} waypoints remain within {metres:g} m and {degrees:g} deg"
+            return left, f"{remaining}: clearance {clear:.2f} m (planned {planned:.2f} m){view}", share
         metres, degrees = metres / 2, degrees / 2
     share = still_seen(path, flown, scene, *seen, turning)
-    return (
-        np.arange(len(path)),
-        f"all {len(path)} waypoints remain, because fewer would reduce clearance or coverage",
-        share,
-    )
+    note = f"all {len(path)} waypoints remain, because fewer would reduce clearance or coverage"
+    return np.arange(len(path)), note, share
 
 
 def still_seen(
