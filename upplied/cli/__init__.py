@@ -55,7 +55,7 @@ app = App(
     error_console=errors,
     result_action="return_value",
     default_parameter=Parameter(negative="", show_default=_default),
-    suppress_keyboard_interrupt=False,  # it is told below
+    suppress_keyboard_interrupt=False,  # `main` reports it
     help_epilogue="--quiet (any command): print only errors and requested JSON.",
 )
 app.register_install_completion_command(help="Install completion of commands and options for the shell.")

@@ -23,7 +23,7 @@ class LookResults(Results):
 
     out: Annotated[Path | None, Parameter(help="Folder for crops side by side, with a page.")] = None
     photos: Annotated[Path | None, Parameter(help="Folder of photos that were moved.")] = None
-    simulated: Annotated[bool, Parameter(help="Simulated flights as well.")] = False
+    simulated: Annotated[bool, Parameter(help="Include simulated flights.")] = False
 
     def show_looks(self, store: Catalog, title: str, spot: Spot) -> int:
         """Print the looks at a place, and write the crops; 1 where a photo is missing."""

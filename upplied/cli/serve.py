@@ -131,14 +131,14 @@ def notify(
 
 
 def require_flows() -> None:
-    """Say what to install where the flows are not there."""
+    """Report what to install if the flows are missing."""
     with extra("fleet"):
         if find_spec("prefect") is None:
             raise ModuleNotFoundError(name="prefect")
 
 
 def connected(port: int) -> dict[str, str]:
-    """The variables of the server, known to Prefect from here on; none, and told, where none answers."""
+    """The variables of the server, set for Prefect from here on; empty, with a message, if none answers."""
     require_flows()
     from upplied.flows import environment
     from upplied.flows.server import answers

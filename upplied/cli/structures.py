@@ -173,7 +173,7 @@ def _others(where: Where) -> Catalog | None:
 def _checked(
     what: StructureEntry | Path, png: Path | None, catalog: Catalog | None = None, clean: bool = False
 ) -> int:
-    """Say how a structure is, and draw it; 1 when it would be refused.
+    """Report on a structure and draw it; 1 if it would be refused.
 
     Of a manifest, as it is declared there and among those of a catalog; else a mesh or cloud file alone.
     """

@@ -1,4 +1,4 @@
-"""What all commands share: the catalog option, tables, JSON and progress bars."""
+"""What all commands share: the catalog, tables, JSON and progress bars."""
 
 from __future__ import annotations
 
@@ -100,12 +100,12 @@ def say(text: object) -> None:
 
 
 def complain(text: object) -> None:
-    """The same, beside what is asked for."""
+    """A line on standard error, as it is."""
     errors.print(str(text), markup=False, soft_wrap=True)
 
 
 def beside(output: Path) -> Path:
-    """A file to write, in a folder that is there: none is made unasked."""
+    """A file to write; its folder must exist."""
     from upplied.errors import InputError
 
     if not output.absolute().parent.is_dir():
@@ -123,7 +123,7 @@ def show(
     """
     if as_json:
         text = json.dumps(list(rows), indent=2, default=str, allow_nan=False)
-        sys.stdout.write(f"{text}\n")  # asked for: even where --quiet is
+        sys.stdout.write(f"{text}\n")  # the requested result: even with --quiet
         return
     if not rows:
         console.print(f"{title}: none")
@@ -226,7 +226,7 @@ def _cell(value: Any) -> str:
 
 
 def ingested_report(ingested: Sequence[Ingested]) -> int:
-    """Say what became of the files; 1 when one of them failed."""
+    """Report the result for each file; 1 if one of them failed."""
     shown = [item for item in ingested if item.file and item.status != "unchanged"]
     if shown:
         above = os.path.commonpath([os.path.dirname(item.file) for item in shown])

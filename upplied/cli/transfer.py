@@ -83,7 +83,7 @@ def transfer(
 
 
 def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> tuple[str, ...]:
-    """The targets to which a demonstration can be carried; of each other one it is said why not.
+    """The targets to which a demonstration can be carried; the others are reported with the reason.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> R
 
 
 def _reproduced(where: Where, transfer_id: str) -> int:
-    """Plan again what a transfer was planned from; 0 when the same bytes come of it, else 1."""
+    """Plan a transfer again from its recorded inputs; 0 if the plan is the same, else 1."""
     from dataclasses import replace
 
     from upplied.catalog import recipe

@@ -35,7 +35,7 @@ def profile(trajectory: Trajectory, scene: Scene, camera: Camera | None = None) 
     scene : Scene
         Of the structure it is flown around.
     camera : Camera, optional
-        Its field of view says what a picture shows; by default the optical axis alone counts.
+        Its field of view bounds the picture; by default the optical axis alone counts.
     """
     path = trajectory
     if len(path) > _MOST:

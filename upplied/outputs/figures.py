@@ -279,5 +279,5 @@ def _state_legend(states: Sequence[SurfaceStates | None]) -> list[tuple[str, str
 
 
 def save(path: str | Path, png: bytes) -> Path:
-    """Write a picture so that a reader never meets half of it; folders are made."""
+    """Write a picture so that a reader never meets half of it; missing folders are created."""
     return replace_file(path, png)

@@ -1,7 +1,7 @@
 """A demonstration as an MCAP log, as a drone's ROS 2 recorder leaves it.
 
-The structure stands moved and turned in the log's fixed frame; a metadata record ``inspection``
-says where, which structure it is and how the camera sits. The bytes depend on the demonstration and
+The structure is moved and turned in the log's fixed frame; a metadata record ``inspection``
+states its place, its ID and the mount of the camera. The bytes depend on the demonstration and
 the arguments alone.
 """
 
@@ -34,7 +34,7 @@ _MOUNT_M, _MOUNT = np.array([0.11, 0.0, -0.06]), Rotation.from_euler("y", -10.0,
 
 @dataclass(frozen=True)
 class LogFrame:
-    """The log's fixed frame: its name, and where the structure stands in it."""
+    """The log's fixed frame: its name, and the place of the structure in it."""
 
     frame_id: str = "map"
     position_m: tuple[float, float, float] = (41.5, -17.25, 0.8)

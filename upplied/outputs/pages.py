@@ -92,7 +92,7 @@ def login_page() -> str:
 
 
 def studio_page(transfer_id: str) -> str:
-    """The page of the studio; it asks for its plan by itself."""
+    """The page of the studio; its script requests the plan."""
     names = (PLOTLY, "core.js", "live.js", "scene.js", "studio.js")
     scripts = [f"/assets/{name}" for name in names]
     body = '<p role="status" id="stage">Opening the plan</p>'
@@ -103,7 +103,7 @@ def studio_page(transfer_id: str) -> str:
 
 
 def message_page(text: str) -> str:
-    """A page that says in words why there is no other."""
+    """A page with the reason why the requested one is not available."""
     body = f'<h1>Not available</h1><p class="verdict failed">{html.escape(text)}</p><a href="/">All plans</a>'
     return _shell("Not available", [], {}, "", "/", True, body)
 

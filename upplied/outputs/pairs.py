@@ -1,4 +1,4 @@
-"""The fleet as pages show it: one row per demonstration and target, the presets side by side, worst first."""
+"""The rows of the fleet's page: one per demonstration and target, with all presets, worst first."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def shown_status(row: Mapping[str, Any]) -> str:
 
 
 def meaning(status: str, reason: str) -> str:
-    """What a reader should make of a plan's status; its own reason stands beside it."""
+    """What a plan's status means for a reader; its own reason is shown beside it."""
     if status == "ok":
         return ""
     if status == RECALLED:
@@ -98,7 +98,7 @@ def pairs_of(current: pd.DataFrame, history: pd.DataFrame) -> list[Pair]:
     current : DataFrame
         One row for each demonstration, target and preset.
     history : DataFrame
-        Older plans as well, of each pair in the order they were added; the last tells what changed.
+        Older plans as well, of each pair in the order they were added; the last is the one before.
     """
     if not len(current):
         return []

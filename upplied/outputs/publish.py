@@ -28,12 +28,12 @@ from upplied.outputs.reports import Reader
 from upplied.outputs.site import ENDINGS, TITLE, Site, fleet_data
 from upplied.outputs.structure_page import marks, places
 
-PICTURES = 200  # at most, unless asked for more: each takes a second
+PICTURES = 200  # the default limit: each takes a second
 PAGES = 10_000  # likewise; a list that a browser still shows at once, and about a gigabyte
 _RECORD = ".published.json"
 _MAILED = 60  # pairs that one file may hold
 
-#: What lies beside a transfer's page, and how it is called there; other formats by `upplied export`.
+#: Formats published beside a plan's page, with their labels; other formats by `upplied export`.
 LABELS = {"qgc-plan": "QGroundControl", "kml": "KML", "mcap": "MCAP"}
 
 
@@ -45,12 +45,12 @@ class Published:
     written: tuple[str, ...]  # files, relative to the folder
     unchanged: int  # files that were up to date
     removed: tuple[str, ...]
-    problems: tuple[str, ...]  # pairs whose page could not be made, or whose plan fails the gate, and why
+    problems: tuple[str, ...]  # pairs whose page failed, or whose plan fails the gate, with the reason
 
 
 @dataclass
 class _Folder:
-    """A report folder that remembers what each of its files was made from."""
+    """A report folder with a key for the content of each file."""
 
     root: Path
     before: dict[str, str]
@@ -64,19 +64,19 @@ class _Folder:
         return digest([__version__, {name: digest(text) for name, text in pages.assets().items()}])
 
     def attempt(self, name: str, put: Callable[[], None], title: str = "") -> None:
-        """Put pages in their places, or note why that failed."""
+        """Write pages, or note the reason why that failed."""
         try:
             put()
         except UppliedError as error:
             self.site.problems[name] = f"{title or name}: {error}"
 
     def make(self, room: str, name: str, key: str) -> None:
-        """Put what the site has under this name, unless it stands there."""
+        """Write the site's content of this name, unless the file is up to date."""
         path = f"{room}/{name}{ENDINGS[room]}"
         self.put(path, key, partial(self.site.content, room, name))
 
     def put(self, name: str, key: str, make: Callable[[], bytes | str]) -> None:
-        """Make a file unless it stands there, made from the same."""
+        """Write a file unless it exists with the same key."""
         if name in self.now:
             return
         path = self.root / name
@@ -89,7 +89,7 @@ class _Folder:
         self.now[name] = key
 
     def remove_others(self) -> list[str]:
-        """Remove files that an earlier publication made and this one does not have."""
+        """Remove files of an earlier publication that this one does not have."""
         gone = [name for name in self.before if name not in self.now and _inside(self.root, name)]
         for name in gone:
             (self.root / name).unlink(missing_ok=True)
@@ -115,9 +115,9 @@ def publish(
         ``index.html`` is what a person opens, ``transfers.parquet`` what pandas reads. Files there
         that we did not make are left alone.
     pictures : int
-        Of how many pairs a PNG is made for documents: those first that need a person.
+        Number of pairs that get a PNG for documents: those first that need a person.
     pages : int
-        Of how many pairs a page is made and the fleet's page tells: likewise. The tables tell of all, and
+        Number of pairs with a page and a row on the fleet's page, in the same order. The tables hold all, and
         `publish_file` makes a page of any pair.
     progress : callable
         Told the name of each pair when it is done.
@@ -226,7 +226,7 @@ def _put_pair(place: _Folder, pair: Pair) -> None:
 
 
 def _put_missions(place: _Folder, pair: Pair, key: str) -> dict[str, str]:
-    """Missions of the released plan beside its page: what each is, and where it lies or why it does not."""
+    """Missions of the released plan by label: the address of each, or why it is not available."""
     transfer_id = released(pair.plans)
     put: dict[str, str] = {}
     for kind, label in LABELS.items() if transfer_id else ():
@@ -299,7 +299,7 @@ def _plain(rows: Any) -> dict[str, dict[str, str]]:
 
 
 def _recorded(root: Path) -> dict[str, str]:
-    """What the last publication noted; an unreadable note means that everything is made anew."""
+    """The keys of the last publication; if they cannot be read, every file is written again."""
     try:
         noted = json.loads((root / _RECORD).read_text("utf-8"))
     except (OSError, ValueError):

@@ -38,7 +38,7 @@ ENDINGS = {
 
 
 class Site:
-    """What stands under each name of a report folder.
+    """The content of each file of a report folder, by room and name.
 
     Parameters
     ----------
@@ -155,8 +155,8 @@ def fleet_data(
 ) -> dict[str, Any]:
     """What the fleet page needs: columns by name, and rows in order of attention.
 
-    `without_page` names the pairs whose own page could not be made, so that nothing links there; `known` is
-    how many pairs there are, where these are the first of more; `more` holds, by structure, its place and
+    `without_page` names the pairs whose own page failed, so that nothing links there; `known` is
+    the number of all pairs, where these are the first of more; `more` holds, by structure, its place and
     when it was last flown.
     """
     structures = more or {}

@@ -27,7 +27,7 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     """Every required zone of a structure with its result.
 
     Planned is what the plans in force show together (the newest of `recommended` that is ok, where none
-    is in force); flown is what all flights showed, by the looks that are kept of them. A zone that names no
+    is in force); flown is what all flights showed, by their stored looks. A zone that names no
     surface of the structure is ``not judged``.
     """
     target = catalog.structure(structure_id)
@@ -79,7 +79,7 @@ def flown_rows(catalog: Catalog, structure_id: str) -> list[Row]:
 
 
 def looked(catalog: Catalog, flights: Sequence[Row], surface: Cloud) -> list[Looked]:
-    """How each flight saw the samples: by the kept looks at the nearest patch that faces the same way."""
+    """How each flight saw the samples: by its stored looks at the nearest patch that faces the same way."""
     now = catalog.clock.now()
     patches, index = [], {}
     for row in flights:

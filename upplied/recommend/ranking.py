@@ -1,8 +1,8 @@
 """Which demonstration of the catalog fits a structure best, and why, without planning any.
 
 Shapes are compared by their cached features, thousands at once; the few structures most alike are
-registered for real, and what was inspected on them is foreseen on the target. Everything found is
-remembered by content in the catalog's cache, where plans find clouds and registrations again.
+registered for real, and what was inspected on them is foreseen on the target. All results are
+cached by content in the catalog's cache, where plans find clouds and registrations again.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _SOURCES, _FLIGHTS = 6, 60  # structures registered for real, flights on them th
 
 @dataclass(frozen=True)
 class Recommendation:
-    """One demonstration, and what is expected of carrying it to the structure asked for."""
+    """One demonstration, and what is expected of carrying it to the target."""
 
     rank: int
     demonstration_id: str
@@ -54,7 +54,7 @@ class Recommendation:
     verdict: str  # "own", "fits", "doubtful" or "refused", as planning would refuse it
     misfit: float  # of the structures, lower is better; the gate is `RegistrationSettings.acceptance`
     predicted_seen_pct: float  # `coverage_seen_pct` that a plan should reach at least; NaN: nothing to see
-    without_pct: float  # of what was inspected, without a counterpart on the structure asked for
+    without_pct: float  # of what was inspected, without a counterpart on the target
     inspected_pct: float  # of the source's surface
     unlikeness: float  # of the shapes, by which the candidates were chosen
     why: str

@@ -27,7 +27,7 @@ def in_sight(cloud: Cloud, wanted: Ints, stations: Floats, camera: Camera) -> Bo
     cloud : Cloud
         With normals and areas: each sample hides what lies behind a disc round its area.
     wanted : array of int, shape (K,)
-        The samples asked for.
+        The samples in question.
     stations : array, shape (S, 3), m, structure frame
     camera : Camera
         Its range counts, its field of view does not.

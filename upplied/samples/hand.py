@@ -131,7 +131,7 @@ def kept_clear(positions: Floats, scene: Scene, clearance_m: float, floor_z: flo
     """The path pushed away from the surface and the ground where it comes too near, smoothly.
 
     Distances change by at most the way flown, so that between two poses a m apart, at distances b
-    and c, nothing comes nearer than (b + c - a) / 2: that is what is kept.
+    and c, nothing comes nearer than (b + c - a) / 2: that bound is used.
 
     Raises
     ------

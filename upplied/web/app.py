@@ -1,6 +1,6 @@
 """The one application of everything that a person opens: fleet, structure, plan, flights, studio.
 
-Pages are those of a report folder, made from the catalog as it stands. Beside them a signed-in person can
+Pages are those of a report folder, built from the catalog as stored. Beside them a signed-in person can
 review, release, reject, export and edit; whoever is not signed in gets the page of the login alone.
 """
 
@@ -72,7 +72,7 @@ class _Web:
         given = await _json(request)
         if not self.login.accepts(given.get("password")):
             await asyncio.sleep(_WRONG_S)
-            return JSONResponse({"refused": "The password is not right."}, 401)
+            return JSONResponse({"refused": "Wrong password."}, 401)
         return self.login.give_cookie(JSONResponse({"token": self.login.token}))
 
     async def asset(self, request: Request) -> Response:

@@ -1,4 +1,4 @@
-"""The pages of a report folder made when they are opened, from what the catalog holds now."""
+"""The pages of a report folder, built from the catalog when they are opened."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def warm() -> None:
 
 
 class LivePages:
-    """What a browser asks for, one request after the other; what was read stays until the catalog changes.
+    """Answers the requests of browsers one by one; what was read is cached until the catalog changes.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class LivePages:
         self._versions: dict[str, int] | None = None
 
     def page(self, room: str, name: str = "") -> str | bytes:
-        """A page, a structure's script or a picture, as it lies in a report folder under this name.
+        """A page, a structure's script or a picture, as a report folder holds it under this name.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What the studio's page asks for: a plan to draw, a change judged, planned again, stored, decided about."""
+"""The requests of the studio's page: draw a plan; judge, plan again, store and decide about a change."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from upplied.records import Ints
 from upplied.web.requests import Decisions, ZoneRequests, place_looked_from, signed
 
 _MOST_BASES = 50  # that were planned again and are held: a page goes back to them
-_MOST_OPEN = 8  # plans; of more, the one that was not asked for longest is closed
+_MOST_OPEN = 8  # plans; of more, the least recently used is closed
 _DIFFERENCES = LABELS["differences"]
 
 
@@ -102,7 +102,7 @@ class Session:
         stage("Checking clearance along the path")
 
     def answer(self, what: str, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The answer to a request of the page; ``refused`` says in words why there is none."""
+        """The answer to a request of the page; ``refused`` is the reason why there is none."""
         answers: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
             "plan": self._plan, "judge": lambda _: self._judged(*self._read(request)),
             "replan": self._replan, "keep": self._keep,
@@ -198,7 +198,7 @@ class Session:
         place = (origin + reach * axis)[0].round(3).tolist() if np.isfinite(reach) else None
         return {"place": place}
 
-    # --- what the answers are made of ----------------------------------------------------------
+    # --- parts of the answers ------------------------------------------------------------------
 
     def _read(self, request: Mapping[str, Any]) -> tuple[Base, Edit, Asked]:
         at = request.get("base", 0)

@@ -78,9 +78,9 @@ def export(
     objections : sequence of Breach, optional
         Rules that the plan is known to break already, for instance that it is superseded.
     keep : callable, optional
-        Told which rules were overruled, before the first file is written.
+        Receives the rules that were overruled, before the first file is written.
     zones : callable, optional
-        What becomes of zones that must be seen, as notes; of the plan itself where there are no sorties.
+        Results of the required zones, as notes; of the plan itself where there are no sorties.
 
     Raises
     ------
@@ -156,9 +156,7 @@ def missions_for(
 
 
 def _waiting(format: str, mission: Mission, options: MissionOptions, interval_s: float) -> Mission:
-    """The mission, hovering before each photo that its file, with rounded speeds, holds and places, asks for
-    before the camera is ready.
-    """
+    """The mission, hovering before each photo that its file, with rounded figures, triggers too early."""
     if mission.photo.sum() < 2:
         return mission
     reading = read_mission(format, encoded(_WRITERS[format][2](mission, options)), mission)

@@ -25,9 +25,9 @@ from upplied.records import Floats, Plan, Structure, SupposedSurface, Surroundin
 
 #: What every mission keeps, by name: why, and what to do where one does not.
 RULES: dict[str, list[str]] = table("missions/rules.toml")
-DRAFT = "DRAFT, NOT RELEASED:"  # what a mission says of itself that nobody released
-CUSTODY = "custody"  # how a note begins that says what the mission can be traced by
-ZONE = "zone"  # how a note begins that says what becomes of a zone that must be seen
+DRAFT = "DRAFT, NOT RELEASED:"  # how the note of a mission begins that nobody released
+CUSTODY = "custody"  # how the note begins that a mission is traced by
+ZONE = "zone"  # how the note about a required zone begins
 _EXACT_M = 0.02  # within which a clearance is known, and a file states a place
 _ROUNDING = 1.02  # of speeds: files round them
 _SOON_S = 1e-3
@@ -43,7 +43,7 @@ class Limits:
     max_acceleration_mps2: float = 4.0  # 22 degrees of tilt, twice what `recommended` plans with
     max_height_m: float | None = None
     least_seen_pct: float = 95.0
-    trigger_s: float = 0.0  # least time between two photos; 0: it is not asked
+    trigger_s: float = 0.0  # least time between two photos; 0: no limit
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def broken_by(plan: Plan, structure: Structure, clearance_m: float) -> list[Brea
 
 
 def limits_of(options: MissionOptions, trigger_s: float = 0.0) -> Limits:
-    """The limits that the person who exports asks for, and the least time between two photos."""
+    """The limits of the options, and the least time between two photos."""
     return Limits(
         trigger_s=trigger_s,
         clearance_m=options.clearance_m,
@@ -141,7 +141,7 @@ def coverage_breaches(share: float, limits: Limits) -> list[Breach]:
 
 
 def overlap_breaches(across: float, required: tuple[float, float] | None) -> list[Breach]:
-    """Whether photos of neighbouring passes overlap less than asked; along, the flight is slowed for it."""
+    """Whether photos of neighbouring passes overlap too little; along a pass the flight is slowed for it."""
     if required is None or not across < required[1] - _OVERLAP:
         return []
     allowed = f"limit {100 * required[1]:g} % (overlap)"
@@ -184,10 +184,7 @@ def notes_of(overruled: Iterable[Breach]) -> list[str]:
 
 
 def written(notes: Iterable[str]) -> list[str]:
-    """Of the notes of a mission, those that its file says where its format has little room for words.
-
-    That nobody released it, what it can be traced by, and what becomes of the zones that must be seen.
-    """
+    """The notes for files with little room for words: draft, traces of custody, and required zones."""
     return [note for note in notes if note.startswith((DRAFT, CUSTODY, ZONE))]
 
 
@@ -216,7 +213,7 @@ def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene
     highest = path[path[:, 2].argmax()]
     if around.ceiling_z_m is not None and highest[2] > around.ceiling_z_m + _EXACT_M:
         yield Breach("ceiling", f"z {highest[2]:.2f} m", f"{around.ceiling_z_m:g} m at most", tuple(highest))
-    # Take-off and landing stand where the person says; what is flown in between stays above the ground.
+    # The person chooses take-off and landing; the legs in between stay above the ground.
     flown = path if len(reading.t_s) else path[1:-1]
     lowest = flown[flown[:, 2].argmin()]
     if around.ground_z_m is not None and lowest[2] < around.ground_z_m - _EXACT_M:

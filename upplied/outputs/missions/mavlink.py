@@ -21,7 +21,7 @@ _MOUNT_BY_ANGLES = 2
 _ZOOM_BY_FIELD_OF_VIEW = 4.0
 _NAN = float("nan")
 _SHORT_S = 0.3  # shorter than this nobody hovers, unless photos are taken
-_SLOWER = 0.03  # that a leg may be flown more slowly before the speed is told again
+_SLOWER = 0.03  # that a leg may be flown more slowly before the speed is commanded again
 #: Commands for the gimbal and the heading come into force when the leg to their waypoint begins.
 FLYING = Flying(
     turning="ahead",

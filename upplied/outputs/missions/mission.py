@@ -1,4 +1,4 @@
-"""How a plan becomes missions: sorties, ways in and out, corners, photos, and the gate."""
+"""How a plan becomes missions: sorties, transit legs, corners, photos, and the gate."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def airspace_of(
 ) -> Airspace:
     """The rules for every leg of a mission round a path (N, 3), m, structure frame.
 
-    The clearance is the one asked for, or that of the plan where it is less: whether such a plan may
+    The clearance is the required one, or that of the plan where it is less: whether such a plan may
     leave is for the gate. The ceiling is the structure's, and the usual one unless the plan is higher.
     """
     scene = scene_for(structure, supposed)
@@ -230,7 +230,7 @@ def _inspection(
 def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) -> dict[str, Any]:
     """Fields of a mission along the way in, the inspection and the way back.
 
-    On the ways the camera keeps its direction and its zoom.
+    On transit legs the camera keeps its direction and its zoom.
     """
     path, inside = cutter.path, slice(sortie.first, sortie.last + 1)
     before, after = (np.full(len(leg), cutter.options.transit_mps) for leg in (sortie.way_in, sortie.way_out))

@@ -18,7 +18,7 @@ SLOWEST_MPS, _FASTEST_MPS = 0.2, 15.0
 
 @dataclass(frozen=True)
 class Sortie:
-    """Waypoints first .. last of an inspection, and the ways (K, 3), m, from above home and back."""
+    """Waypoints first .. last of an inspection, and its transit legs (K, 3), m, from above home and back."""
 
     first: int
     last: int
@@ -35,7 +35,7 @@ class Cutter:
     transits: Transits
     options: MissionOptions
     most: int  # waypoints of one sortie
-    stop_s: Floats  # (N,) that each waypoint costs besides the way
+    stop_s: Floats  # (N,) that each waypoint costs besides its leg
     legs_home: dict[int, Floats | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
