@@ -1,7 +1,7 @@
 """List every string that people read in commands, pages and messages, and how many are new since a revision.
 
 ``python docs/making/words.py [REVISION] [--list]``: texts of two words and more in ``upplied/cli``,
-``upplied/outputs`` (but missions), ``upplied/web`` and ``flows``: messages, help, labels of tables and of scripts.
+``upplied/outputs`` (but missions), ``upplied/web`` and ``flows``: messages, help, labels and scripts.
 """
 
 from __future__ import annotations
