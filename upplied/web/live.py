@@ -63,7 +63,8 @@ class LivePages:
                 site.mapped = sorted(set(self.catalog.findings()["kind"]))
                 site.missions = {pair.name: _missions(pair) for pair in site.pairs}
                 site.decision = Decisions(self.catalog).last
-                self._content, self._thumbnail = lru_cache(64)(site.content), lru_cache(2000)(site.content)
+                self._content = lru_cache(64)(site.content)
+                self._thumbnail = lru_cache(2000)(site.content)
             return (self._thumbnail if room == "thumbnails" else self._content)(room, name)
 
     def mission(self, transfer_id: str, kind: str) -> tuple[str, bytes]:
