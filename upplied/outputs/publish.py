@@ -22,10 +22,10 @@ from upplied.outputs.files import replace_file
 from upplied.outputs.findings_page import MapOf, findings_html
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
-from upplied.outputs.pairs import Pair
+from upplied.outputs.pairs import Pair, fleet_data
 from upplied.outputs.render import export_transfer
 from upplied.outputs.reports import Reader
-from upplied.outputs.site import ENDINGS, TITLE, Site, fleet_data
+from upplied.outputs.site import ENDINGS, TITLE, Site
 from upplied.outputs.structure_page import marks, places
 
 PICTURES = 200  # the default limit: each takes a second

@@ -29,7 +29,7 @@ from upplied.outputs.display import (
 from upplied.outputs.flown import Flights, flown_data, flown_sentence, seen_as_flown
 from upplied.outputs.fly import fly_data
 from upplied.outputs.missions import gate
-from upplied.outputs.missions.reading import planned
+from upplied.outputs.missions.gate import planned
 from upplied.outputs.pair_page import (
     DRAFTED,
     demonstration_data,

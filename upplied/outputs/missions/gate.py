@@ -8,20 +8,20 @@ has room for words.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
+from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.scene import Scene
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.labels import table
 from upplied.outputs.mission_options import DRAFTS, MissionOptions
-from upplied.outputs.missions.reading import Reading, planned
 from upplied.outputs.missions.ways import ground_z_m
 from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.planning.airspace.rules import Airspace, crosses_box
-from upplied.records import Floats, Plan, Structure, SupposedSurface, Surroundings, Trajectory
+from upplied.records import Floats, Plan, Record, Structure, SupposedSurface, Surroundings, Trajectory
 
 #: What every mission keeps, by name: why, and what to do where one does not.
 RULES: dict[str, list[str]] = table("missions/rules.toml")
@@ -32,6 +32,27 @@ _EXACT_M = 0.02  # within which a clearance is known, and a file states a place
 _ROUNDING = 1.02  # of speeds: files round them
 _SOON_S = 1e-3
 _OVERLAP = 0.02  # within which an overlap is known
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reading(Record):
+    """The path of one file, m, structure frame."""
+
+    positions: Floats  # (N, 3) in the order of flight, with take-off, transit and return where it has them
+    speed_mps: Floats  # (N,) of the leg that ends at each; NaN where the file does not say
+    t_s: Floats = field(default_factory=lambda: np.empty(0))  # (N,) where the file is timed, else (0,)
+    fan_start: Floats = field(default_factory=lambda: np.empty((0, 3)))  # (L, 3) lines over the corners that
+    fan_end: Floats = field(default_factory=lambda: np.empty((0, 3)))  # (L, 3) are passed without a stop
+    photo_m: Floats = field(default_factory=lambda: np.empty((0, 3)))  # (K, 3) places of photos
+    photo_s: Floats = field(default_factory=lambda: np.empty(0))  # (K,) their times, where speeds are stated
+    every_s: float = np.inf  # least time between photos by distance
+
+
+def planned(positions: Floats, t_s: Floats) -> Reading:
+    """A path with time stamps, without take-off and return."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speeds = leg_lengths(positions) / np.diff(t_s)
+    return Reading(positions, np.concatenate([[0.0], speeds]), t_s)
 
 
 @dataclass(frozen=True)

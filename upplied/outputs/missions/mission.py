@@ -15,8 +15,8 @@ from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import gate, geodesy
 from upplied.outputs.missions.corners import passing_m
 from upplied.outputs.missions.flying import Flying
+from upplied.outputs.missions.gate import planned
 from upplied.outputs.missions.photos import shots_of
-from upplied.outputs.missions.reading import planned
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.sorties import SLOWEST_MPS, Cutter, Sortie
 from upplied.outputs.missions.thinning import thinned
