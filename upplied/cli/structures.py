@@ -173,10 +173,7 @@ def _others(where: Where) -> Catalog | None:
 def _checked(
     what: StructureEntry | Path, png: Path | None, catalog: Catalog | None = None, clean: bool = False
 ) -> int:
-    """Report on a structure and draw it; 1 if it would be refused.
-
-    Of a manifest, as it is declared there and among those of a catalog; else a mesh or cloud file alone.
-    """
+    """Report on a file, or an entry of a manifest among those of a catalog, and draw it; 1 if refused."""
     from upplied.errors import InputError
     from upplied.fleet.admission import Admission, shape_of
     from upplied.fleet.members import Member

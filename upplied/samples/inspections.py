@@ -196,13 +196,7 @@ def _piers(structure: Structure, scene: Scene, ground_z: float) -> Route:
 
 
 def _figure(pier: Pier, side: float, apart: float) -> Floats:
-    """One loop of the 8: from the crossing midway between the piers round one of them and back.
-
-    Parameters
-    ----------
-    side : {1, -1}
-        1 for the pier at smaller x.
-    """
+    """One loop of the 8, from the crossing round a pier and back; `side` is 1 for the pier at smaller x."""
     half = np.array(pier.half)
     off = float(np.clip(0.5 * apart - half[0] - 2.0, 3.0, 6.0))
     angle = np.linspace(-0.72 * np.pi, 0.72 * np.pi, 80)

@@ -154,9 +154,7 @@ def _placemark(mission: Mission, number: int, stop: range, zooms: dict[int, floa
 
 
 def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]) -> list[dict[str, object]]:
-    """Photos at the waypoint, and turns on the spot; on the leg behind it the gimbal turns evenly to what the
-    next one wants, and photos by distance are taken.
-    """
+    """Turns and photos at the waypoint; even turns of the gimbal and photos by distance on the next leg."""
     actions: list[tuple[str, dict[str, object]]] = []
     for at in stop:
         if at > stop[0]:

@@ -228,10 +228,7 @@ def _inspection(
 
 
 def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) -> dict[str, Any]:
-    """Fields of a mission along the way in, the inspection and the way back.
-
-    On transit legs the camera keeps its direction and its zoom.
-    """
+    """Fields of a mission; on its transit legs the camera keeps its direction and its zoom."""
     path, inside = cutter.path, slice(sortie.first, sortie.last + 1)
     before, after = (np.full(len(leg), cutter.options.transit_mps) for leg in (sortie.way_in, sortie.way_out))
 

@@ -133,10 +133,7 @@ def _zooms_otherwise(path: Trajectory, first: int, last: int) -> Floats:
 
 
 def _strays(path: Trajectory, first: int, last: int, metres: float, degrees: float) -> Floats:
-    """How far the waypoints between two others stray from the straight leg, in units of the tolerances.
-
-    Orientation is compared with a camera that turns evenly along the leg; what others lose is checked after.
-    """
+    """Distance and turn, in units of the tolerances, of the waypoints between two others from an even leg."""
     between = path.positions[first + 1 : last]
     leg = path.positions[last] - path.positions[first]
     along = (between - path.positions[first]) @ leg / max(float(leg @ leg), 1e-12)
