@@ -223,5 +223,7 @@ def test_quiet_says_nothing_and_json_is_still_told(planned, capsys):
     assert capsys.readouterr().out == ""
     assert main(["catalog", "info", "--json", "--quiet"]) == 0
     assert json.loads(capsys.readouterr().out)
+    assert main(["demonstrations", "show", "cube-sides-v1", "--json", "--quiet"]) == 0
+    assert isinstance(json.loads(capsys.readouterr().out), dict)
     assert main(["catalog", "info"]) == 0
     assert "structures" in capsys.readouterr().out

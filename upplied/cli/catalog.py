@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
-from upplied.cli.terminal import HERE, PRINTED, Results, Where, console, errors, rows_of, say
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, rows_of, say
 from upplied.outputs.labels import LABELS
 
 app = App(name="catalog", help="Inspect, check, export and maintain the catalog.")
@@ -148,7 +148,7 @@ def verify(*, head: HeadOption = (), results: Results = PRINTED) -> int:
     for finding in faults:
         say(finding)
     remedy = "take the damaged files from a backup"
-    console.print(f"{len(faults)} finding(s): {remedy}" if faults else "no fault found")
+    say(f"{len(faults)} finding(s): {remedy}" if faults else "no fault found")
     return int(bool(faults))
 
 
@@ -190,10 +190,8 @@ def vacuum(*, keep_days: DaysOption = 30.0, where: Where = HERE) -> int:
         done = clean(where.opened(), keep_days)
     _counted("files removed", done.files_removed)
     _counted("rows of stopped writers removed", done.orphan_commits)
-    console.print(
-        f"{done.surfaces_removed} unused surfaces and {done.drafts_removed} unfinished exports removed"
-    )
-    console.print(f"{done.cache_bytes_freed} bytes of cache freed")
+    say(f"{done.surfaces_removed} unused surfaces and {done.drafts_removed} unfinished exports removed")
+    say(f"{done.cache_bytes_freed} bytes of cache freed")
     return 0
 
 

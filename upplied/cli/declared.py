@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from upplied.cli.options import ByOption, KindOption, NoteOption, OwnerArgument, StructureArgument
-from upplied.cli.terminal import HERE, PRINTED, Results, Where, console, errors, plain
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, plain, say
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
@@ -51,7 +51,7 @@ def set_(
         for stage, names in changes((text,)).items():
             pairs |= {f"{stage}.{name}": value for name, value in names.items()}
     where.opened().set("kind" if kind else "structure", owner, pairs, by, note)
-    console.print(f"{owner}: {len(pairs)} set", markup=False)
+    say(f"{owner}: {len(pairs)} set")
     where.next_step("plan --dry-run", "show the plans that change")
     return 0
 
@@ -108,7 +108,7 @@ def require(
     name, store = str(document.get("name", file.stem)), where.opened()
     zones = _with_labels(store, zones, document.get("labels"), file, "" if kind else owner)
     store.require("kind" if kind else "structure", owner, name, zones, by, note)
-    console.print(f"{owner}: {name} requires {len(zones)} zone(s)", markup=False)
+    say(f"{owner}: {name} requires {len(zones)} zone(s)")
     where.next_step(f"zones {'STRUCTURE' if kind else owner}", "show whether each is covered")
     return 0
 
@@ -171,5 +171,5 @@ def _mesh(store: Catalog, structure_id: str, path: Path) -> int:
 
     structure = store.structure(structure_id)
     replace_file(path, ply_bytes(structure.vertices, structure.triangles, structure.normals))
-    console.print(f"{path}: {len(structure.triangles)} faces", markup=False)
+    say(f"{path}: {len(structure.triangles)} faces")
     return 0

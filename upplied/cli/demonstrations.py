@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 import json as text
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
 from upplied.cli.options import AllowOption, RuleOption, StrictOption, WorkersOption
-from upplied.cli.terminal import (
-    HERE,
-    PRINTED,
-    Results,
-    Where,
-    console,
-    ingested_report,
-    progress,
-    rows_of,
-    say,
-)
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, ingested_report, progress, rows_of, say
 from upplied.outputs.labels import LABELS
 
 app = App(name="demonstrations", help="The demonstrations of the catalog.")
@@ -117,10 +108,10 @@ def show_(demonstration: str, /, *, results: Results = PRINTED) -> int:
 
     passport: Any = results.opened().demonstration(demonstration).passport
     if results.json:
-        console.print_json(text.dumps(passport))
+        sys.stdout.write(text.dumps(passport, indent=2) + "\n")
         return 0
     if not passport:
-        console.print(f"{demonstration}: imported without checks; import its log again")
+        say(f"{demonstration}: imported without checks; import its log again")
         return 0
     rows = [{"measured": words, "value": value} for words, value in rows_of(passport)]
     results.show(f"{demonstration}: {passport['verdict']}", rows)
@@ -139,5 +130,5 @@ def retire(*demonstrations: str, where: Where = HERE) -> int:
         IDs of the demonstrations.
     """
     count = where.opened().retire_demonstrations(demonstrations)
-    console.print(f"{count} retired, {len(demonstrations) - count} were already")
+    say(f"{count} retired, {len(demonstrations) - count} were already")
     return 0

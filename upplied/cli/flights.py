@@ -8,18 +8,7 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from upplied.cli.options import ByOption, FlightArgument
-from upplied.cli.terminal import (
-    HERE,
-    ID_DIGITS,
-    PRINTED,
-    Results,
-    Where,
-    console,
-    errors,
-    plain,
-    rows_of,
-    say,
-)
+from upplied.cli.terminal import HERE, ID_DIGITS, PRINTED, Results, Where, errors, plain, rows_of, say
 from upplied.outputs.labels import LABELS
 
 app = App(name="flights", help="Import flights of plans, compare them, and plan what they missed.")
@@ -96,7 +85,7 @@ def gap(flight: FlightArgument, /, *, where: Where = HERE) -> int:
     first, *more = store.plan(plan).warnings
     for line in (f"{plan}: {first}", *more):
         say(line)
-    console.print(f"{row['duration_s']:.0f} s, clearance {row['min_clearance_m']:.2f} m")
+    say(f"{row['duration_s']:.0f} s, clearance {row['min_clearance_m']:.2f} m")
     where.next_step(f"release {plan} --by NAME", "put it in force")
     return 0
 
@@ -146,7 +135,7 @@ def promote(
     from upplied.fleet.promoting import promote_flight
 
     outcome = promote_flight(where.opened(), flight, by, name, force)
-    console.print(f"{outcome.demonstration_id}: a demonstration of {outcome.structure_id}", markup=False)
+    say(f"{outcome.demonstration_id}: a demonstration of {outcome.structure_id}")
     where.next_step("plan --dry-run", "show the resulting plans")
     return 0
 

@@ -8,18 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from upplied.cli.options import ByOption, NoteOption, PlanArgument
-from upplied.cli.terminal import (
-    HERE,
-    PRINTED,
-    Results,
-    Where,
-    beside,
-    compared,
-    complain,
-    console,
-    errors,
-    say,
-)
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, beside, compared, complain, errors, say
 from upplied.outputs.labels import LABELS
 
 ForceOption = Annotated[
@@ -127,6 +116,6 @@ def edit(
     row = store.transfer(outcome)
     say(f"{outcome}: {store.plan(outcome).warnings[0]}")
     shown, clearance = row["coverage_inspected_pct"], row["min_clearance_m"]
-    console.print(f"inspected {'?' if shown is None else f'{shown:.1f}'} %, clearance {clearance:.2f} m")
+    say(f"inspected {'?' if shown is None else f'{shown:.1f}'} %, clearance {clearance:.2f} m")
     where.next_step(f"review {outcome}", "compare it with the one in force")
     return int(not row["flyable"])

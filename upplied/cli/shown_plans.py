@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from upplied.cli.terminal import Results, console, say
+from upplied.cli.terminal import Results, say
 from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:
@@ -66,6 +66,6 @@ def show_decision(decision: Decision, results: Results) -> None:
     if results.json:
         return
     if len(pairs) > most:
-        console.print(f"... and {len(pairs) - most} more; --json lists them all")
+        say(f"... and {len(pairs) - most} more; --json lists them all")
     for why, count in {**decision.reasons, "unchanged": decision.unchanged}.items():
-        console.print(f"{count:6d}  {why}")
+        say(f"{count:6d}  {why}")

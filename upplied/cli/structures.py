@@ -14,7 +14,6 @@ from upplied.cli.terminal import (
     Results,
     Where,
     complain,
-    console,
     errors,
     ingested_report,
     progress,
@@ -219,7 +218,7 @@ def _cleaned(structure: Structure, png: Path) -> None:
 
     separation = separated(structure)
     if not separation.texts:
-        console.print("  clean       nothing to separate: the whole mesh is the structure", soft_wrap=True)
+        say("  clean       nothing to separate: the whole mesh is the structure")
         return
     stem = png.stem.removesuffix("-check") + "-clean"
     mesh, picture = png.with_name(f"{stem}.ply"), png.with_name(f"{stem}.png")
@@ -228,7 +227,7 @@ def _cleaned(structure: Structure, png: Path) -> None:
     replace_file(mesh, ply_bytes(vertices, triangles, normals))
     replace_file(picture, separation_png(structure, separation.label, CLASSES, left))
     words = "; ".join(separation.texts)
-    console.print(f"  separated   {words}; {separation.area_m2[0]:.1f} m² are left", soft_wrap=True)
+    say(f"  separated   {words}; {separation.area_m2[0]:.1f} m² are left")
     ground = "" if separation.ground_z_m is None else f", ground_z = {separation.ground_z_m:.2f}"
     declare = f"units = 'm', up = 'z', forward = 'x'{ground}"
     say(f"  cleaned     {mesh}: declare {declare}")

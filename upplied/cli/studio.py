@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from upplied.cli.terminal import HERE, Where, complain, console
+from upplied.cli.terminal import HERE, Where, complain, say
 from upplied.extras import extra
 
 PortOption = Annotated[int, Parameter(help="Port on this machine; 0 takes any free one.")]
@@ -36,8 +36,8 @@ def studio(
         complain(f"error: port {port}: {error}. Choose another: --port 0")
         return 2
     address = server.address(page)
-    console.print(f"Open {address}", markup=False, soft_wrap=True, highlight=False)
-    console.print("Ctrl-C stops it. Anyone with this address can edit and release plans.")
+    say(f"Open {address}")
+    say("Ctrl-C stops it. Anyone with this address can edit and release plans.")
     if open_:
         webbrowser.open(address)
     server.run()

@@ -10,7 +10,7 @@ from upplied.cli.choices import Choices
 from upplied.cli.options import WorkersOption
 from upplied.cli.recommend import best as best_for
 from upplied.cli.shown_plans import current, show_decision, show_plans
-from upplied.cli.terminal import PRINTED, Results, Where, complain, console, errors, progress, say
+from upplied.cli.terminal import PRINTED, Results, Where, complain, errors, progress, say
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
@@ -143,7 +143,7 @@ def plan(
     for structure in checked:
         (complain if structure.troubled else say)(structure)
     result = run(catalog, decision, workers, timeout)
-    console.print(f"{result}, {decision.unchanged} unchanged")
+    say(f"{result}, {decision.unchanged} unchanged")
     results.next_step("report", "publish the plans as pages")
     return int(result.ok < result.total or any(structure.troubled for structure in checked))
 

@@ -49,7 +49,7 @@ def in_sight(cloud: Cloud, wanted: Ints, stations: Floats, camera: Camera) -> Bo
 
 
 def _discs(points: Floats, normals: Floats, area_m2: Floats) -> tuple[Floats, Ints, Floats]:
-    """Discs as rows of centre, normal and squared radius; the start of each bunch; a ball round each bunch."""
+    """Discs as rows of centre, normal and squared radius; the start of each bunch, and a ball round it."""
     low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0).max(), 1e-9)
     cell = ((points - low) / size * (_CELLS - 1e-6)).astype(np.int64) @ np.array([_CELLS**2, _CELLS, 1])
     order = np.argsort(cell, kind="stable")
