@@ -15,7 +15,7 @@ from upplied.catalog import Catalog
 from upplied.config import CloudSettings, settings_for
 from upplied.errors import CatalogError
 from upplied.findings.queries import kind_map
-from upplied.geometry.scene import scene_of
+from upplied.geometry.scene import Scene
 from upplied.outputs.missions import FORMATS
 from upplied.outputs.pairs import Pair
 from upplied.outputs.publish import PAGES
@@ -31,7 +31,7 @@ def warm() -> None:
     """Load what the first page of a plan needs, the ray caster and compiled functions, on one triangle."""
     corners = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
     structure = Structure("warm", "warm", corners, np.array([[0, 1, 2]]))
-    scene, still = scene_of(structure), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
+    scene, still = Scene(corners, structure.triangles), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
     path, front = Trajectory(np.arange(2.0), np.zeros((2, 3)), still), np.array([[-1.0, 0.0, 0.0]])
     pictured(path, Cloud(corners[:1], front), Camera(), scene, settings_for("recommended").inspection)
     surface_samples(structure, scene, CloudSettings(surface_samples=100))  # for the roadmap of transit legs
