@@ -51,8 +51,8 @@ def main() -> None:
     print(f"{'variant':24}{'ok':>4}" + "".join(f"{title:>15}" for title, _ in _SHOWN) + f"{'CPU s':>8}")
     for name, settings in without_terms() if options.terms else variants(options.add):
         began = time.process_time()
-        found = [_measures(row, settings, memo) for row, memo in zip(rows, memos, strict=True)]
-        _print(name, [one for one in found if one is not None], time.process_time() - began)
+        results = [_measures(row, settings, memo) for row, memo in zip(rows, memos, strict=True)]
+        _print(name, [one for one in results if one is not None], time.process_time() - began)
 
 
 def variants(add: bool) -> Iterator[tuple[str, Settings]]:
@@ -88,10 +88,10 @@ def _measures(row: Transfer, settings: Settings, memo: Remembered) -> Measures |
     return plan.measures if plan.status == "ok" else None
 
 
-def _print(name: str, found: list[Measures], cpu_s: float) -> None:
-    line = f"{name:24}{len(found):4}"
+def _print(name: str, results: list[Measures], cpu_s: float) -> None:
+    line = f"{name:24}{len(results):4}"
     for _, field in _SHOWN:
-        values = np.array([getattr(one, field) for one in found])
+        values = np.array([getattr(one, field) for one in results])
         mean = values[np.isfinite(values)].mean() if np.isfinite(values).any() else np.nan
         line += f"{mean:15.2f}"
     print(f"{line}{cpu_s:8.1f}", flush=True)

@@ -95,8 +95,10 @@ def _judged(
             ((one, other), (other, one)) if both else ((one, other) if (one + other) % 2 else (other, one),)
         )
         for source, target in ways:
-            found = fitted(clouds[source], clouds[target], gate)
-            rows.append((source, target, truth_of(structures[source], structures[target]), found.acceptance))
+            registration = fitted(clouds[source], clouds[target], gate)
+            rows.append(
+                (source, target, truth_of(structures[source], structures[target]), registration.acceptance)
+            )
     return rows
 
 
@@ -114,7 +116,7 @@ def truth_of(one: Structure, other: Structure) -> str:
 def _print_table(rows: list[tuple[int, int, str, float]], gate: float) -> None:
     print(f"{'truth':24}{'pairs':>8}{'accepted':>10}{'refused':>9}{'accepted %':>12}")
     for truth in _TRUTHS:
-        values = np.array([value for _, _, said, value in rows if said == truth])
+        values = np.array([value for _, _, label, value in rows if label == truth])
         accepted = int((values < gate).sum())
         share = 100 * accepted / max(len(values), 1)
         print(f"{truth:24}{len(values):8d}{accepted:10d}{len(values) - accepted:9d}{share:12.1f}")
@@ -124,23 +126,23 @@ def _print_halves(structures: list[Structure], rows: list[tuple[int, int, str, f
     """Gates that let few cross pairs of some structures through, and what they do on the others."""
     source, target = np.array([row[:2] for row in rows]).T
     truth, value = np.array([row[2] for row in rows]), np.array([row[3] for row in rows])
-    rng, found = np.random.default_rng(0), []
+    rng, rows_drawn = np.random.default_rng(0), []
     for _ in range(_HALVES):
         half = rng.random(len(structures)) < 0.5
         mine, theirs = half[source] & half[target], ~half[source] & ~half[target]
         if (
             min(
-                np.count_nonzero(part & (truth == said))
+                np.count_nonzero(part & (truth == label))
                 for part in (mine, theirs)
-                for said in ("same", "cross")
+                for label in ("same", "cross")
             )
             < 8
         ):
             continue
         gate = np.quantile(value[mine & (truth == "cross")], _LET_THROUGH)
-        shares = [100 * np.mean(value[theirs & (truth == said)] < gate) for said in ("same", "cross")]
-        found.append((gate, *shares))
-    gates = np.array(found)
+        shares = [100 * np.mean(value[theirs & (truth == label)] < gate) for label in ("same", "cross")]
+        rows_drawn.append((gate, *shares))
+    gates = np.array(rows_drawn)
     print(
         f"calibrated on half of the structures, {len(gates)} times: gate {gates[:, 0].mean():.2f} "
         f"(+- {gates[:, 0].std():.2f}); on the other half {gates[:, 1].mean():.1f} % of the same "
@@ -158,10 +160,10 @@ def _left_out(source: np.ndarray, target: np.ndarray, truth: np.ndarray, value: 
     for one in np.unique(np.concatenate([source, target])):
         its = (source == one) | (target == one)
         gate = np.quantile(value[~its & (truth == "cross")], _LET_THROUGH)
-        for column, said in enumerate(("same", "cross")):
-            found = value[its & (truth == said)]
-            accepted[column] += np.count_nonzero(found < gate)
-            judged[column] += len(found)
+        for column, label in enumerate(("same", "cross")):
+            values_of = value[its & (truth == label)]
+            accepted[column] += np.count_nonzero(values_of < gate)
+            judged[column] += len(values_of)
     return (100 * accepted / np.maximum(judged, 1)).tolist()
 
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from as_built_cases import area_of, side, sort
-from scans import VARIANTS, made, scan, true_parts
+from scans import VARIANTS, member_of, scan, true_parts
 from scipy.optimize import minimize
 
 from upplied.config import settings_for
@@ -84,9 +84,9 @@ def rows_of(
     here, registered = fit.source, fit.registered
     true_here = true_parts(kind, names[0], here.points)
     true_there = true_parts(kind, names[1], fit.target.points)
-    told = fit.inferred >= 0
+    inferred = fit.inferred >= 0
     mine, theirs = parts_of(here), parts_of(registered)
-    common = {"kind": kind, "source": names[0], "target": names[1], "variant": variant, "told": told}
+    common = {"kind": kind, "source": names[0], "target": names[1], "variant": variant, "told": inferred}
     counts = [sorts(kind, name) for name in names]
     wholes, carried = fit.registration.scanned, fit.carried
     if carried is None:
@@ -99,24 +99,24 @@ def rows_of(
         meant = _most(true_here[labels_of(here) == part])
         strict = counts[0].get(sort(meant)) == counts[1].get(sort(meant)) and not free(meant)
         right = _right(np.isin(labels_of(registered), answers), true_there, area, meant, strict)
-        found = evidence_of_counterpart(here, [part], registered, answers, wholes, told, carried)
-        yield {**common, "part": meant, "question": "answer", "right": right, "evidence": found.tolist()}
+        evidence = evidence_of_counterpart(here, [part], registered, answers, wholes, inferred, carried)
+        yield {**common, "part": meant, "question": "answer", "right": right, "evidence": evidence.tolist()}
         alike = choices_for(mine, part, theirs, answers).tolist()
         for choice in dict.fromkeys([*alike, _BODY]):  # what is of no such size is no other one either
             if choice not in answers and len(answers) == 1:
                 right = _right(labels_of(registered) == choice, true_there, area, meant)
-                found = evidence_of_same_kind(registered, answers[0], choice, wholes, told)
+                evidence = evidence_of_same_kind(registered, answers[0], choice, wholes, inferred)
                 yield {
                     **common,
                     "part": meant,
                     "question": "other",
                     "right": right,
-                    "evidence": found.tolist(),
+                    "evidence": evidence.tolist(),
                 }
 
 
 def sorts(kind: str, name: str) -> dict[str, int]:
-    names = made(kind, name).part_names
+    names = member_of(kind, name).part_names
     return {sort(each): sum(sort(other) == sort(each) for other in names) for each in names}
 
 
@@ -184,8 +184,8 @@ def _calibrated(evidence: Floats, right: Bools) -> Floats:
         return float(np.logaddexp(0, -margin).sum() + RIDGE * (values[1:] ** 2).sum())
 
     start = np.ones(1 + len(CAPS))
-    found = minimize(loss, start, bounds=[(None, None), *[(0, None)] * len(CAPS)], method="L-BFGS-B").x
-    return np.asarray(found / np.array([1.0, *CAPS]))
+    weights = minimize(loss, start, bounds=[(None, None), *[(0, None)] * len(CAPS)], method="L-BFGS-B").x
+    return np.asarray(weights / np.array([1.0, *CAPS]))
 
 
 def _probability(evidence: Floats, model: Floats) -> Floats:

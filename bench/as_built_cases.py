@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from scans import made, scan, true_parts
+from scans import member_of, scan, true_parts
 from scipy.spatial import cKDTree
 
 from upplied.config import settings_for
@@ -59,16 +59,16 @@ class Case:
     def right(self, kind: str, target: str) -> list[str]:
         """The names of the target's parts that are meant; of a real mesh, those that `learn` was told."""
         if "/" in target:
-            return _LEARNED.get((target, self.inspection, self.said), ([], 1.0))[0]
+            return _LEARNED.get((target, self.inspection, self.label), ([], 1.0))[0]
         names = [
             name
-            for name in made(kind, target).part_names
+            for name in member_of(kind, target).part_names
             if sort(name) == self.sort and (not self.side or side(name) == self.side)
         ]
         return [name for name in names if self.place in name] or names
 
     @property
-    def said(self) -> str:
+    def label(self) -> str:
         """What is asked, in words."""
         return str(self.asked or "once")
 
@@ -106,7 +106,7 @@ def learn(kind: str, case: Case, target: str, takes: Sequence[Take]) -> None:
         areas = np.append(areas, area[main][known])
     each = np.unique(names)
     right = [str(name) for name in each if areas[names == name].sum() * len(takes) >= _ANSWERS * areas.sum()]
-    key = target, case.inspection, case.said
+    key = target, case.inspection, case.label
     _LEARNED[key] = right, 1.0
     _LEARNED[key] = right, max(truth(kind, case, target, "model", takes)["reach"], 1e-9)
 
@@ -114,13 +114,13 @@ def learn(kind: str, case: Case, target: str, takes: Sequence[Take]) -> None:
 @cache
 def flown(kind: str, inspection: str) -> Demonstration:
     """The flight of a case, round the source of its kind."""
-    return fly(made(kind, SOURCE[kind]).structure, inspection, seed=2)
+    return fly(member_of(kind, SOURCE[kind]).structure, inspection, seed=2)
 
 
 @cache
 def clean_cloud(kind: str, target: str) -> Cloud:
     """Samples of the structure as it was modelled."""
-    whole = made(kind, target).structure
+    whole = member_of(kind, target).structure
     return surface_samples(whole, scene_of(whole, 1), settings_for("recommended").clouds)
 
 
@@ -154,14 +154,14 @@ def _scanned(kind: str, target: str, variant: str) -> Bools:
         return np.ones(len(cloud), bool)
     corners = there.vertices[there.triangles].mean(axis=1) if len(there.triangles) else there.vertices
     points = np.vstack([corners, there.vertices[np.unique(there.triangles)]])
-    near = max(2 * spacing(cloud), _THERE * made(kind, target).structure.diagonal_m)
+    near = max(2 * spacing(cloud), _THERE * member_of(kind, target).structure.diagonal_m)
     return np.asarray(cKDTree(points).query(cloud.points)[0] < near, bool)
 
 
 def truth(kind: str, case: Case, target: str, variant: str, takes: Sequence[Take]) -> dict[str, Any]:
     """Share of what corresponds that is on a right part, and how much of each right part that reaches."""
     on_right, counted, reached, shown = 0.0, 0.0, np.empty((0, 3)), 1.0
-    usual = _LEARNED.get((target, case.inspection, case.said), ([], 1.0))[1]
+    usual = _LEARNED.get((target, case.inspection, case.label), ([], 1.0))[1]
     for take in takes:
         fit, (main, area) = take.pair.surface, _meant(kind, case, take)
         name = true_parts(kind, SOURCE[kind], fit.source.points)

@@ -93,11 +93,11 @@ def real(options: argparse.Namespace) -> None:
             for target, case in itertools.product(real_names(kind), range(len(CASES[kind]))):
                 for variant in dict.fromkeys(("model", *variants)):
                     row = _row(kind, CASES[kind][case], target, variant, memo)
-                    told = variant != "model" or row["status"] == "ok"
+                    labelled = variant != "model" or row["status"] == "ok"
                     name = (kind, SOURCE[kind], target, variant, case)
-                    file.write(json.dumps({"case": name, "untold": not told, **row}) + "\n")
+                    file.write(json.dumps({"case": name, "untold": not labelled, **row}) + "\n")
                     file.flush()
-                    if not told:
+                    if not labelled:
                         break
             memo.prune()
 
@@ -163,7 +163,7 @@ def _row(
     known = plan.measures.counterpart_probability
     return {
         "inspection": case.inspection,
-        "asked": case.said,
+        "asked": case.label,
         "present": present(kind, case, target, variant),
         "status": "warned" if plan.status == "ok" and named else plan.status,
         "reason": plan.reason or "; ".join(plan.warnings),
@@ -223,8 +223,8 @@ def judge(options: argparse.Namespace) -> None:
         print("TAKEN", *row["case"], row["asked"], f"forecast {row['forecast']:.2f}")
     for row in rows:
         if is_silent(row):
-            said = f"right {row['right']:.2f} reach {row['reach']:.2f} sure {row['sure']}"
-            print("SILENT", *row["case"], row["inspection"], row["asked"], said, row["flown"])
+            text = f"right {row['right']:.2f} reach {row['reach']:.2f} sure {row['sure']}"
+            print("SILENT", *row["case"], row["inspection"], row["asked"], text, row["flown"])
 
 
 def _print_said(rows: Sequence[dict[str, Any]]) -> None:
@@ -233,10 +233,10 @@ def _print_said(rows: Sequence[dict[str, Any]]) -> None:
     for low, high in itertools.pairwise(_SURE):
         some = [row for row in known if low <= row["sure"] < high]
         if some:
-            said = 100 * np.mean([row["sure"] for row in some])
+            sure_pct = 100 * np.mean([row["sure"] for row in some])
             right = 100 * np.mean([row["right"] >= RIGHT for row in some])
             print(f"said {100 * low:3.0f} to {min(100 * high, 100):3.0f} %: {len(some):4} decisions, "
-                  f"said {said:5.1f}, right {right:5.1f}")  # fmt: skip
+                  f"said {sure_pct:5.1f}, right {right:5.1f}")  # fmt: skip
 
 
 def _curve(rows: Sequence[dict[str, Any]]) -> str:
@@ -246,9 +246,9 @@ def _curve(rows: Sequence[dict[str, Any]]) -> str:
     for low, high in itertools.pairwise(_SURE):
         some = [row for row in known if low <= row["sure"] < high]
         if some:
-            said = float(np.mean([row["sure"] for row in some]))
+            sure = float(np.mean([row["sure"] for row in some]))
             right = float(np.mean([row["right"] >= RIGHT for row in some]))
-            x, y = 40 + 300 * said, 320 - 300 * right
+            x, y = 40 + 300 * sure, 320 - 300 * right
             dots.append(
                 f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{3 + len(some) ** 0.4:.1f}"/>'
                 f'<text x="{x:.1f}" y="{y + 20 + 13 * (len(dots) % 3):.1f}">{len(some)}</text>'

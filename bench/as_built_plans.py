@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 from as_built_cases import CASES, RIGHT, SOURCE, Case, area_of, clean_cloud, flown, learn
 from as_built_decisions import Kept, targets_of
-from scans import DIVIDED, made, real_names, scan, surface_seen, true_parts
+from scans import DIVIDED, member_of, real_names, scan, surface_seen, true_parts
 from scipy.spatial import cKDTree
 
 from upplied.config import settings_for
@@ -76,14 +76,14 @@ def plans(options: argparse.Namespace) -> None:
 def _learn(kind: str, case: Case, target: str, memo: Kept) -> None:
     """Take for right what is decided, without a doubt, for a real mesh as modelled."""
     settings = settings_for("recommended", correspondence=case.asked)
-    demonstration, source = flown(kind, case.inspection), made(kind, SOURCE[kind]).structure
-    plan, takes = decided(demonstration, source, made(kind, target).structure, settings, memo)
+    demonstration, source = flown(kind, case.inspection), member_of(kind, SOURCE[kind]).structure
+    plan, takes = decided(demonstration, source, member_of(kind, target).structure, settings, memo)
     if takes and plan.status == "ok" and not _named(plan):
         learn(kind, case, target, takes)
 
 
 def _row(kind: str, case: Case, target: str, variant: str, memo: Kept) -> dict[str, Any]:
-    source, there = made(kind, SOURCE[kind]).structure, scan(kind, target, variant)
+    source, there = member_of(kind, SOURCE[kind]).structure, scan(kind, target, variant)
     demonstration = flown(kind, case.inspection)
     start = time.process_time()
     plan = plan_transfer(
@@ -92,7 +92,7 @@ def _row(kind: str, case: Case, target: str, variant: str, memo: Kept) -> dict[s
     took = time.process_time() - start
     row = {
         "inspection": case.inspection,
-        "asked": case.said,
+        "asked": case.label,
         "status": "warned" if plan.status == "ok" and _named(plan) else plan.status,
         "reason": plan.reason or "; ".join(plan.warnings),
         "cpu_s": took,
@@ -110,7 +110,7 @@ def _judged(plan: Plan, path: Trajectory, kind: str, case: Case, target: str, va
     """What of the right part, where it is known, is seen of the clean mesh (the least of several), and the
     clearance there.
     """
-    scene, cloud = scene_of(made(kind, target).structure, 1), clean_cloud(kind, target)
+    scene, cloud = scene_of(member_of(kind, target).structure, 1), clean_cloud(kind, target)
     seen = views(path, cloud, Camera(), TRULY, scene).seen.any(axis=0)
     name, area = true_parts(kind, target, cloud.points), area_of(cloud)
     shares = [
@@ -131,9 +131,9 @@ def _kept_of_scanned(path: Trajectory, kind: str, target: str, variant: str) -> 
     """Clearance of a path on the clean mesh, m, where the surface that is nearest was scanned."""
     steps = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
-    asked = np.arange(0, along[-1] + _STEP_M, _STEP_M)
-    at = np.column_stack([np.interp(asked, along, axis) for axis in path.positions.T])
-    near, _ = scene_of(made(kind, target).structure, 1).closest(at)
+    distances = np.arange(0, along[-1] + _STEP_M, _STEP_M)
+    at = np.column_stack([np.interp(distances, along, axis) for axis in path.positions.T])
+    near, _ = scene_of(member_of(kind, target).structure, 1).closest(at)
     if variant != "model":
         known = _was_scanned(kind, target, variant, near)
         at, near = at[known], near[known]
@@ -149,7 +149,7 @@ def places(options: argparse.Namespace) -> None:
     for kind, target, variant in _real_targets(options) if options.real else targets_of(options):
         if variant == "model":
             continue
-        there, clean = scan(kind, target, variant), scene_of(made(kind, target).structure, 1)
+        there, clean = scan(kind, target, variant), scene_of(member_of(kind, target).structure, 1)
         scene, at = scene_of(there, 1), _places(kind, target)
         away, (foot, _) = clean.distance(at), clean.closest(at)
         known = _was_scanned(kind, target, variant, foot)
@@ -158,8 +158,8 @@ def places(options: argparse.Namespace) -> None:
         off = scene.error_m - spare[promised[known] > 0]  # how much nearer than without an error
         few, else_, largest = (spare < -_TOLERANCE_M).sum(), (off > _TOLERANCE_M).sum(), max(off.max(), 0.0)
         size = len(there.triangles) or len(there.vertices)
-        said = f"{kind + ' ' + target:36}{variant:8}{size:8}{scene.error_m:10.3f}{largest:12.3f}{len(at):8}"
-        print(f"{said}{(~known).sum():11}{few:8}{else_:13}{spare.min():10.3f}", flush=True)
+        line = f"{kind + ' ' + target:36}{variant:8}{size:8}{scene.error_m:10.3f}{largest:12.3f}{len(at):8}"
+        print(f"{line}{(~known).sum():11}{few:8}{else_:13}{spare.min():10.3f}", flush=True)
         kept, asked = kept + (few == 0), asked + 1
         nearer, counted = nearer + few, counted + len(spare)
         errors.append((scene.error_m, largest))
@@ -198,7 +198,10 @@ def _was_scanned(kind: str, target: str, variant: str, points: Floats) -> Bools:
 def _places(kind: str, target: str) -> Floats:
     """Places before the clean surface, 1 to 4 m off it, that see the sky."""
     cloud, rng = clean_cloud(kind, target), np.random.default_rng(0)
-    scene, reach = scene_of(made(kind, target).structure, 1), 2 * made(kind, target).structure.diagonal_m
+    scene, reach = (
+        scene_of(member_of(kind, target).structure, 1),
+        2 * member_of(kind, target).structure.diagonal_m,
+    )
     assert cloud.normals is not None
     at = cloud.points + rng.uniform(1, 4, (len(cloud), 1)) * cloud.normals
     return at[~scene.occluded(at, at + reach * cloud.normals, slack=0.0)]

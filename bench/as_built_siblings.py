@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from as_built_cases import SOURCE
-from scans import made, real_names, scan
+from scans import member_of, real_names, scan
 
 from upplied.config import settings_for
 from upplied.planning.correspondence.siblings import nearest_in_proportions
@@ -38,7 +38,7 @@ def pool(kind: str, but: str, sorts: str) -> list[str]:
 
 def nearest_of(whole: Structure, names: Sequence[str], kind: str) -> list[Structure]:
     """Those of a pool that the fleet would ask about a scan: the nearest in proportions."""
-    some = {one.structure_id: one for one in (made(kind, name).structure for name in names)}
+    some = {one.structure_id: one for one in (member_of(kind, name).structure for name in names)}
     if not some:
         return []
     sizes = np.array([np.ptp(one.vertices, axis=0) for one in some.values()])

@@ -21,6 +21,7 @@ from functools import cache
 
 import numpy as np
 from attention_changes import Row, Truth, changed
+from random_members import random_member
 from real_data import real_folder, real_structure
 
 from upplied.config import CloudSettings, InspectionSettings
@@ -33,7 +34,7 @@ from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import TRULY, stations_at, views
 from upplied.records import Bools, Cloud, Demonstration, Structure
 from upplied.samples.airframe import airframe, left_nacelle
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 from upplied.samples.plan_view import tower_of
 from upplied.samples.surfaces import Member
@@ -96,14 +97,14 @@ class Found:
 def rows(random: int, real: bool) -> Iterator[Row]:
     """The flights that are judged; those that a structure has no room for are left out."""
     for name, inspection in SAMPLES:
-        made = member(name)
-        yield _row(name, inspection, made.structure, _by_name(made, inspection))
+        sample = member(name)
+        yield _row(name, inspection, sample.structure, _by_name(sample, inspection))
     for kind, flights in FLIGHTS.items():
         for seed in range(100, 100 + random):
-            made = random_member(kind, seed)
+            sample = random_member(kind, seed)
             for inspection in flights:
                 try:
-                    yield _row(f"{kind} {seed}", inspection, made.structure, _by_name(made, inspection))
+                    yield _row(f"{kind} {seed}", inspection, sample.structure, _by_name(sample, inspection))
                 except UppliedError as error:
                     print(f"left out: {kind} {seed} {inspection}: {error}")
     folder = real_folder()
@@ -121,12 +122,12 @@ def _row(title: str, inspection: str, structure: Structure, truth: Truth) -> Row
     return Row(f"{title} {inspection}", inspection, structure, fly(structure, inspection, seed=5), truth)
 
 
-def _by_name(made: Member, inspection: str) -> Truth:
+def _by_name(sample: Member, inspection: str) -> Truth:
     strict, attached = INTENDED[inspection]
 
     def truth(cloud: Cloud) -> tuple[Bools, Bools]:
-        triangle = scene_of(made.structure).closest(cloud.points)[1]
-        names = np.array(made.part_names)[made.part_of_triangle[triangle]]
+        triangle = scene_of(sample.structure).closest(cloud.points)[1]
+        names = np.array(sample.part_names)[sample.part_of_triangle[triangle]]
         mine, also = (
             np.array([name.startswith(some) if some else False for name in names], bool)
             for some in (strict, strict + attached)
@@ -201,20 +202,20 @@ def judged(row: Row, seed: int = 0, view: Demonstration | None = None) -> Found:
     flight = row.flight
     shown = views(flight.trajectory, cloud, flight.camera, TRULY, scene_of(row.structure))
     began = time.process_time()
-    found = attention(
+    weights = attention(
         flight.trajectory, flight.breaks, flight.camera, cloud, shown, label, InspectionSettings()
     )
     seconds += time.process_time() - began
     strict, attached = row.truth(cloud)
-    weight = found.weight * cloud.area_m2
+    weight = weights.weight * cloud.area_m2
     good = _well_shown(row.flight if view is None else view, row.structure, cloud, strict)
     whole = max(float(weight.sum()), 1e-12)
     return Found(
         100 * float(weight[strict].sum()) / whole,
         100 * float(weight[attached].sum()) / whole,
-        100 * float(np.mean(found.weight[good] > 0.5)) if good.any() else float("nan"),
+        100 * float(np.mean(weights.weight[good] > 0.5)) if good.any() else float("nan"),
         100 * float(cloud.area_m2[attached & shown.total].sum() / cloud.area_m2[shown.total].sum()),
-        found.subject_m,
+        weights.subject_m,
         seconds,
     )
 
@@ -247,13 +248,13 @@ def main() -> None:
     parser.add_argument("--only", default="")
     options = parser.parse_args()
     print(f"{'flight':36}{'strict':>8}{'weight':>8}{'recall':>8}{'area':>8}{'subject m':>11}{'CPU s':>7}")
-    found: list[tuple[str, Found]] = []
+    results: list[tuple[str, Found]] = []
     largest: dict[str, list[tuple[float, float, str]]] = {}
     for row in rows(options.random, options.real):
         if options.only not in row.title:
             continue
         one = judged(row)
-        found.append((row.title, one))
+        results.append((row.title, one))
         print(
             f"{row.title:36}{one.strict:8.1f}{one.weight:8.1f}{one.recall:8.1f}{one.area:8.1f}"
             f"{one.subject_m:11.1f}{one.seconds:7.2f}", flush=True,
@@ -264,10 +265,10 @@ def main() -> None:
             largest.setdefault(name, []).append(change)
             if max(change[:2]) > 3:
                 print(f"    {name:14} weight {new.weight:6.1f} recall {new.recall:6.1f}", flush=True)
-    weight, recall = (np.array([getattr(one, of) for _, one in found]) for of in ("weight", "recall"))
+    weight, recall = (np.array([getattr(one, of) for _, one in results]) for of in ("weight", "recall"))
     print(f"mean weight {np.nanmean(weight):.1f}, recall {np.nanmean(recall):.1f}")
     for name, values, least in (("weight", weight, 85), ("recall", recall, 90)):
-        below = [f"{found[k][0]} {values[k]:.1f}" for k in np.argsort(values) if values[k] < least]
+        below = [f"{results[k][0]} {values[k]:.1f}" for k in np.argsort(values) if values[k] < least]
         print(f"{name} below {least}: {'; '.join(below) or 'none'}")
     for name, changes in largest.items():
         far = sum(max(change[:2]) > 3 for change in changes)

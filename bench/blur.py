@@ -68,10 +68,10 @@ def main() -> None:
         seen, steps = views(path, cloud, camera, TRULY, scene_of(row.target)), moments(path)
         exposure = camera.exposure_s or rule.exposure_s
         limit = rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)
-        found = sharp_looks(steps, seen, cloud, camera, limit, np.cos(np.radians(rule.max_incidence_deg)))
-        known = np.flatnonzero(found.pose >= 0)
-        closed = found.moved[known] * focal_px(camera.width_px or 4000, camera.hfov_deg) * exposure
-        times = steps.poses.t_s[found.pose[known]]
+        looks = sharp_looks(steps, seen, cloud, camera, limit, np.cos(np.radians(rule.max_incidence_deg)))
+        known = np.flatnonzero(looks.pose >= 0)
+        closed = looks.moved[known] * focal_px(camera.width_px or 4000, camera.hfov_deg) * exposure
+        times = steps.poses.t_s[looks.pose[known]]
         drawn = np.array(
             [streak_px(path, t, p, camera, exposure) for t, p in zip(times, cloud.points[known], strict=True)]
         )

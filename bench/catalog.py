@@ -182,12 +182,12 @@ def reads(catalog: Catalog) -> None:
     }
     print(f"{'read':34}{'rows':>9}{'ours s':>9}{'scan s':>9}{'ratio':>7}{'CPU s':>9}{'CPU s':>9}{'ratio':>7}")
     for name, (ours, (where, columns)) in questions.items():
-        least, found = compared(
+        least, comparison = compared(
             ours, lambda where=where, columns=columns: scan(catalog, "transfers", where, columns)
         )
         (wall, cpu), (their_wall, their_cpu) = least
         print(
-            f"{name:34}{len(found):9}{wall:9.3f}{their_wall:9.3f}{wall / their_wall:7.2f}"
+            f"{name:34}{len(comparison):9}{wall:9.3f}{their_wall:9.3f}{wall / their_wall:7.2f}"
             f"{cpu:9.3f}{their_cpu:9.3f}{cpu / their_cpu:7.2f}"
         )
 
@@ -220,11 +220,11 @@ def commits(catalog: Catalog) -> None:
         batch = []
         for number in range(256):
             path = Trajectory(np.arange(200) * 0.5, rng.normal(size=(200, 3)), quats)
-            made = Plan(
+            plan_row = Plan(
                 "flight-0", "source-0", f"new-{number}", "dam", "paper", "ok", "", path, measures=Measures()
             )
             batch.append(
-                (hashlib.sha256(f"{time.time_ns()}-{number}".encode()).hexdigest(), made, {"run_id": "r"})
+                (hashlib.sha256(f"{time.time_ns()}-{number}".encode()).hexdigest(), plan_row, {"run_id": "r"})
             )
         start, cpu = time.perf_counter(), time.process_time()
         catalog.add_plans(batch)

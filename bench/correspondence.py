@@ -16,13 +16,14 @@ import time
 from collections.abc import Iterator
 
 import numpy as np
+from random_members import random_member
+from true_counterparts import true_counterparts
 
 from upplied.config import settings_for
 from upplied.geometry.scene import scene_of
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.pair import study_pair
-from upplied.samples.correspondence import true_counterparts
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.surfaces import Member
 
 _PAIRS = (
@@ -56,11 +57,11 @@ def main() -> None:
             row = _errors(one, other, fit)
             rows.setdefault(method, []).append(row)
             print(f"{name:46}{method:14}{_line(row)}{seconds:8.1f}", flush=True)
-    for method, found in rows.items():
-        good = sum(row[2] <= 1 and row[3] >= 99 for row in found)
-        mean = tuple(np.mean(found, axis=0))
+    for method, errors in rows.items():
+        good = sum(row[2] <= 1 and row[3] >= 99 for row in errors)
+        mean = tuple(np.mean(errors, axis=0))
         print(
-            f"{'mean of all pairs':46}{method:14}{_line(mean)}   both goals in {good} of {len(found)} pairs"
+            f"{'mean of all pairs':46}{method:14}{_line(mean)}   both goals in {good} of {len(errors)} pairs"
         )
 
 
@@ -79,15 +80,15 @@ def _line(row: tuple[float, ...]) -> str:
 def _errors(one: Member, other: Member, fit: Fit) -> tuple[float, ...]:
     true = true_counterparts(one, other, fit.source.points)
     index, carried = fit.correspondences.target_index, fit.correspondences.target_points
-    known, made = np.isfinite(true).all(axis=1), index >= 0
+    known, matched = np.isfinite(true).all(axis=1), index >= 0
     area = np.ones(len(fit.source)) if fit.source.area_m2 is None else fit.source.area_m2
-    both = known & made
+    both = known & matched
     off = np.linalg.norm(carried[both] - true[both], axis=1)
     mean = float(np.average(off, weights=area[both]))
     there = np.array(other.part_names)[_part_of(other, fit.target.points)][index]
     here = np.array(one.part_names)[_part_of(one, fit.source.points)]
-    right = np.where(known, made & (there == here), ~made)
-    shares = [100 * np.average(found, weights=area) for found in (right, known & ~made, ~known & made)]
+    right = np.where(known, matched & (there == here), ~matched)
+    shares = [100 * np.average(flags, weights=area) for flags in (right, known & ~matched, ~known & matched)]
     return (
         mean,
         float(np.percentile(off, 95)),

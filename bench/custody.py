@@ -47,18 +47,18 @@ def write_catalog(place: Path) -> None:
     )
     for at in range(PLANS):
         surface = SurfaceStates(corners, rng.integers(0, 5, 40))
-        told = {"is_viewpoint": path.t_s > at, "measures": Measures(min_clearance_m=3.0), "flyable": True}
+        about = {"is_viewpoint": path.t_s > at, "measures": Measures(min_clearance_m=3.0), "flyable": True}
         inputs = ("flight", "a", "b", "box", "recommended", "ok")
-        plan = Plan(*inputs, trajectory=path, surface=surface, **told)
+        plan = Plan(*inputs, trajectory=path, surface=surface, **about)
         catalog.add_plans([(f"{at}" * 64, plan, {})])
         _decide(catalog, f"{at}" * 20, path, corners)
     catalog.set("kind", "box", {"route.clearance_m": 3.0}, "Ada")
     photo = {"photo_id": "p" * 64, "flight_id": "flight", "target_id": "b", "name": "a.jpg", "path": "a.jpg",
              "sha256": "d" * 64, "t_s": 1.0}  # fmt: skip
     catalog.add_flight_photos([photo], "Ada")
-    found = {"finding_id": "f" * 64, "target_id": "b", "kind": "box", "state": "open", "class": "crack",
+    finding = {"finding_id": "f" * 64, "target_id": "b", "kind": "box", "state": "open", "class": "crack",
              "x_m": 1.0, "y_m": 2.0, "z_m": 3.0, "gsd_mm": 7.0, "structure_sha256": "b" * 8}  # fmt: skip
-    catalog.add_findings([found], "Ada")
+    catalog.add_findings([finding], "Ada")
     catalog.set_finding("f", "watched", "Grace", "no longer than before")
     catalog.require("structure", "b", "welds", [{"zone": "z", "where": "box 0 0 0 1 1 1"}], "Ada")
 
@@ -123,7 +123,7 @@ def run(count: int, seed: int, folder: Path) -> tuple[Counter[str], list[str]]:
     write_catalog(folder / "sound")
     first = verify(open_catalog(folder / "sound"))
     assert first == [], first
-    rng, found, missed = random.Random(seed), Counter[str](), list[str]()
+    rng, detected, missed = random.Random(seed), Counter[str](), list[str]()
     for number in range(count):
         place = folder / "rewritten"
         shutil.copytree(folder / "sound", place)
@@ -134,24 +134,24 @@ def run(count: int, seed: int, folder: Path) -> tuple[Counter[str], list[str]]:
         except CatalogError as error:  # of what tells that it is a catalog
             findings = [str(error)]
         by_content = [one for one in findings if "changed after it was written; take it" not in one]
-        found[kind] += bool(findings)
-        found["fields whose row is named"] += any(word in one for word in words for one in by_content)
+        detected[kind] += bool(findings)
+        detected["fields whose row is named"] += any(word in one for word in words for one in by_content)
         if not findings:
             missed.append(what)
         shutil.rmtree(place)
-    return found, missed
+    return detected, missed
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        found, missed = run(asked.count, asked.seed, Path(folder))
+        detected, missed = run(options.count, options.seed, Path(folder))
     for what in missed:
         print("not found:", what)
-    print(f"found {dict(found)} of {asked.count} rewritten bytes and fields; {len(missed)} not")
+    print(f"found {dict(detected)} of {options.count} rewritten bytes and fields; {len(missed)} not")
     return int(bool(missed))
 
 

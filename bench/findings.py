@@ -29,8 +29,10 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from proof_faults import FAULTS
+from random_members import random_member
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
+from true_counterparts import true_counterparts
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.verbs.looks import put_looks
@@ -50,8 +52,6 @@ from upplied.geometry.vectors import points_on_triangles
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.align import align
 from upplied.records import Camera, Demonstration, Plan, Structure, SurfaceStates, Trajectory
-from upplied.samples.correspondence import true_counterparts
-from upplied.samples.fleet import random_member
 from upplied.samples.pilot import fly
 from upplied.simulate import Wind, fly_trajectory
 
@@ -95,9 +95,9 @@ def places(seed: int, count: int, meshes: Path | None) -> None:
     grounds += [(f"{path.stem}, real", structure, structure) for path, structure in _real(meshes)]
     every: list[tuple[float, float, float]] = []
     for name, truth, known in grounds:
-        found = list(_marked(name, truth, known, _path(truth), _ERRORS, count // len(grounds), rng))
-        every += found
-        print(f"places {name:28}{_said(found)}", flush=True)
+        cases = list(_marked(name, truth, known, _path(truth), _ERRORS, count // len(grounds), rng))
+        every += cases
+        print(f"places {name:28}{_said(cases)}", flush=True)
     print(f"places {'all':28}{_said(every)}")
 
 
@@ -118,17 +118,17 @@ def _marked(
         reach = scene.cast(position[None], ray[None])[0][0]
         if not np.isfinite(reach):
             continue
-        told = position + rng.normal(0, errors.pose_m / _WITHIN_3D, 3)
+        logged = position + rng.normal(0, errors.pose_m / _WITHIN_3D, 3)
         wobble = Rotation.from_rotvec(rng.normal(0, np.radians(errors.attitude_deg), 3))
         turned = (Rotation.from_quat(quat) * wobble).as_quat()
         read = pixel + rng.normal(0, errors.pixel_px, 2)
         try:
-            one = located(name, seen, _CAMERA, told, turned, read[None], errors)
+            one = located(name, seen, _CAMERA, logged, turned, read[None], errors)
         except RefusedError:
             continue
         done += 1
         off = float(np.linalg.norm(one.place - (position + reach * ray)))
-        own = float(np.linalg.norm(told - position)) + errors.attitude_deg * np.pi / 180 * reach
+        own = float(np.linalg.norm(logged - position)) + errors.attitude_deg * np.pi / 180 * reach
         yield off, one.error_m, 1.5 * one.mm_px * 1e-3 + own
 
 
@@ -136,7 +136,7 @@ def flights(seed: int, count: int) -> None:
     """The same for flights with faults, aligned with their plans, which states their error."""
     rng = np.random.default_rng(seed)
     for fault, inject in FAULTS.items():
-        found = []
+        rows_of_kind = []
         for kind, structure in _members(seed + 7):
             scene, plan = scene_of(structure), _path(structure)
             plan = plan.take(plan.t_s <= 180.0)
@@ -149,11 +149,11 @@ def flights(seed: int, count: int) -> None:
             errors = replace(_ERRORS, pose_m=max(flown.place_error_m, flown.residual_p95_m))
             for moment in rng.uniform(case.log_photo_s[0], case.log_photo_s[-1], count // 5 // len(FAULTS)):
                 at = np.array([moment])
-                true, told = interpolate(case.truth, at - case.clock_s), interpolate(flown.flown, at)
+                true, logged = interpolate(case.truth, at - case.clock_s), interpolate(flown.flown, at)
                 pixel = rng.uniform([0, 0], [_CAMERA.width_px, _CAMERA.height_px])
                 ray = rays_of(_CAMERA, pixel) @ matrices(true.quat_xyzw[0]).T
                 reach = scene.cast(true.positions, ray[None])[0][0]
-                seen = told.positions[0], told.quat_xyzw[0]
+                seen = logged.positions[0], logged.quat_xyzw[0]
                 if not np.isfinite(reach):
                     continue
                 try:
@@ -161,8 +161,8 @@ def flights(seed: int, count: int) -> None:
                 except RefusedError:
                     continue
                 off = float(np.linalg.norm(one.place - (true.positions[0] + reach * ray)))
-                found.append((off, one.error_m, flown.place_error_m))
-        print(f"flights {fault:28}{_said(found)}", flush=True)
+                rows_of_kind.append((off, one.error_m, flown.place_error_m))
+        print(f"flights {fault:28}{_said(rows_of_kind)}", flush=True)
 
 
 def looks(seed: int) -> None:
@@ -174,13 +174,13 @@ def looks(seed: int) -> None:
         times = np.arange(0.0, path.t_s[-1], 2.0)
         shots = interpolate(path, times)
         wobble = Rotation.from_rotvec(rng.normal(0, np.radians(_ERRORS.attitude_deg), (len(path), 3)))
-        told = replace(
+        logged = replace(
             path,
             positions=path.positions + rng.normal(0, _ERRORS.pose_m / _WITHIN_3D, 3),
             quat_xyzw=(Rotation.from_quat(path.quat_xyzw) * wobble).as_quat(),
         )
         spots = _spots(structure, 40, rng)
-        for name, flown in (("exact poses", path), ("told poses", told)):
+        for name, flown in (("exact poses", path), ("told poses", logged)):
             catalog = _catalog([structure], [_flown(structure, flown)])
             rows = [{"photo_id": digest([kind, at]), "flight_id": "flight",
                      "target_id": structure.structure_id, "name": f"{at}", "path": "-", "sha256": digest(at),
@@ -188,14 +188,14 @@ def looks(seed: int) -> None:
                     for at, t in enumerate(times)]  # fmt: skip
             catalog.add_flight_photos(rows)
             for spot in spots:
-                found = {int(look.row["photo"]) for look in looks_at_spot(catalog, spot)}
+                listed = {int(look.row["photo"]) for look in looks_at_spot(catalog, spot)}
                 truly = set(_rendered(scene, shots, spot))
-                counts[name] += [len(found & truly), len(found), len(truly)]
-                if flown is told:  # as good as it gets where nobody knows the pose better
-                    found = set(_rendered(scene, interpolate(told, times), spot))
-                    counts["rays from told poses"] += [len(found & truly), len(found), len(truly)]
-    for name, (both, found, truly) in counts.items():
-        print(f"looks {name:28}F1 {2 * both / max(found + truly, 1):.4f}, {truly:.0f} looks")
+                counts[name] += [len(listed & truly), len(listed), len(truly)]
+                if flown is logged:  # as good as it gets where nobody knows the pose better
+                    listed = set(_rendered(scene, interpolate(logged, times), spot))
+                    counts["rays from told poses"] += [len(listed & truly), len(listed), len(truly)]
+    for name, (both, listed, truly) in counts.items():
+        print(f"looks {name:28}F1 {2 * both / max(listed + truly, 1):.4f}, {truly:.0f} looks")
 
 
 def _rendered(scene: Scene, shots: Trajectory, spot: Spot) -> list[int]:
@@ -204,12 +204,12 @@ def _rendered(scene: Scene, shots: Trajectory, spot: Spot) -> list[int]:
     away = np.linalg.norm(ray, axis=1)
     reach = scene.cast(shots.positions, ray / away[:, None])[0]
     facing = -(ray @ spot.normal) / away >= np.cos(np.radians(75.0))
-    found = []
+    errors_m = []
     for at in np.flatnonzero(facing & (np.abs(reach - away) < 2e-3 * away) & (away <= _CAMERA.max_range_m)):
         pixel = pixels_of(_CAMERA, shots.positions[at], shots.quat_xyzw[at], spot.place[None])[0]
         if (pixel >= 0).all() and (pixel <= [_CAMERA.width_px, _CAMERA.height_px]).all():
-            found.append(int(at))
-    return found
+            errors_m.append(int(at))
+    return errors_m
 
 
 def carried(seed: int) -> None:
@@ -261,29 +261,29 @@ def missions(seed: int) -> None:
         for mm_px in (1.0, 2.0):
             asked += len(rows)
             try:
-                made = plan_reshoot(catalog, rows, structure.structure_id, mm_px)
+                plan_made = plan_reshoot(catalog, rows, structure.structure_id, mm_px)
             except RefusedError as error:
                 print(f"missions {kind} at {mm_px} mm: {error}"[:200])
                 refused += len(rows)
                 continue
-            refused += len(made.refused)
-            plan = catalog.plan(made.transfer_id)
+            refused += len(plan_made.refused)
+            plan = catalog.plan(plan_made.transfer_id)
             assert plan.trajectory is not None and plan.is_viewpoint is not None
             shots = plan.trajectory.take(plan.is_viewpoint)
             for row in rows:
-                if row["finding_id"] in made.shown:
+                if row["finding_id"] in plan_made.shown:
                     fine.append(_finest_mm(scene_of(structure), shots, spot_of(row)) <= mm_px)
             cloud = points_on_triangles(structure, 200_000, rng)[0]
             between = interpolate(plan.trajectory, np.arange(0, plan.trajectory.t_s[-1], 0.1)).positions
             kept.append(float(cKDTree(cloud).query(between)[0].min()))
-            words = made.words[0].split()
+            words = plan_made.words[0].split()
             flew, need = float(words[words.index("m") - 1]), float(words[-2])
             ratios.append(flew / need if need >= 5 else 1.0)
-    said = (
+    line = (
         f"{asked} asked, {refused} refused with the reason, {100 * np.mean(fine):.1f} % of others as fine as"
     )
     tours = f"tours {np.mean(ratios):.2f} of the bound, most {max(ratios):.2f}"
-    print(f"missions: {said} asked; least clearance {min(kept):.2f} m of 2; {tours}")
+    print(f"missions: {line} asked; least clearance {min(kept):.2f} m of 2; {tours}")
 
 
 def _finest_mm(scene: Scene, shots: Trajectory, spot: Spot) -> float:
@@ -339,7 +339,7 @@ def queries(seed: int, members: int = 200, each: int = 50) -> None:
     began, carrying = time.process_time(), Carrying(catalog)
     carrying.study("box")  # as planning does, for which their pairs were studied
     print(f"queries: pairs studied and carried in {time.process_time() - began:.0f} s of CPU", flush=True)
-    asked = {
+    questions = {
         "open findings of a class": lambda: catalog.findings(
             kind="box", class_name="corrosion", state="open"
         ),
@@ -347,14 +347,14 @@ def queries(seed: int, members: int = 200, each: int = 50) -> None:
         "the same of another place": lambda: photographed(catalog, spots[1], mm_px=5.0),
         "findings by reference": lambda: by_reference(catalog, first.structure_id, class_name="corrosion"),
     }
-    for name, ask in asked.items():
+    for name, ask in questions.items():
         spent = []
         for _ in range(2):
             began = time.process_time()
-            found = ask()
+            answer = ask()
             spent.append(time.process_time() - began)
         print(
-            f"queries {name:28}{len(found)} rows, first {spent[0]:.1f}, then {spent[1]:.2f} s of CPU",
+            f"queries {name:28}{len(answer)} rows, first {spent[0]:.1f}, then {spent[1]:.2f} s of CPU",
             flush=True,
         )
     assert camera.width_px

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from random_members import random_member
 
 from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
@@ -31,7 +32,7 @@ from upplied.fleet.workers import Workers
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.correspondence.pair import study_pair
 from upplied.records import Cloud, Plan, Structure
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 
@@ -194,12 +195,12 @@ def plain(catalog: Catalog, count: int, given: bool, fleet_size: int) -> tuple[C
     share = count / fleet_size
     once = Clocked((time.perf_counter() - wall) * share, (cpu_s() - cpu) * share, count)
     spent["the demonstration"] = once.cpu_s
-    wall, cpu, found = time.perf_counter(), cpu_s(), []
+    wall, cpu, planned = time.perf_counter(), cpu_s(), []
     for target, fit in zip(targets, fits, strict=True):
         known = (fit.correspondences.target_index, registered_map(fit.registration).matrix)
-        found.append(script.transfer(body(target, fit.target), *(known if given else ())))
+        planned.append(script.transfer(body(target, fit.target), *(known if given else ())))
     clocked = Clocked(once.wall_s + time.perf_counter() - wall, once.cpu_s + cpu_s() - cpu, count)
-    compared(catalog, rows, found)
+    compared(catalog, rows, planned)
     print(
         "plain, CPU s of a target: "
         + ", ".join(f"{stage} {seconds / count:.2f}" for stage, seconds in spent.items())
@@ -207,11 +208,11 @@ def plain(catalog: Catalog, count: int, given: bool, fleet_size: int) -> tuple[C
     return clocked, spent["Frechet"]
 
 
-def compared(catalog: Catalog, rows, found) -> None:
+def compared(catalog: Catalog, rows, planned) -> None:
     """How far the plain script's results are from ours: the largest difference of each column."""
     apart: list[float] = []
     worst: dict[str, float] = {}
-    for row, other in zip(rows.itertuples(), found, strict=True):
+    for row, other in zip(rows.itertuples(), planned, strict=True):
         ours = catalog.waypoints(row.transfer_id)[["x_m", "y_m", "z_m"]].to_numpy()
         same = len(ours) == len(other.positions)
         apart += list(np.linalg.norm(ours - other.positions, axis=1)) if same else [np.nan]

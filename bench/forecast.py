@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 from attention import FLIGHTS, INTENDED
+from random_members import random_member
 from real_data import real_folder, real_structure
 from scipy.optimize import minimize
 
@@ -38,7 +39,7 @@ from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, takes_of
 from upplied.planning.plan import plan_transfer
 from upplied.records import Bools, Floats, Structure
-from upplied.samples.fleet import member, random_member, sample_structures
+from upplied.samples.fleet import member, sample_structures
 from upplied.samples.pilot import fly
 from upplied.samples.surfaces import Member
 
@@ -79,17 +80,17 @@ class Known:
 
 def structures(first: int) -> list[Known]:
     """Samples, structures that nobody built, and real ones."""
-    found = [Known(one, one.kind, member(one.structure_id)) for one in sample_structures()]
+    structures = [Known(one, one.kind, member(one.structure_id)) for one in sample_structures()]
     for kind in FLIGHTS:
         for seed in range(first, first + RANDOM):
-            made = random_member(kind, seed)
-            found.append(Known(made.structure, kind, made))
+            sample = random_member(kind, seed)
+            structures.append(Known(sample.structure, kind, sample))
     folder = real_folder()
     for path in sorted((folder / "meshes").glob("[a-z]*/*.ply")) if folder else []:
         assert folder is not None
         structure = real_structure(folder, f"{path.parent.name}/{path.stem}")
-        found.append(Known(structure, KINDS[path.parent.name], None))
-    return found
+        structures.append(Known(structure, KINDS[path.parent.name], None))
+    return structures
 
 
 def rows(part: int, parts: int, held: bool) -> Iterator[dict[str, Any]]:
@@ -134,7 +135,7 @@ def _row(source: Known, target: Known, inspection: str, flight: Any) -> dict[str
     pair = study_pair(source.structure, target.structure, settings, _memo)
     take = takes_of(flight, pair, settings, _memo)[0]
     same = source.kind == target.kind
-    found = {
+    row = {
         "source": source.structure.structure_id,
         "target": target.structure.structure_id,
         "inspection": inspection,
@@ -147,11 +148,11 @@ def _row(source: Known, target: Known, inspection: str, flight: Any) -> dict[str
     }
     if same:
         plan = plan_transfer(flight, source.structure, target.structure, settings, _memo)
-        found["status"] = plan.status
+        row["status"] = plan.status
         shown = plan.measures.coverage_inspected_pct
-        found["coverage"] = None if plan.status != "ok" or np.isnan(shown) else shown
-        found["reason"] = plan.reason[:160]
-    return found
+        row["coverage"] = None if plan.status != "ok" or np.isnan(shown) else shown
+        row["reason"] = plan.reason[:160]
+    return row
 
 
 def _right(take: Take, source: Known, target: Known, inspection: str) -> float | None:
@@ -202,20 +203,20 @@ def judge(options: argparse.Namespace) -> None:
     rows_ = _read(options.files)
     evidence = np.minimum([row["evidence"] for row in rows_], CAPS)
     outcome = np.array([_outcome(row) for row in rows_])
-    found = _probability(evidence, OFFSET, np.array(WEIGHTS))
-    _print_judged("all", found, outcome)
+    forecast = _probability(evidence, OFFSET, np.array(WEIGHTS))
+    _print_judged("all", forecast, outcome)
     least = settings_for("recommended").registration.least_probability
     assert least is not None
     for words, same in (("its own kind", True), ("other kinds", False)):
         for kind in sorted({row["kind"] for row in rows_}):
             some = np.array([row["kind"] == kind and row["same"] == same for row in rows_])
             good = some & (outcome >= GOOD)
-            print(f"    {kind} to {words}: {(found[some] >= least).sum()} of {some.sum()} accepted, "
-                  f"{(found[good] >= least).sum()} of {good.sum()} that show {GOOD:g} %")  # fmt: skip
-    wrong = np.flatnonzero((found >= least) != (outcome >= GOOD))
-    for place in wrong[np.argsort(-np.abs(found - (outcome >= GOOD))[wrong])][:20]:
+            print(f"    {kind} to {words}: {(forecast[some] >= least).sum()} of {some.sum()} accepted, "
+                  f"{(forecast[good] >= least).sum()} of {good.sum()} that show {GOOD:g} %")  # fmt: skip
+    wrong = np.flatnonzero((forecast >= least) != (outcome >= GOOD))
+    for place in wrong[np.argsort(-np.abs(forecast - (outcome >= GOOD))[wrong])][:20]:
         row = rows_[place]
-        print(f"    {row['source']} {row['inspection']} > {row['target']}: {found[place]:.2f}, "
+        print(f"    {row['source']} {row['inspection']} > {row['target']}: {forecast[place]:.2f}, "
               f"outcome {outcome[place]:.0f}")  # fmt: skip
 
 
@@ -241,8 +242,8 @@ def _calibrated(evidence: Floats, good: Bools) -> tuple[float, Floats]:
         return float(np.logaddexp(0, -margin).sum() + RIDGE * (values[1:] ** 2).sum())
 
     start = np.ones(1 + len(CAPS))
-    found = minimize(loss, start, bounds=[(None, None), *[(0, None)] * len(CAPS)], method="L-BFGS-B").x
-    return float(found[0]), found[1:] / np.array(CAPS)
+    weights = minimize(loss, start, bounds=[(None, None), *[(0, None)] * len(CAPS)], method="L-BFGS-B").x
+    return float(weights[0]), weights[1:] / np.array(CAPS)
 
 
 def _probability(evidence: Floats, offset: float, weights: Floats) -> Floats:

@@ -36,7 +36,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as place:
         catalog = open_catalog(place).create()
         points = rng.random((options.patches, 3)) * 50
-        asked, looks = f"s{options.structures // 2:05}", []
+        structure_id, looks = f"s{options.structures // 2:05}", []
         for _ in range(options.flights):
             seen = rng.random(options.patches) < 0.6
             values = {name: rng.random(options.patches) for name in ("distance_m", "incidence_deg")}
@@ -52,9 +52,9 @@ def main() -> None:
         again = open_catalog(place)
         for what in ("first", "again", "again"):
             began, cpu = time.perf_counter(), time.process_time()
-            found = again.looks_at(asked, points[17])
+            history = again.looks_at(structure_id, points[17])
             wall, cpu = time.perf_counter() - began, time.process_time() - cpu
-            saw = f"{found['seen'].sum()} of {len(found)} saw it"
+            saw = f"{history['seen'].sum()} of {len(history)} saw it"
             print(f"{what:6} {wall:.3f} s, {cpu:.3f} s of CPU: {saw}")
 
 

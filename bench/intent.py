@@ -57,13 +57,13 @@ class Row:
 
     def share(self, preset: str) -> float:
         """Inspected coverage over what is attainable, percent."""
-        found = self.plans[preset].measures
-        return 100 * found.coverage_inspected_pct / able(found)
+        measures = self.plans[preset].measures
+        return 100 * measures.coverage_inspected_pct / able(measures)
 
 
-def able(found: Measures) -> float:
+def able(measures: Measures) -> float:
     """The most of the inspected surface that could be shown, percent."""
-    return 100 - found.inspected_without_counterpart_pct - found.inspected_unattainable_pct
+    return 100 - measures.inspected_without_counterpart_pct - measures.inspected_unattainable_pct
 
 
 def remeshed(structure: Structure) -> Structure:
@@ -119,8 +119,8 @@ def main() -> None:
             seconds = time.process_time() - began
             cells = "".join(f"{getattr(plan.measures, column):6.{digits}f}" for _, column, digits in _COLUMNS)
             title = transfer.published.title if preset == "recommended" else ""
-            said = f"  refused: {plan.reason[:90]}" if plan.status != "ok" else ""
-            print(f"{title:36} {preset:11}{cells}{seconds:7.1f}{said}", flush=True)
+            reason = f"  refused: {plan.reason[:90]}" if plan.status != "ok" else ""
+            print(f"{title:36} {preset:11}{cells}{seconds:7.1f}{reason}", flush=True)
         rows.append(Row(transfer.published.title, plans))
     _print_summary(rows)
 

@@ -94,10 +94,10 @@ def main() -> None:
 
 def show(what: str, name: str, folder: str, given: list[str]) -> None:
     """Run a step in a process of its own and print what it took."""
-    line(what, *told(name, read(started(name, folder, *given))))
+    line(what, *line_of(name, read(started(name, folder, *given))))
 
 
-def told(name: str, took: dict[str, float | str]) -> list[str]:
+def line_of(name: str, took: dict[str, float | str]) -> list[str]:
     """The cells of a step; marked where it takes more than the bound."""
     most = max(float(took["gib"]), float(took["children_gib"]))
     over = " (!)" if most > BOUND_GIB else ""
@@ -121,8 +121,8 @@ def read(process: subprocess.Popen[str]) -> dict[str, float | str]:
     out, _ = process.communicate()
     if process.returncode:
         raise SystemExit(f"{process.args} ended with {process.returncode}")
-    found: dict[str, float | str] = json.loads(out.splitlines()[-1])
-    return found
+    figures: dict[str, float | str] = json.loads(out.splitlines()[-1])
+    return figures
 
 
 def step(name: str, folder: str, *given: str) -> dict[str, float | str]:
@@ -134,13 +134,13 @@ def step(name: str, folder: str, *given: str) -> dict[str, float | str]:
     cache = Path(folder) / f"cache-{given[0]}" if name == "machine" else None
     catalog = open_catalog(Path(folder) / "catalog", cache)
     began = time.perf_counter()
-    said = steps[name](catalog, *given)
+    result = steps[name](catalog, *given)
     return {
         "cpu_s": scale.cpu_s(),
         "wall_s": time.perf_counter() - began,
         "gib": scale.gib(resource.RUSAGE_SELF),
         "children_gib": scale.gib(resource.RUSAGE_CHILDREN),
-        "said": said,
+        "said": result,
     }
 
 
@@ -190,11 +190,11 @@ def change(catalog: Catalog) -> str:
 def planned(folder: str, request: fleet.PlanRequest, shards: int, pairs: int) -> Iterator[list[str]]:
     """Let three machines plan what there is to plan, so many shards each; what each process took."""
     (preset,) = request.presets
-    yield told("hand_out", read(started("hand_out", folder, preset)))
-    asked = (str(shards), str(pairs))
-    machines = [started("machine", folder, str(number), *asked) for number in range(MACHINES)]
+    yield line_of("hand_out", read(started("hand_out", folder, preset)))
+    limits = (str(shards), str(pairs))
+    machines = [started("machine", folder, str(number), *limits) for number in range(MACHINES)]
     for number, process in enumerate(machines):
-        yield told(f"machine {number + 1}", read(process))
+        yield line_of(f"machine {number + 1}", read(process))
     manifest.remove_shards(open_catalog(Path(folder) / "catalog"), "large")
 
 
@@ -214,17 +214,17 @@ def machine(catalog: Catalog, number: str, most: str, pairs: str) -> str:
     for name in names[int(number) :: MACHINES][: int(most)]:
         jobs = manifest.read_shard(location, f"large/{name}")
         _, missing = fleet.known_outcomes(catalog, jobs, "large")
-        asked = missing[: int(pairs) or None]
-        total.include(fleet.transfer(catalog, asked, "large", fleet.Resources(scale.WORKERS, Limits())))
+        selected = missing[: int(pairs) or None]
+        total.include(fleet.transfer(catalog, selected, "large", fleet.Resources(scale.WORKERS, Limits())))
     return str(total)
 
 
 def count(catalog: Catalog, preset: str) -> str:
     """What the catalog holds of the request at the end, and in how many files."""
-    found = catalog.transfers(every=True, preset=preset, columns=["transfer_id", "status"])
-    twice = len(found) - found["transfer_id"].nunique()
+    plans_stored = catalog.transfers(every=True, preset=preset, columns=["transfer_id", "status"])
+    twice = len(plans_stored) - plans_stored["transfer_id"].nunique()
     again = len(fleet.decide(catalog, fleet.PlanRequest((preset,), scale.CHANGES)).jobs)
-    return f"{(found['status'] == 'ok').sum()} plans, {twice} twice, {again} left; {files(catalog)}"
+    return f"{(plans_stored['status'] == 'ok').sum()} plans, {twice} twice, {again} left; {files(catalog)}"
 
 
 def files(catalog: Catalog) -> str:

@@ -41,9 +41,9 @@ def generate(catalog: Catalog, targets: str, demonstrations: str) -> str:
         steps = one.take(pa.array(np.tile(np.arange(STEPS), len(part))))
         steps = put(steps, "transfer_id", names.take(pa.array(np.repeat(np.arange(len(part)), STEPS))))
         commit = catalog.tables["waypoints"].keep(steps, catalog.clock.now())
-        said = {"settings": settings, "run_id": "generated", "planned_on": "here/1/pool"}
-        row = {**plan_rows.transfer_row(part[0].key, plan, said), "commit_id": commit}
-        made = rows.table_of(TABLES["transfers"], [row]).take(pa.array(np.zeros(len(part), int)))
+        recorded = {"settings": settings, "run_id": "generated", "planned_on": "here/1/pool"}
+        row = {**plan_rows.transfer_row(part[0].key, plan, recorded), "commit_id": commit}
+        table = rows.table_of(TABLES["transfers"], [row]).take(pa.array(np.zeros(len(part), int)))
         values = {
             "transfer_id": names,
             "key": pa.array([job.key for job in part]),
@@ -55,8 +55,8 @@ def generate(catalog: Catalog, targets: str, demonstrations: str) -> str:
             },
         }
         for name, column in values.items():
-            made = put(made, name, column)
-        catalog.tables["transfers"].append(made)
+            table = put(table, name, column)
+        catalog.tables["transfers"].append(table)
     return f"{len(jobs)} plans"
 
 

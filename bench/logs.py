@@ -102,8 +102,8 @@ def ours_whole(path: Path) -> np.ndarray:
     """`read_demonstration`: besides the poses every check, and the SHA-256 of the file."""
     from upplied.inputs.logs import read_demonstration
 
-    found = read_demonstration(path)
-    return np.column_stack([found.positions, found.quat_xyzw])
+    flight = read_demonstration(path)
+    return np.column_stack([flight.positions, flight.quat_xyzw])
 
 
 def stock(path: Path) -> np.ndarray:
@@ -189,14 +189,14 @@ def main() -> None:
         print(f"{'':42s} {'CPU s':>7s} {'wall s':>7s} {'MB':>6s} {'poses':>8s} {'CPU / limit':>12s}")
         base, poses, cost = None, set(), {}
         for name, (title, _) in CONTENDERS.items():
-            found = min((measured(name, path) for _ in range(arguments.repeats)), key=lambda m: m["cpu"])
-            base = base or found["cpu"]
-            ratio, cost[name] = found["cpu"] / base, found["cpu"]
+            fastest = min((measured(name, path) for _ in range(arguments.repeats)), key=lambda m: m["cpu"])
+            base = base or fastest["cpu"]
+            ratio, cost[name] = fastest["cpu"] / base, fastest["cpu"]
             if name != "limit":
-                poses.add((found["poses"], round(found["sum"], 6)))
+                poses.add((fastest["poses"], round(fastest["sum"], 6)))
             print(
-                f"{title:42s} {found['cpu']:7.2f} {found['wall']:7.2f} {found['rss']:6.0f} "
-                f"{found['poses']:8.0f} {ratio:12.2f}"
+                f"{title:42s} {fastest['cpu']:7.2f} {fastest['wall']:7.2f} {fastest['rss']:6.0f} "
+                f"{fastest['poses']:8.0f} {ratio:12.2f}"
             )
         if len(poses) != 1:
             sys.exit("the readers do not agree on the poses")

@@ -29,7 +29,7 @@ from upplied.inputs.repair import clean
 FORMATS = ("ply", "stl", "glb", "obj")
 
 
-def made(triangles: int) -> trimesh.Trimesh:
+def sphere_of(triangles: int) -> trimesh.Trimesh:
     """A bumpy closed surface of about so many triangles, 60 m long."""
     side = int(np.sqrt(triangles / 2))
     u, v = np.meshgrid(*(np.linspace(0, 2 * np.pi, side, endpoint=False),) * 2, indexing="ij")
@@ -89,7 +89,7 @@ def seconds(function: Callable[[Path], int], path: Path, wanted: int) -> float:
 def main() -> None:
     """Print the table."""
     logging.disable(logging.ERROR)
-    mesh = made(int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000)
+    mesh = sphere_of(int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000)
     ways = (ours_without_rays, by_trimesh, by_open3d, ours)
     print(f"{len(mesh.faces)} triangles, CPU seconds (ratio to trimesh, to Open3D)")
     print(f"{'':6}" + "".join(f"{way.__name__:>26}" for way in ways))

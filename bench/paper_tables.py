@@ -120,14 +120,14 @@ def _line(row: dict[str, Any], plan: Plan) -> str:
 def _print_means(rows: list[dict[str, Any]]) -> None:
     print()
     for preset in _ORDER:
-        kept = [row for row in rows if row["preset"] == preset and row["status"] == "ok"]
-        if kept:
+        rows_of_preset = [row for row in rows if row["preset"] == preset and row["status"] == "ok"]
+        if rows_of_preset:
             means = "".join(
-                f"{np.nanmean([row[name] for row in kept]):{wide}.{digits}f}"
+                f"{np.nanmean([row[name] for row in rows_of_preset]):{wide}.{digits}f}"
                 for _, name, wide, digits in _COLUMNS
             )
-            below = sum(row["min_clearance_m"] < 2.0 for row in kept)
-            print(f"{f'mean of {len(kept)}':28}{preset:12}{means}   closer than 2 m: {below}")
+            below = sum(row["min_clearance_m"] < 2.0 for row in rows_of_preset)
+            print(f"{f'mean of {len(rows_of_preset)}':28}{preset:12}{means}   closer than 2 m: {below}")
 
 
 def _draw(transfer: Transfer, plans: list[Plan], folder: Path) -> None:

@@ -47,11 +47,11 @@ def main() -> None:
             plan_transfer(row.demonstration, row.source, row.target, settings, memo)
             for row, memo in zip(rows, memos, strict=True)
         ]
-        found = [plan.measures for plan in plans if plan.status == "ok"]
-        means = [_mean(found, field) for _, field in _COLUMNS]
-        worst = max((one.frechet_floored for one in found), default=float("nan"))
+        measures = [plan.measures for plan in plans if plan.status == "ok"]
+        means = [_mean(measures, field) for _, field in _COLUMNS]
+        worst = max((one.frechet_floored for one in measures), default=float("nan"))
         print(
-            f"{name:20}{len(found):4}" + "".join(f"{mean:13.2f}" for mean in means) + f"{worst:9.2f}",
+            f"{name:20}{len(measures):4}" + "".join(f"{mean:13.2f}" for mean in means) + f"{worst:9.2f}",
             flush=True,
         )
         curve.append((name, means[2], means[0], means[1]))
@@ -62,15 +62,17 @@ def main() -> None:
 def variants() -> list[tuple[str, Settings]]:
     """The baseline, then from the tightest shape to the loosest; none is refused for what it shows."""
     ours = settings_for("recommended", verdict={"enforce": False})
-    made = [(name, replace(ours, refine=replace(ours.refine, fidelity=name))) for name in FIDELITIES]
+    settings_by_name = [
+        (name, replace(ours, refine=replace(ours.refine, fidelity=name))) for name in FIDELITIES
+    ]
     bounded = [
         (f"bound {bound:g}", replace(ours, refine=replace(ours.refine, deviation=bound))) for bound in _BOUNDS
     ]
-    return [("baseline", settings_for("baseline")), *made, *bounded]
+    return [("baseline", settings_for("baseline")), *settings_by_name, *bounded]
 
 
-def _mean(found: list[Measures], field: str) -> float:
-    values = np.array([getattr(one, field) for one in found])
+def _mean(measures: list[Measures], field: str) -> float:
+    values = np.array([getattr(one, field) for one in measures])
     return float(np.nanmean(values)) if np.isfinite(values).any() else float("nan")
 
 

@@ -25,13 +25,13 @@ from scipy.spatial.transform import Rotation
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from made_flights import FAULTS, NAMED, Made, made
+from random_members import random_member
 
 from upplied.errors import InputError
 from upplied.geometry.poses import from_yaw_pitch, yaw_pitch
 from upplied.geometry.scene import scene_of
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.records import Demonstration, Structure
-from upplied.samples.fleet import random_member
 
 _KINDS = ("airliner", "box", "bridge", "ship", "wind_turbine")
 _REAL = ("airplane/b738_fr24", "ship/ferry_88m", "building/house_1_osrf", "wind_turbine/enercon_e82_78m")
@@ -187,11 +187,11 @@ SMALL: dict[str, Callable[[Made, np.random.Generator], Made]] = {
 def judged(log: Made, path: Path) -> tuple[str, set[str]]:
     """What becomes of a log, and the rules that say something."""
     try:
-        found = read_demonstration(log.write(path), LogOptions(), structures=lambda name: log.structure)
+        flight = read_demonstration(log.write(path), LogOptions(), structures=lambda name: log.structure)
     except InputError as error:
         return "refused", {str(error).split(": ")[1][:40]}
-    told = {item["rule"] for item in found.passport["findings"]} & TELL
-    return ("warned" if told else "passed"), told
+    rules = {item["rule"] for item in flight.passport["findings"]} & TELL
+    return ("warned" if rules else "passed"), rules
 
 
 def main() -> None:
@@ -205,19 +205,20 @@ def main() -> None:
         for name, spoil in rows.items():
             if chosen and name not in chosen:
                 continue
-            found: Counter[str] = Counter()
+            counts: Counter[str] = Counter()
             rules: Counter[str] = Counter()
             for at in range(4 * number if name == "right" else number):
-                result, told = judged(
+                result, fired = judged(
                     spoil(flight(at), np.random.default_rng([at, 5])), Path(folder) / "a.mcap"
                 )
-                found[result] += 1
-                rules.update(told)
+                counts[result] += 1
+                rules.update(fired)
                 if name in FAULTS:
-                    total["told" if result == "refused" or NAMED.get(name) in told else "silent"] += 1
+                    total["told" if result == "refused" or NAMED.get(name) in fired else "silent"] += 1
             listed = ", ".join(f"{rule} {count}" for rule, count in rules.most_common(3))
             print(
-                f"{name:36}{found['refused']:8}{found['warned']:8}{found['passed']:8}   {listed}", flush=True
+                f"{name:36}{counts['refused']:8}{counts['warned']:8}{counts['passed']:8}   {listed}",
+                flush=True,
             )
     print(f"large faults refused or named: {total['told']} of {total.total()}")
 

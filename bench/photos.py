@@ -60,12 +60,12 @@ def main() -> None:
             continue
         placed = replace(row.target, placement=PLACE)
         before = plan.trajectory.t_s[plan.is_viewpoint]
-        asked = MissionOptions(trigger_s=options.trigger, drone="m30t")
+        mission_options = MissionOptions(trigger_s=options.trigger, drone="m30t")
         apart, count, shown, flown = [], 0, "", 0.0
         with tempfile.TemporaryDirectory() as folder:
             for name in (name for name in FORMATS if name != "mcap"):
                 goal = Path(folder) / f"m{FORMATS[name]}"
-                done = export(plan, placed, name, goal, asked, row.demonstration.camera)
+                done = export(plan, placed, name, goal, mission_options, row.demonstration.camera)
                 for path, mission in zip(done.paths, done.missions, strict=False):
                     reading = read_mission(name, path.read_bytes(), mission)
                     apart += np.diff(reading.photo_s).tolist()
@@ -74,13 +74,13 @@ def main() -> None:
                     inside = [mission.arrival_s[mission.inspect] for mission in done.missions]
                     flown = sum(float(np.ptp(times)) for times in inside)
                     shown = f"{done.missions[0].shown_pct:.1f}"
-        found = plan.measures
+        measures = plan.measures
         planned = float(plan.trajectory.t_s[-1])
         cells = [f"{len(before):8d}", f"{np.diff(before).min():8.2f}", f"{count:8d}", f"{min(apart):8.2f}",
-                 f"{found.coverage_inspected_pct:8.1f}", f"{shown:>8}", f"{planned:8.0f}",
+                 f"{measures.coverage_inspected_pct:8.1f}", f"{shown:>8}", f"{planned:8.0f}",
                  f"{flown - planned:8.0f}"]  # fmt: skip
-        cells += [f"{getattr(found, name):8.1f}" for name in _FINE]
-        print(f"{row.published.title:32}{''.join(cells)}{found.blur_px_p99:8.2f}", flush=True)
+        cells += [f"{getattr(measures, name):8.1f}" for name in _FINE]
+        print(f"{row.published.title:32}{''.join(cells)}{measures.blur_px_p99:8.2f}", flush=True)
         worst.append(float(np.mean(np.diff(before) < options.trigger)))
         soonest.append(min(apart))
     print(f"\nbefore: {100 * np.mean(worst):.0f} % of photos within {options.trigger:g} s of the one before; "

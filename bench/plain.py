@@ -87,8 +87,8 @@ class Body:
             o3d.utility.Vector3dVector(self.vertices), o3d.utility.Vector3iVector(self.triangles)
         )
         mesh.compute_triangle_normals()
-        found = mesh.sample_points_poisson_disk(number, init_factor=3, use_triangle_normal=True)
-        points, normals = np.asarray(found.points), np.asarray(found.normals)
+        sampled = mesh.sample_points_poisson_disk(number, init_factor=3, use_triangle_normal=True)
+        points, normals = np.asarray(sampled.points), np.asarray(sampled.normals)
         area = np.full(number, mesh.get_surface_area() / number)
         size = np.linalg.norm(np.ptp(self.vertices, axis=0))
         height = 1 - (2 * np.arange(64) + 1) / 64

@@ -60,8 +60,8 @@ def truly_sees(position, quat, body):
     """Index of the samples in the frustum that face one pose and are not hidden from it."""
     ray = position - body.samples
     facing = np.einsum("ij,ij->i", ray, body.normals)
-    asked = sees(position, quat, body.samples) & (facing >= np.cos(INCIDENCE) * np.linalg.norm(ray, axis=1))
-    index = np.flatnonzero(asked)
+    visible = sees(position, quat, body.samples) & (facing >= np.cos(INCIDENCE) * np.linalg.norm(ray, axis=1))
+    index = np.flatnonzero(visible)
     return index[~body.hidden(np.tile(position, (len(index), 1)), body.samples[index])]
 
 
@@ -136,8 +136,8 @@ def downsampled(pcd, raw, leaf):
     """Open3D's voxel filter with the grid at the corner of the box, in a stable order."""
     low = raw.min(0)
     high = low + leaf * np.ceil((raw.max(0) - low) / leaf + 1)
-    found, _, _ = pcd.voxel_down_sample_and_trace(leaf, low, high)
-    points = np.asarray(found.points)
+    thinned, _, _ = pcd.voxel_down_sample_and_trace(leaf, low, high)
+    points = np.asarray(thinned.points)
     return points[np.lexsort(np.floor((points - low) / leaf)[:, ::-1].T)]
 
 

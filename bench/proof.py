@@ -127,8 +127,8 @@ class Ground:
         scene = scene_of(self.structure)
         start = case.log.t_s[0]
         log = Trajectory(case.log.t_s - start, case.log.positions, case.log.quat_xyzw)
-        found = align(self.plan, log)
-        seen = looks_of(found.flown, self.surface, self.camera, scene, case.log_photo_s - start).seen
+        alignment = align(self.plan, log)
+        seen = looks_of(alignment.flown, self.surface, self.camera, scene, case.log_photo_s - start).seen
         gap = self.required & ~seen
         photos = interpolate(case.truth, case.photo_s)
         true_gap = self.required & ~truly_seen(self.structure, photos, self.surface, self.camera)
@@ -144,12 +144,12 @@ class Ground:
             _f1(gap, true_gap),
             closed,
             length,
-            *_alignment_error(found, case),
-            *self.own(case, found),
+            *_alignment_error(alignment, case),
+            *self.own(case, alignment),
             (int((gap & true_gap).sum()), int(gap.sum()), int(true_gap.sum())),
         )
 
-    def own(self, case: Case, found: Alignment) -> tuple[float, float]:
+    def own(self, case: Case, alignment: Alignment) -> tuple[float, float]:
         """How far the true flight strays from its plan as a whole, cm, and what its log adds to its lag, s.
 
         A shift of the log by as much, and a clock that is late by as much, look the same in it.
@@ -157,7 +157,7 @@ class Ground:
         flown = align(self.plan, case.truth)
         moments = np.clip(case.truth.t_s - flown.clock_s, self.plan.t_s[0], self.plan.t_s[-1])
         off = (case.truth.positions - interpolate(self.plan, moments).positions).mean(axis=0)
-        late = found.clock_s + case.log.t_s[0] - case.clock_s
+        late = alignment.clock_s + case.log.t_s[0] - case.clock_s
         return 100 * float(np.linalg.norm(off)), abs(late - flown.clock_s)
 
     def closing(self, gap: Bools) -> GapFlight | None:
@@ -177,23 +177,23 @@ def _as_plan(path: Trajectory) -> Trajectory:
     return interpolate(path, times)
 
 
-def _alignment_error(found: Alignment, case: Case) -> tuple[float, float]:
+def _alignment_error(alignment: Alignment, case: Case) -> tuple[float, float]:
     """Distance between the corrected log and the truth at the same moments, cm, and of the clocks, s."""
-    moments = found.flown.t_s + case.log.t_s[0] - case.clock_s
+    moments = alignment.flown.t_s + case.log.t_s[0] - case.clock_s
     truth = interpolate(case.truth, moments).positions
-    place = np.sqrt(np.mean(((found.flown.positions - truth) ** 2).sum(axis=1)))
-    return 100 * float(place), abs(found.clock_s + case.log.t_s[0] - case.clock_s)
+    place = np.sqrt(np.mean(((alignment.flown.positions - truth) ** 2).sum(axis=1)))
+    return 100 * float(place), abs(alignment.clock_s + case.log.t_s[0] - case.clock_s)
 
 
 def _pooled(rows: list[Found]) -> float:
     """F1 of the gap area of all flights together; NaN where there is none."""
-    both, found, true = np.array([row.patches for row in rows]).sum(axis=0)
-    return 2 * float(both) / float(found + true) if found + true else float("nan")
+    both, claimed, true = np.array([row.patches for row in rows]).sum(axis=0)
+    return 2 * float(both) / float(claimed + true) if claimed + true else float("nan")
 
 
-def _f1(found: Bools, true: Bools) -> float:
-    both = int((found & true).sum())
-    return 2 * both / int(found.sum() + true.sum()) if found.any() or true.any() else float("nan")
+def _f1(claimed: Bools, true: Bools) -> float:
+    both = int((claimed & true).sum())
+    return 2 * both / int(claimed.sum() + true.sum()) if claimed.any() or true.any() else float("nan")
 
 
 def _summary(rows: list[Found]) -> str:

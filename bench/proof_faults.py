@@ -31,8 +31,8 @@ def plain(truth: Trajectory) -> Case:
 
 def part(path: Trajectory, first_s: float, last_s: float) -> Trajectory:
     """A stretch of a path, with its times."""
-    kept = (path.t_s >= first_s) & (path.t_s <= last_s)
-    return Trajectory(path.t_s[kept], path.positions[kept], path.quat_xyzw[kept])
+    inside = (path.t_s >= first_s) & (path.t_s <= last_s)
+    return Trajectory(path.t_s[inside], path.positions[inside], path.quat_xyzw[inside])
 
 
 def aborted(truth: Trajectory) -> Case:
@@ -43,8 +43,8 @@ def aborted(truth: Trajectory) -> Case:
 def photos_lost(truth: Trajectory) -> Case:
     """Every tenth photo lost."""
     case = plain(truth)
-    kept = np.arange(len(case.photo_s)) % 10 != 9
-    return replace(case, photo_s=case.photo_s[kept], log_photo_s=case.log_photo_s[kept])
+    photographed = np.arange(len(case.photo_s)) % 10 != 9
+    return replace(case, photo_s=case.photo_s[photographed], log_photo_s=case.log_photo_s[photographed])
 
 
 def gimbal_stuck(truth: Trajectory) -> Case:

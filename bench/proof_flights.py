@@ -136,15 +136,15 @@ def _progress(plan: Trajectory, manner: Manner) -> Floats:
     end = manner.ends * plan.t_s[-1]
     paces = manner.paces or (manner.pace,)
     stops = {round(share * end, 3): seconds for share, seconds in manner.pauses_s}
-    found, at = [0.0], 0.0
+    times, at = [0.0], 0.0
     while at < end:
         pace = paces[min(int(len(paces) * at / plan.t_s[-1]), len(paces) - 1)]
         following = at + pace * BEAT_S
         for stop in [stop for stop in stops if at < stop <= following]:
-            found += [stop] * int(stops.pop(stop) / BEAT_S)
+            times += [stop] * int(stops.pop(stop) / BEAT_S)
         at = following
-        found.append(min(at, end))
-    moments = np.array(found)
+        times.append(min(at, end))
+    moments = np.array(times)
     return plan.t_s[-1] - moments if manner.backwards else moments
 
 
@@ -158,8 +158,8 @@ def _logged(truth: Trajectory, aim: Floats, manner: Manner, rng: np.random.Gener
     middle, angle = truth.positions.mean(axis=0), np.radians(manner.off_deg)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
     place = (place - middle) @ turn.T + middle + np.array(manner.off_m)
-    told = aim[at] + np.array([angle + np.radians(manner.camera_off_deg), 0.0])
-    return Trajectory(truth.t_s[at], place, _quaternions(told))
+    commanded = aim[at] + np.array([angle + np.radians(manner.camera_off_deg), 0.0])
+    return Trajectory(truth.t_s[at], place, _quaternions(commanded))
 
 
 def _axes(quats: Floats) -> Floats:
@@ -171,24 +171,24 @@ def _axes(quats: Floats) -> Floats:
 def _quaternions(aim: Floats) -> Floats:
     """Of yaw counter-clockwise and pitch upwards (N, 2), no roll."""
     (cy, sy), (cp, sp) = ((np.cos(each / 2), np.sin(each / 2)) for each in (aim[:, 0], -aim[:, 1]))
-    found = np.column_stack([-sy * sp, cy * sp, sy * cp, cy * cp])
-    return found * np.where(found[:, 3:] < 0, -1.0, 1.0)
+    quats = np.column_stack([-sy * sp, cy * sp, sy * cp, cy * cp])
+    return quats * np.where(quats[:, 3:] < 0, -1.0, 1.0)
 
 
 def _late(values: Floats, time_s: float) -> Floats:
     """The values after a lag of first order."""
-    found, at = np.empty_like(values), values[0].copy()
+    smoothed, at = np.empty_like(values), values[0].copy()
     for step, goal in enumerate(values):
         at = at + (goal - at) * (BEAT_S / time_s)
-        found[step] = at
-    return found
+        smoothed[step] = at
+    return smoothed
 
 
 def _wander(count: int, sigma: float, time_s: float, rng: np.random.Generator) -> Floats:
     keep = np.exp(-BEAT_S / time_s)
     noise = rng.standard_normal(count) * sigma * np.sqrt(1 - keep**2)
-    found, at = np.empty(count), sigma * float(rng.standard_normal())
+    wander, at = np.empty(count), sigma * float(rng.standard_normal())
     for step in range(count):
         at = keep * at + noise[step]
-        found[step] = at
-    return found
+        wander[step] = at
+    return wander

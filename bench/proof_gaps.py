@@ -45,11 +45,11 @@ def closed(place: Place) -> Iterator[tuple[str, float, float, float]]:
         inspected = as_flown(plan, *given, place.scene, flight.photo_s).looks.inspected
         assert inspected is not None
         limits = settings_for("recommended").retime
-        found = gap_flight(plan, place.surface, ~inspected, place.camera, graph, limits)
-        path = found.trajectory
-        truly = place.inspected(path, path.t_s[found.is_viewpoint], 0)[~inspected]
+        gap = gap_flight(plan, place.surface, ~inspected, place.camera, graph, limits)
+        path = gap.trajectory
+        truly = place.inspected(path, path.t_s[gap.is_viewpoint], 0)[~inspected]
         nearer = nearest - path_clearance(place.scene, path.positions).distance_m
-        yield name, found.length_m / max(found.bound_m, 1.0), 100 * float(truly.mean()), nearer
+        yield name, gap.length_m / max(gap.bound_m, 1.0), 100 * float(truly.mean()), nearer
 
 
 def main() -> None:

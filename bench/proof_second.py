@@ -94,28 +94,28 @@ class Place:
         """Whether a look by the rule is asked of each sample, and how fine; with so many times its motion."""
         rule = self.rule[0] * motion, self.rule[1]
         by_rule = np.isfinite(self._finest(plan, plan.t_s, rule))
-        asked = self._finest(plan, self.viewpoint_s, rule)
+        finest = self._finest(plan, self.viewpoint_s, rule)
         for other in (rule, (np.inf, 90.0)):  # what its photos do not show, as finely as on its way
-            asked = np.where(np.isfinite(asked), asked, self._finest(plan, plan.t_s, other))
-        return by_rule, asked
+            finest = np.where(np.isfinite(finest), finest, self._finest(plan, plan.t_s, other))
+        return by_rule, finest
 
     def judged(self, name: str, flight: Flight) -> Outcome:
         """The flight by the proof, against the truth."""
         try:
-            found = align(self.plan, flight.log, flight.accuracy_m)
+            alignment = align(self.plan, flight.log, flight.accuracy_m)
         except RefusedError as refusal:
             return Outcome(self.name, name, refused=str(refusal))
-        given = self.plan, self.viewpoint_s, found, flight.log, self.surface, self.camera, self.scene
-        said = as_flown(*given, flight.photo_s)
+        given = self.plan, self.viewpoint_s, alignment, flight.log, self.surface, self.camera, self.scene
+        claims = as_flown(*given, flight.photo_s)
         known = flight.photo_s[_recorded(flight.log, flight.photo_s)]
         at = np.clip(np.round(known / BEAT_S).astype(int), 0, len(flight.truth) - 1)
         seen = truly_seen(self.structure, flight.truth.take(at), self.surface, self.camera)
         least, true, most = (self.inspected(flight.truth, known, sign) for sign in (-1, 0, 1))
         # A patch that a stricter rule no longer asks of may be asked for from nearer, by another look.
         least, most = least & true, most | true
-        claimed, view = said.looks.inspected, said.looks.seen
+        claimed, view = claims.looks.inspected, claims.looks.seen
         assert claimed is not None
-        corrected = said.looks.inspected_if_corrected
+        corrected = claims.looks.inspected_if_corrected
         assumed = claimed & False if corrected is None else corrected & ~claimed
         recorded = flight.truth.positions[_recorded(flight.log, flight.truth.t_s)]
         parts = (claimed, true, claimed & ~most, least & ~claimed, claimed & ~true, true & ~claimed,
@@ -125,10 +125,10 @@ class Place:
             self.name,
             name,
             *(100 * float(part.mean()) for part in parts),
-            float(np.linalg.norm(found.flown.positions - flight.log.positions, axis=1).max()),
-            _error_m(found, flight),
-            found.place_error_m,
-            said.clearance_m - least_distance(self.structure, recorded),
+            float(np.linalg.norm(alignment.flown.positions - flight.log.positions, axis=1).max()),
+            _error_m(alignment, flight),
+            alignment.place_error_m,
+            claims.clearance_m - least_distance(self.structure, recorded),
         )
 
     def inspected(self, truth: Trajectory, moments: Floats, sign: int) -> Bools:
@@ -150,9 +150,9 @@ class Place:
         return finest_looks(*where, rule, enough_m)
 
 
-def _error_m(found: Alignment, flight: Flight) -> float:
+def _error_m(alignment: Alignment, flight: Flight) -> float:
     truth = interpolate(flight.truth, flight.log.t_s).positions
-    return float(np.percentile(np.linalg.norm(found.flown.positions - truth, axis=1), 90))
+    return float(np.percentile(np.linalg.norm(alignment.flown.positions - truth, axis=1), 90))
 
 
 def _recorded(log: Trajectory, moments: Floats) -> Bools:

@@ -81,9 +81,9 @@ def _asked(catalog: Catalog, structures: dict[str, Structure], when: str, by_kin
     seconds, answers = [], {}
     for name in structures:
         began = time.process_time()
-        found = recommend(catalog, name, 100, by_kind)
+        ranking = recommend(catalog, name, 100, by_kind)
         seconds.append(time.process_time() - began)
-        answers[name] = [one for one in found if one.verdict != "own"]
+        answers[name] = [one for one in ranking if one.verdict != "own"]
     print(f"asked {when}: {np.median(seconds):.2f} CPU s (median), {max(seconds):.2f} at most")
     return answers
 
@@ -92,14 +92,16 @@ def _print_ranks(structures: dict[str, Structure], answers: Answers, how: str) -
     print(f"\n{how}")
     titles = ("same form", "any form of the kind", "verdict is fits", "the declared kind")
     counted = {title: [0, 0] for title in titles}
-    for name, found in answers.items():
-        said = {other: truth_of(structures[name], one) for other, one in structures.items() if other != name}
-        first, kind = found[0], structures[name].kind
-        right = said[first.source_id] != "cross"
+    for name, ranking in answers.items():
+        truths = {
+            other: truth_of(structures[name], one) for other, one in structures.items() if other != name
+        }
+        first, kind = ranking[0], structures[name].kind
+        right = truths[first.source_id] != "cross"
         declared = any(one.kind == kind for other, one in structures.items() if other != name)
         for title, counts, asked in (
-            ("same form", right, "same" in said.values()),
-            ("any form of the kind", right, set(said.values()) != {"cross"}),
+            ("same form", right, "same" in truths.values()),
+            ("any form of the kind", right, set(truths.values()) != {"cross"}),
             ("verdict is fits", right, first.verdict == "fits"),
             ("the declared kind", first.kind == kind, declared),
         ):
@@ -107,7 +109,7 @@ def _print_ranks(structures: dict[str, Structure], answers: Answers, how: str) -
                 counted[title][0] += counts
                 counted[title][1] += 1
         if not right:
-            print(f"  {name}: {found[0].source_id} is first ({found[0].verdict}), of another kind")
+            print(f"  {name}: {ranking[0].source_id} is first ({ranking[0].verdict}), of another kind")
     for title, (right_ones, number) in counted.items():
         share = 100 * right_ones / max(number, 1)
         print(f"right kind first, {title:22}{right_ones:4d} of {number:3d} = {share:.1f} %")
@@ -131,8 +133,8 @@ def _print_foreseen(
     """Plan some pairs, spread evenly over what was foreseen, and compare."""
     pairs = [
         (name, one)
-        for name, found in answers.items()
-        for one in found
+        for name, ranking in answers.items()
+        for one in ranking
         if one.verdict in ("fits", "doubtful") and np.isfinite(one.predicted_seen_pct)
     ]
     pairs.sort(key=lambda pair: (pair[1].predicted_seen_pct, pair[0], pair[1].demonstration_id))
@@ -148,10 +150,8 @@ def _print_foreseen(
         )
     foreseen, achieved = np.array(rows).T
     ok = np.isfinite(achieved)
-    found = spearmanr(foreseen[ok], achieved[ok])
-    print(
-        f"rank correlation {found.statistic:.2f} (p {found.pvalue:.2g}) over {ok.sum()} planned of {len(ok)}"
-    )
+    rank = spearmanr(foreseen[ok], achieved[ok])
+    print(f"rank correlation {rank.statistic:.2f} (p {rank.pvalue:.2g}) over {ok.sum()} planned of {len(ok)}")
 
 
 if __name__ == "__main__":

@@ -38,18 +38,18 @@ def figures(transfer: Transfer, preset: str) -> dict[str, float | str]:
     return {"status": plan.status} | {name: value for name, value in measured.items() if value == value}
 
 
-def moved(kept: dict[str, float | str], now: dict[str, float | str]) -> list[str]:
+def moved(stored: dict[str, float | str], now: dict[str, float | str]) -> list[str]:
     """Which figures differ by more than they may, in words."""
-    said = []
-    for name in sorted(kept.keys() | now.keys()):
-        before, after = kept.get(name), now.get(name)
+    lines = []
+    for name in sorted(stored.keys() | now.keys()):
+        before, after = stored.get(name), now.get(name)
         if isinstance(before, float | int) and isinstance(after, float | int):
             least, share = TOLERANCE[name]
             if abs(after - before) > max(least, share * abs(before)):
-                said.append(f"{name} {before} became {after}")
+                lines.append(f"{name} {before} became {after}")
         elif before != after:
-            said.append(f"{name} {before} became {after}")
-    return said
+            lines.append(f"{name} {before} became {after}")
+    return lines
 
 
 def main() -> None:

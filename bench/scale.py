@@ -28,6 +28,8 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
+from random_members import random_member  # noqa: E402
+
 from upplied import fleet, open_catalog  # noqa: E402
 from upplied.catalog import Catalog  # noqa: E402
 from upplied.config import Settings  # noqa: E402
@@ -37,7 +39,7 @@ from upplied.flows.server import private_server  # noqa: E402
 from upplied.planning.correspondence.memo import Memo  # noqa: E402
 from upplied.planning.surface.thinning import voxel_cloud  # noqa: E402
 from upplied.records import Cloud, Demonstration, Plan, Structure, Trajectory  # noqa: E402
-from upplied.samples.fleet import member, random_member  # noqa: E402
+from upplied.samples.fleet import member  # noqa: E402
 from upplied.samples.pilot import fly  # noqa: E402
 
 WORKERS = 2

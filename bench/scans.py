@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from random_members import random_member
 from real_data import real_folder, real_structure
 from scipy.spatial import cKDTree
 
@@ -23,7 +24,7 @@ from upplied.inputs.separation import separated, structure_alone
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Floats, Ints, Structure, Surroundings
 from upplied.samples import bridge
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.surfaces import Member, assemble, stamped
 
 FOLDER = Path(os.environ.get("UPPLIED_SCANS", Path(tempfile.gettempdir()) / "upplied-scans"))
@@ -40,7 +41,7 @@ _POINTS = {"cloud": 100_000, "sparse": 10_000, "rough": 60_000}  # of clouds; a 
 _CLUTTER = 25  # boxes in the air
 
 
-def made(kind: str, name: str) -> Member:
+def member_of(kind: str, name: str) -> Member:
     """A sample by its id, ``r11`` for one that nobody built, ``p5`` for a bridge of five piers.
 
     ``airplane/b738_fr24`` is a real mesh (bench/real_data.py); its parts are those that its pieces tell.
@@ -57,14 +58,14 @@ def scan(kind: str, name: str, variant: str, seed: int = 0) -> Structure:
     if variant == CLEANED:
         cluttered = scan(kind, name, "clutter", seed)
         vertices, triangles, _ = structure_alone(cluttered, separated(cluttered))
-        return _structure(made(kind, name).structure, variant, vertices, triangles)
+        return _structure(member_of(kind, name).structure, variant, vertices, triangles)
     if variant == DIVIDED:
-        whole = made(kind, name).structure
+        whole = member_of(kind, name).structure
         return _structure(whole, variant, *_divided(whole.vertices, whole.triangles))
     if variant.startswith("cloudcut"):
-        return _cut_cloud(made(kind, name).structure, scan(kind, name, "cloud", seed), variant, seed)
+        return _cut_cloud(member_of(kind, name).structure, scan(kind, name, "cloud", seed), variant, seed)
     rng = np.random.default_rng([seed, (*VARIANTS, "rough").index(variant)])
-    whole = made(kind, name).structure
+    whole = member_of(kind, name).structure
     known = _visible(kind, name)
     if variant == "model":
         return whole
@@ -124,9 +125,11 @@ def _visible(kind: str, name: str) -> dict[str, np.ndarray]:
     path = FOLDER / f"{kind}_{name}.npz"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(path, **_reconstructed(made(kind, name)))
-    with np.load(path) as kept:
-        return {key: kept[key].astype(float) if key in ("op", "on") else kept[key] for key in kept.files}
+        np.savez_compressed(path, **_reconstructed(member_of(kind, name)))
+    with np.load(path) as stored:
+        return {
+            key: stored[key].astype(float) if key in ("op", "on") else stored[key] for key in stored.files
+        }
 
 
 def _reconstructed(of: Member) -> dict[str, np.ndarray]:
@@ -150,9 +153,9 @@ def _reconstructed(of: Member) -> dict[str, np.ndarray]:
 def _outside_of_real(structure: Structure) -> tuple[Floats, Floats, Ints]:
     """Points on what rays from outside meet, normals, and the part of each that pieces tell."""
     clouds = replace(settings_for("recommended").clouds, surface_samples=_REAL_SAMPLES)
-    found = surface_samples(structure, scene_of(structure, 1), clouds)
-    assert found.normals is not None and found.part is not None
-    return found.points, found.normals, found.part
+    cloud = surface_samples(structure, scene_of(structure, 1), clouds)
+    assert cloud.normals is not None and cloud.part is not None
+    return cloud.points, cloud.normals, cloud.part
 
 
 def _outside(of: Member) -> tuple[Floats, Floats, Ints]:

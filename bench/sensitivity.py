@@ -180,26 +180,26 @@ def main() -> None:
     writer = csv.writer(stream) if stream else None
     print(f"{'number':52}{'value':>10}{'tried':>10}  moves")
     for constant in wanted:
-        kept = _BEFORE.get(constant.module.split(".")[2], set())
+        before = _BEFORE.get(constant.module.split(".")[2], set())
         for value in others(constant.value):
-            began, said = time.process_time(), []
+            began, lines = time.process_time(), []
             with changed(constant, value):
                 for row, store, was in zip(tried, stores, base, strict=True):
                     if row.title not in _ROWS.get(constant.module.split(".")[2], (row.title,)):
                         continue
-                    now = figures(row, Kept(kept, store.known))
-                    said += [
+                    now = figures(row, Kept(before, store.known))
+                    lines += [
                         (row.title, name, now[name] - was[name])
                         for name, tolerance in COMPARED.items()
                         if not abs(now[name] - was[name]) <= tolerance
                         and not (np.isnan(now[name]) and np.isnan(was[name]))
                     ]
-            words = "; ".join(f"{title}: {name} {by:+.3g}" for title, name, by in said) or "none"
+            words = "; ".join(f"{title}: {name} {by:+.3g}" for title, name, by in lines) or "none"
             spent = time.process_time() - began
             print(
                 f"{constant.label:52}{constant.value:10.4g}{value:10.4g}  {words} [{spent:.0f} s]", flush=True
             )
-            for title, name, by in said or [("", "", 0.0)]:
+            for title, name, by in lines or [("", "", 0.0)]:
                 if writer and stream:
                     writer.writerow([constant.label, constant.value, value, title, name, f"{by:.4g}"])
                     stream.flush()

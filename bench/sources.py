@@ -95,10 +95,12 @@ def forms() -> None:
         with tempfile.TemporaryDirectory() as folder:
             place = Path(folder) / "flight" if form in ("photos", "ros2") else Path(folder)
             path, facts = write(place, flown)
-            found = read_demonstration(path, LogOptions(structure_id="tank", **facts))
-        off_m = np.abs(found.positions - flown.positions).max()
-        turned = np.degrees(angle_between(found.quat_xyzw, flown.quat_xyzw)).max()
-        late_ns = np.abs(found.t_ns - flown.t_ns - (found.t_ns[0] - flown.t_ns[0]) * (form == "kitti")).max()
+            reading = read_demonstration(path, LogOptions(structure_id="tank", **facts))
+        off_m = np.abs(reading.positions - flown.positions).max()
+        turned = np.degrees(angle_between(reading.quat_xyzw, flown.quat_xyzw)).max()
+        late_ns = np.abs(
+            reading.t_ns - flown.t_ns - (reading.t_ns[0] - flown.t_ns[0]) * (form == "kitti")
+        ).max()
         late = "none" if form in UNTIMED else f"{late_ns * 1e-6:.3f}"
         print(f"{form:16}{1000 * off_m:12.3f}{turned:14.5f}{late:>10}", flush=True)
 
@@ -110,10 +112,10 @@ def judged(log: Made, form: str, folder: Path, convention: str = "") -> str:
     path, facts = WRITERS[form](place, Flight(log.t_ns[some], log.positions[some], log.quats[some]))
     options = LogOptions(**(facts | {"structure_id": log.structure.structure_id, "max_dropped": 1.0}))
     try:
-        found = read_demonstration(path, options, structures=lambda name: log.structure)
+        flight = read_demonstration(path, options, structures=lambda name: log.structure)
     except InputError as error:
         return "named" if convention and f"({convention})" in str(error) else "refused"
-    return "warned of" if {item["rule"] for item in found.passport["findings"]} & TELL else "read"
+    return "warned of" if {item["rule"] for item in flight.passport["findings"]} & TELL else "read"
 
 
 def indistinguishable(log: Made, wrong: Made) -> bool:
@@ -146,9 +148,9 @@ def conventions(count: int, first: int = 0) -> None:
                 total["right"][judged(log, form, Path(folder))] += 1
     results = ("named", "refused", "warned of", "read", "no pose tells")
     print(f"{'':30}" + "".join(f"{result:>14}" for result in results))
-    for name, found in total.items():
-        print(f"{name:30}" + "".join(f"{found[result]:14}" for result in results))
-    wrong = sum((found for name, found in total.items() if name != "right"), Counter())
+    for name, counts in total.items():
+        print(f"{name:30}" + "".join(f"{counts[result]:14}" for result in results))
+    wrong = sum((counts for name, counts in total.items() if name != "right"), Counter())
     print(f"{'all that are wrong':30}" + "".join(f"{wrong[result]:14}" for result in results))
 
 

@@ -99,19 +99,19 @@ def _run(options: argparse.Namespace) -> None:
         and (not options.pairs or any(word in pair.name for word in options.pairs))
     ][:count]
     done = {(row["pair"], row["variant"]) for row in read(options.out)}
-    asked = [(pair, [one for one in variants if (pair.name, one) not in done]) for pair in chosen]
-    asked = [(pair, some) for pair, some in asked if some]
+    jobs = [(pair, [one for one in variants if (pair.name, one) not in done]) for pair in chosen]
+    jobs = [(pair, some) for pair, some in jobs if some]
     if not meshes():
         print("no real structures found (UPPLIED_REAL_DATA): generated ones alone", flush=True)
-    print(f"{len(chosen)} pairs, {sum(len(some) for _, some in asked)} rows to plan", flush=True)
+    print(f"{len(chosen)} pairs, {sum(len(some) for _, some in jobs)} rows to plan", flush=True)
     with options.out.open("a", encoding="utf-8") as file:
-        for number, rows in enumerate(_planned(asked, options.processes, began + options.budget), 1):
-            said = []
+        for number, rows in enumerate(_planned(jobs, options.processes, began + options.budget), 1):
+            rows_done = []
             for row in rows:
                 print(json.dumps(row), file=file, flush=True)
-                said.append(f"{row['variant']} {_said(row)}")
+                rows_done.append(f"{row['variant']} {_said(row)}")
             name = row["pair"]
-            print(f"{time.monotonic() - began:6.0f} s {number:5d} {name}: {' '.join(said)}", flush=True)
+            print(f"{time.monotonic() - began:6.0f} s {number:5d} {name}: {' '.join(rows_done)}", flush=True)
 
 
 def _said(row: dict[str, Any]) -> str:
@@ -120,19 +120,19 @@ def _said(row: dict[str, Any]) -> str:
     return figure if row["status"] == "ok" else f"({row['status']} {figure})"
 
 
-def _planned(asked: list[Any], processes: int, until: float) -> Iterator[Iterable[dict[str, Any]]]:
+def _planned(jobs: list[Any], processes: int, until: float) -> Iterator[Iterable[dict[str, Any]]]:
     from stability_rows import all_rows_of, rows_of, warm_up
 
     if processes == 1:
         warm_up()
-        for pair, variants in asked:
+        for pair, variants in jobs:
             if time.monotonic() > until:
                 return
             yield rows_of(pair, variants)
         return
     with ProcessPoolExecutor(processes, initializer=warm_up) as pool:
         waiting: list[Any] = []
-        rest = iter(asked)
+        rest = iter(jobs)
         while True:
             while len(waiting) < processes and time.monotonic() < until and (one := next(rest, None)):
                 waiting.append(pool.submit(all_rows_of, *one))

@@ -55,14 +55,14 @@ def print_changes(before: Rows, after: Rows, worst: int) -> None:
 
 def _shared(before: Rows, after: Rows) -> list[tuple[Row, Row]]:
     """Rows of both; another kernel's are beside those as given where the first file has no such rows."""
-    found = []
+    rows_changed = []
     for (pair, variant), row in after.by_key.items():
         first = before.by_key.get((pair, variant))
         if first is None and variant == "kernel":
             first = before.by_key.get((pair, "given"))
         if first is not None and "crash" not in (row.values["status"], first.values["status"]):
-            found.append((first, row))
-    return found
+            rows_changed.append((first, row))
+    return rows_changed
 
 
 def _print_change(name: str, values: np.ndarray) -> None:

@@ -15,13 +15,13 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
+from random_members import random_member
 from real_data import real_folder
 
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
 from upplied.records import Demonstration, Structure, Surroundings
-from upplied.samples.fleet import random_member
 from upplied.samples.pilot import fly
 
 GROUPS = {
@@ -101,18 +101,18 @@ def meshes() -> dict[str, Path]:
     folder = real_folder()
     if folder is None:
         return {}
-    found = [path for some in ("meshes", "meshes2") for path in sorted((folder / some).glob("[a-z]*/*.ply"))]
-    return {path.stem: path for path in found}
+    paths = [path for some in ("meshes", "meshes2") for path in sorted((folder / some).glob("[a-z]*/*.ply"))]
+    return {path.stem: path for path in paths}
 
 
 @cache
 def groups() -> dict[str, str]:
     """The group of like kind of each structure."""
-    found = {name: GROUPS[path.parent.name] for name, path in meshes().items()}
+    kinds = {name: GROUPS[path.parent.name] for name, path in meshes().items()}
     for kind in GENERATED:
         for seed in (*SOURCE_SEEDS, *TARGET_SEEDS):
-            found[f"{kind}-random-{seed}"] = GROUPS[kind]
-    return found
+            kinds[f"{kind}-random-{seed}"] = GROUPS[kind]
+    return kinds
 
 
 @lru_cache(12)
@@ -129,17 +129,19 @@ def structure(name: str) -> Structure:
 @cache
 def flights() -> list[Flight]:
     """The logs, and what the simulated pilot is to fly."""
-    found = []
+    flights_of = []
     folder = real_folder()
     for path in sorted((folder / "flights2").glob("*.mcap")) if folder else []:
         source = logged(path.stem).structure_id
-        found.append(Flight(path.stem, source, PARTS[path.stem.rpartition("-")[2]], groups()[source]))
+        flights_of.append(Flight(path.stem, source, PARTS[path.stem.rpartition("-")[2]], groups()[source]))
     pilot = {name: some for name, some in PILOT.items() if name in meshes()}
     for kind, some in GENERATED.items():
         pilot |= {f"{kind}-random-{seed}": some for seed in SOURCE_SEEDS}
     for source, some in pilot.items():
-        found += [Flight(f"{source}-{PARTS[one]}", source, PARTS[one], groups()[source], one) for one in some]
-    return found
+        flights_of += [
+            Flight(f"{source}-{PARTS[one]}", source, PARTS[one], groups()[source], one) for one in some
+        ]
+    return flights_of
 
 
 @cache
@@ -188,7 +190,7 @@ def pairs(strangers: bool = False, seed: int = 0) -> list[Pair]:
             share = (place + rng.random()) / len(some)
             placed.setdefault(key[0], []).append((share, some[index]))
     turns = []
-    for part, found in placed.items():
-        found.sort(key=lambda one: one[0])
-        turns += [(turn, part, pair) for turn, (_, pair) in enumerate(found)]
+    for part, places in placed.items():
+        places.sort(key=lambda one: one[0])
+        turns += [(turn, part, pair) for turn, (_, pair) in enumerate(places)]
     return [pair for _, _, pair in sorted(turns, key=lambda one: one[:2])]

@@ -115,10 +115,10 @@ class Rows:
     @cached_property
     def families(self) -> list[list[Row]]:
         """The variants of each pair, those of at least two."""
-        found: dict[str, list[Row]] = {}
+        by_pair: dict[str, list[Row]] = {}
         for row in self.good:
-            found.setdefault(row.values["pair"], []).append(row)
-        return [rows for rows in found.values() if len(rows) > 1]
+            by_pair.setdefault(row.values["pair"], []).append(row)
+        return [rows for rows in by_pair.values() if len(rows) > 1]
 
 
 def compared(path: Path) -> Rows:
@@ -139,5 +139,5 @@ def apart(one: Row, other: Row) -> float:
 
 def finite(values: Iterable[float]) -> np.ndarray:
     """Those that are numbers."""
-    found = np.array(list(values), float)
-    return found[~np.isnan(found)]
+    array = np.array(list(values), float)
+    return array[~np.isnan(array)]

@@ -136,7 +136,7 @@ def _ruled(
     assert path is not None
     dense = resampled(path.positions, _STEP_M, 2, 1_000_000)
     ground = target.surroundings.ground_z_m
-    found: dict[str, Any] = {
+    row_values: dict[str, Any] = {
         "clearance_m": _number(clearance(target, dense)),
         "promised_m": settings.route.clearance_m,
         "above_ground_m": None if ground is None else _number(dense[:, 2].min() - ground),
@@ -146,8 +146,8 @@ def _ruled(
         "path": packed(resampled(path.positions, 1.0, 200, 600)),
     }
     if plan.surface is not None and len(part := _part(plan.surface, _ON_TARGET)):
-        found["standoff_m"] = _number(np.median(cKDTree(part).query(path.positions)[0]))
-    return found
+        row_values["standoff_m"] = _number(np.median(cKDTree(part).query(path.positions)[0]))
+    return row_values
 
 
 def _scene(one: Structure) -> tuple[Any, Floats]:

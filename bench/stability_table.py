@@ -73,8 +73,10 @@ def figures(rows: Rows) -> Figures:
 
 
 def _shown(families: Iterable[list[Row]], test: Callable[[Row], bool]) -> list[list[float]]:
-    found = [[row.shown for row in rows if test(row) and not math.isnan(row.shown)] for rows in families]
-    return [shown for shown in found if len(shown) > 1]
+    families_shown = [
+        [row.shown for row in rows if test(row) and not math.isnan(row.shown)] for rows in families
+    ]
+    return [shown for shown in families_shown if len(shown) > 1]
 
 
 def _of(number: int, total: int) -> str:
@@ -82,33 +84,33 @@ def _of(number: int, total: int) -> str:
 
 
 def _share(values: Iterable[bool]) -> str:
-    found = list(values)
-    return f"{100 * np.mean(found):.1f}" if found else "-"
+    numbers = list(values)
+    return f"{100 * np.mean(numbers):.1f}" if numbers else "-"
 
 
 def _counted(values: Iterable[bool]) -> str:
-    found = list(values)
-    return _of(sum(found), len(found))
+    numbers = list(values)
+    return _of(sum(numbers), len(numbers))
 
 
 def _at(values: Sequence[float], percentile: float) -> str:
-    found = finite(values)
-    return f"{np.percentile(found, percentile):.1f}" if len(found) else "-"
+    numbers = finite(values)
+    return f"{np.percentile(numbers, percentile):.1f}" if len(numbers) else "-"
 
 
 def _most(values: Sequence[float]) -> str:
-    found = finite(values)
-    return f"{found.max():.1f}" if len(found) else "-"
+    numbers = finite(values)
+    return f"{numbers.max():.1f}" if len(numbers) else "-"
 
 
 def _mean(values: Sequence[float]) -> str:
-    found = finite(values)
-    return f"{found.mean():.2f}" if len(found) else "-"
+    numbers = finite(values)
+    return f"{numbers.mean():.2f}" if len(numbers) else "-"
 
 
 def _pair(values: Sequence[float], *functions: Callable[[np.ndarray], Any]) -> str:
-    found = finite(values)
-    return " ".join(f"{function(found):.1f}" for function in functions) if len(found) else "-"
+    numbers = finite(values)
+    return " ".join(f"{function(numbers):.1f}" for function in functions) if len(numbers) else "-"
 
 
 def print_table(rows: Rows, worst: int) -> None:
@@ -121,19 +123,19 @@ def print_table(rows: Rows, worst: int) -> None:
     }
     for part in PARTS:
         columns[part] = rows.chosen(lambda row, part=part: row["kind"] == part)  # type: ignore[misc]
-    found = {name: figures(some) for name, some in columns.items() if some.by_key}
-    print(f"{'':46}" + "".join(f"{name:>12}" for name in found))
-    for figure in next(iter(found.values()), {}):
-        print(f"{figure:46}" + "".join(f"{column[figure]:>12}" for column in found.values()))
+    table = {name: figures(some) for name, some in columns.items() if some.by_key}
+    print(f"{'':46}" + "".join(f"{name:>12}" for name in table))
+    for figure in next(iter(table.values()), {}):
+        print(f"{figure:46}" + "".join(f"{column[figure]:>12}" for column in table.values()))
     _print_worst(rows, worst)
 
 
 def _print_worst(rows: Rows, worst: int) -> None:
-    def named(title: str, found: list[tuple[float, Row, str]]) -> None:
-        found = sorted((one for one in found if not math.isnan(one[0])), key=lambda one: -one[0])[:worst]
-        if found:
+    def named(title: str, entries: list[tuple[float, Row, str]]) -> None:
+        entries = sorted((one for one in entries if not math.isnan(one[0])), key=lambda one: -one[0])[:worst]
+        if entries:
             print(f"\n{title}")
-        for value, row, more in found:
+        for value, row, more in entries:
             print(f"  {value:8.1f}  {row.values['pair']} [{row.values['variant']}] {more}")
 
     beside, accepted = rows.beside, [row for row in rows.good if row.accepted]

@@ -84,8 +84,8 @@ def divided(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints]:
     a, b, c = triangles.T
     ab, bc, ca = middle.T
     corners = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    found = np.concatenate([np.column_stack(each) for each in corners])
-    return np.concatenate([vertices, vertices[distinct].mean(axis=1)]), found.astype(np.int64)
+    finer = np.concatenate([np.column_stack(each) for each in corners])
+    return np.concatenate([vertices, vertices[distinct].mean(axis=1)]), finer.astype(np.int64)
 
 
 def _rounded(one: Structure) -> Structure:

@@ -69,8 +69,8 @@ def mistakes() -> Iterator[tuple[str, Callable[[Member], Member], str]]:
         yield name, scaled(factor), unit
     for name, factor in _SIZES.items():
         yield name, scaled(factor), ""
-    for name, (up, forward, asked) in _AXES.items():
-        yield name, standing(up, forward), f"{asked} = {(up if asked == 'up' else forward)!r}"
+    for name, (up, forward, label) in _AXES.items():
+        yield name, standing(up, forward), f"{label} = {(up if label == 'up' else forward)!r}"
     yield "declared as an airliner", lambda one: replace(one, kind="airliner"), ""
 
 
@@ -80,7 +80,7 @@ def main() -> None:
     print(f"{len(every)} structures of {len({one.kind for one in every})} kinds")
     print(f"{'':26}{'refused':>9}{'warned':>9}{'taken':>9}{'proposed right':>16}  taken without a word")
     for name, change, words in mistakes():
-        found: Counter[str] = Counter()
+        counts: Counter[str] = Counter()
         taken = []
         for one in every:
             if name.startswith("declared") and one.kind == "airliner":
@@ -91,12 +91,12 @@ def main() -> None:
                 *judged(new, [other for other in every if other is not one], bounds),
             )
             refused = any(verdict.severity == "refuse" for verdict in verdicts)
-            found["refused" if refused else "warned" if verdicts else "taken"] += 1
-            found["proposed"] += any(words in f"{verdict} {verdict.remedy}" for verdict in verdicts)
+            counts["refused" if refused else "warned" if verdicts else "taken"] += 1
+            counts["proposed"] += any(words in f"{verdict} {verdict.remedy}" for verdict in verdicts)
             if not verdicts and name != "right":
                 taken.append(one.structure_id)
-        proposed = f"{found['proposed']:16}" if words else f"{'':16}"
-        counted = f"{found['refused']:9}{found['warned']:9}{found['taken']:9}{proposed}"
+        proposed = f"{counts['proposed']:16}" if words else f"{'':16}"
+        counted = f"{counts['refused']:9}{counts['warned']:9}{counts['taken']:9}{proposed}"
         print(f"{name:26}{counted}  {' '.join(taken)}")
 
 

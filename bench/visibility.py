@@ -111,9 +111,9 @@ def wanted_rays(positions: Floats, quats: Floats, cloud: Cloud, scene: Scene) ->
     pose, point = np.nonzero(visible(positions, quats, cloud, Camera(), frustum).seen)
     back = positions[pose] - cloud.points[point]
     facing = np.einsum("ij,ij->i", back, cloud.normals[point])
-    kept = facing >= np.cos(np.radians(TRULY.max_incidence_deg)) * np.linalg.norm(back, axis=1)
-    start = positions[pose[kept]] - scene.origin
-    return np.concatenate([start, -back[kept]], axis=1).astype(np.float32)
+    frontal = facing >= np.cos(np.radians(TRULY.max_incidence_deg)) * np.linalg.norm(back, axis=1)
+    start = positions[pose[frontal]] - scene.origin
+    return np.concatenate([start, -back[frontal]], axis=1).astype(np.float32)
 
 
 def plainly(positions: Floats, quats: Floats, cloud: Cloud, scene: Scene) -> Bools:

@@ -34,9 +34,9 @@ def fill(place: str, first: int, last: int, step: int) -> None:
     settings = settings_for("recommended")
     times, work = [], []
     for batch in range(first, last, step):
-        made = [planned(number, settings) for number in range(batch * BATCH, (batch + 1) * BATCH)]
+        plans = [planned(number, settings) for number in range(batch * BATCH, (batch + 1) * BATCH)]
         began, cpu = time.perf_counter(), time.thread_time()
-        catalog.add_plans(made)
+        catalog.add_plans(plans)
         times.append(time.perf_counter() - began)
         work.append(time.thread_time() - cpu)
     del catalog
@@ -91,12 +91,12 @@ def box(name: str, sha256: str = "") -> Structure:
 
 def size_mb(place: Path, since_ns: int = 0) -> float:
     """Bytes of the files under a folder that were written since a moment, MB."""
-    found = {
+    figures = {
         (s.st_ino, s.st_size)
         for p in place.rglob("*")
         if p.is_file() and (s := p.stat()).st_mtime_ns >= since_ns
     }
-    return sum(size for _, size in found) / 1e6
+    return sum(size for _, size in figures) / 1e6
 
 
 def live_mb(catalog: Catalog) -> float:
@@ -140,13 +140,13 @@ def write(catalog: Catalog, commits: int, writers: int, empty: float) -> None:
         process.join()
     took = time.perf_counter() - began
     root = Path(catalog.location)
-    told = [json.loads(path.read_text()) for path in root.glob("writer-*.json")]
+    results = [json.loads(path.read_text()) for path in root.glob("writer-*.json")]
     rows = {
-        "CPU, s": sum(one["cpu"] for one in told),
+        "CPU, s": sum(one["cpu"] for one in results),
         "wall, s": took,
-        "longest commit, s": max(one["longest"] for one in told),
-        "dearest commit, CPU-s": max(one["dearest"] for one in told),
-        "peak memory of a writer, MB": max(one["mb"] for one in told),
+        "longest commit, s": max(one["longest"] for one in results),
+        "dearest commit, CPU-s": max(one["dearest"] for one in results),
+        "peak memory of a writer, MB": max(one["mb"] for one in results),
         "written, MB": size_mb(root) - empty,
         "live, MB": live_mb(catalog),
         "plans": len(catalog.transfers(columns=["transfer_id"])),

@@ -14,7 +14,9 @@ flight = fly(cube, "sides", seed=1)
 plan = plan_transfer(flight, cube, cuboid, settings_for("recommended"))
 assert plan.status == "ok", plan.reason
 
-found = plan.measures
+measures = plan.measures
 print(f"{len(plan.trajectory)} waypoints, {plan.trajectory.t_s[-1]:.0f} s")
-print(f"really seen {found.coverage_seen_pct:.1f} % of {found.coverage_attainable_pct:.1f} % attainable")
-print(f"least clearance {found.min_clearance_m:.2f} m")
+print(
+    f"really seen {measures.coverage_seen_pct:.1f} % of {measures.coverage_attainable_pct:.1f} % attainable"
+)
+print(f"least clearance {measures.min_clearance_m:.2f} m")

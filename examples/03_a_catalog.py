@@ -13,10 +13,10 @@ catalog = upplied.open_catalog("catalog")
 catalog.add_structures([cube, cuboid])
 catalog.add_demonstrations([fly(cube, "sides", seed=1)])
 
-wish = fleet.PlanRequest(presets=("recommended", "baseline"))
-decision = fleet.decide(catalog, wish)
+request = fleet.PlanRequest(presets=("recommended", "baseline"))
+decision = fleet.decide(catalog, request)
 print(fleet.transfer(catalog, decision.jobs, run_id="by hand", resources=fleet.Resources(workers=1)))
-again = fleet.decide(catalog, wish)
+again = fleet.decide(catalog, request)
 print(f"a second run would plan {len(again.jobs)}; {again.unchanged} are unchanged")
 
 plans = catalog.transfers(status="ok")

@@ -13,8 +13,8 @@ flight = fly(cube, "sides", seed=1)
 
 for changes in ({}, {"route": {"clearance_m": 4.0}}, {"retime": {"max_speed_mps": 1.0}}):
     plan = plan_transfer(flight, cube, cuboid, settings_for("recommended", **changes))
-    found = plan.measures
+    measures = plan.measures
     print(
-        f"{changes or 'as recommended'}: {plan.status}, clearance {found.min_clearance_m:.2f} m, "
-        f"{found.duration_s:.0f} s, seen {found.coverage_seen_pct:.1f} %"
+        f"{changes or 'as recommended'}: {plan.status}, clearance {measures.min_clearance_m:.2f} m, "
+        f"{measures.duration_s:.0f} s, seen {measures.coverage_seen_pct:.1f} %"
     )

@@ -67,9 +67,9 @@ class Server:
 def waited_for(act: Callable[[], T], every_s: float = 1.0) -> T:
     """What an act returns, once that is something, or the time of a start is over."""
     deadline = time.monotonic() + START_UP_S
-    while not (found := act()) and time.monotonic() < deadline:
+    while not (result := act()) and time.monotonic() < deadline:
         time.sleep(every_s)
-    return found
+    return result
 
 
 def command(port: int, host: str = "127.0.0.1") -> tuple[str, ...]:

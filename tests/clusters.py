@@ -16,11 +16,12 @@ from itertools import chain
 from pathlib import Path
 
 from processes import cut_the_power
+from random_members import random_member
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.fleet import manifest
 from upplied.flows.server import free_port
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 KEPT = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]

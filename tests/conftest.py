@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,7 @@ settings.register_profile("tests", deadline=None, derandomize=True)
 settings.load_profile("tests")
 
 ROOT = Path(__file__).parents[1]
+sys.path.append(str(ROOT / "bench"))  # random members, true counterparts
 
 
 def pytest_configure() -> None:

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 from made_logs import Topic, header, message, transform, write_log
+from random_members import random_member
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.geometry.scene import scene_of
 from upplied.records import Demonstration, Structure
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 POSE, ODOMETRY, TF = (

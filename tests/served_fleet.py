@@ -18,10 +18,11 @@ from typing import Any
 import prefect_api
 import processes
 import pytest
+from random_members import random_member
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.flows.server import end_with_parent, free_port
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 
 ROOT = Path(__file__).parents[1]
 

@@ -29,13 +29,13 @@ _LIBRARIES = ("numpy", "scipy", "numba", "open3d", "open3d-cpu")
 @cache
 def sources_sha256() -> str:
     """Digest (hex, 64 digits) of the files that planning consists of."""
-    found = hashlib.sha256()
+    content = hashlib.sha256()
     for name in _SOURCES:
         place = _PACKAGE / name
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
             text = path.read_bytes().replace(b"\r\n", b"\n")
-            found.update(f"{path.relative_to(_PACKAGE).as_posix()} {len(text)}\n".encode() + text)
-    return found.hexdigest()
+            content.update(f"{path.relative_to(_PACKAGE).as_posix()} {len(text)}\n".encode() + text)
+    return content.hexdigest()
 
 
 @cache
@@ -97,16 +97,16 @@ def causes(row: Mapping[str, object], method_version: str) -> list[str]:
     Empty where all that is known is the same.
     """
     now = recorded()
-    found = []
+    reasons = []
     if row.get("method_version") != method_version:
-        found.append(f"method {row.get('method_version') or 'unknown'} became {method_version}")
+        reasons.append(f"method {row.get('method_version') or 'unknown'} became {method_version}")
     if row.get("sources_sha256") != now["sources_sha256"]:
         was = row.get("code_version") or "unknown code"
-        found.append(f"the planning sources changed ({was} then, {now['code_version']} now)")
-    found += _changed(str(row.get("libraries") or ""), now["libraries"])
+        reasons.append(f"the planning sources changed ({was} then, {now['code_version']} now)")
+    reasons += _changed(str(row.get("libraries") or ""), now["libraries"])
     if row.get("machine") and row["machine"] != now["machine"]:
-        found.append(f"another machine ({row['machine']} then, {now['machine']} now)")
-    return found
+        reasons.append(f"another machine ({row['machine']} then, {now['machine']} now)")
+    return reasons
 
 
 def _changed(before: str, now: str) -> list[str]:

@@ -8,11 +8,15 @@ import re
 
 def comments(kind: type) -> dict[str, str]:
     """What the comments before and beside the fields of a class say of each."""
-    found: dict[str, str] = {}
+    comments: dict[str, str] = {}
     before: list[str] = []
     for line in inspect.getsource(kind).splitlines():
         text, _, comment = line.strip().partition("# ")
         if name := re.match(r"(\w+): ", text):
-            found[name[1]] = " ".join([*before, comment]).strip()
+            comments[name[1]] = " ".join([*before, comment]).strip()
         before = [*before, comment] if comment and not text else []
-    return {name: f"{said[:1].upper()}{said[1:].rstrip('.')}." for name, said in found.items() if said}
+    return {
+        name: f"{comment[:1].upper()}{comment[1:].rstrip('.')}."
+        for name, comment in comments.items()
+        if comment
+    }

@@ -101,7 +101,7 @@ def settings() -> Iterator[Constant]:
 
 def literals() -> dict[str, str]:
     """Numbers within functions that decide something, by function: ``surface.skin._near`` to ``0.05``."""
-    found: dict[str, list[float]] = {}
+    numbers_of: dict[str, list[float]] = {}
     for path in sorted(PLANNING.rglob("*.py")):
         module = ".".join(path.relative_to(PLANNING).with_suffix("").parts)
         for function in _functions(ast.parse(path.read_text(encoding="utf-8"))):
@@ -118,8 +118,8 @@ def literals() -> dict[str, str]:
                 if id(node) not in indices and abs(node.value) not in PLAIN and abs(node.value) > GUARD
             ]
             if some:
-                found.setdefault(f"{module}.{function.name}", []).extend(some)
-    return {name: " ".join(f"{each:g}" for each in sorted(set(some))) for name, some in found.items()}
+                numbers_of.setdefault(f"{module}.{function.name}", []).extend(some)
+    return {name: " ".join(f"{each:g}" for each in sorted(set(some))) for name, some in numbers_of.items()}
 
 
 def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
@@ -168,10 +168,10 @@ def tuned() -> list[Constant]:
 def counts() -> Counter[str]:
     """How many numbers there are of each sort: in settings, in modules and within functions."""
     known, inner = table(), table(LITERALS)
-    found = Counter(known[each.row]["sort"] for each in (*settings(), *constants()))
+    counts = Counter(known[each.row]["sort"] for each in (*settings(), *constants()))
     for name, numbers in literals().items():
-        found[inner[name]["sort"]] += len(numbers.split())
-    return found
+        counts[inner[name]["sort"]] += len(numbers.split())
+    return counts
 
 
 def constants_page() -> str:

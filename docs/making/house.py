@@ -45,7 +45,7 @@ def _page() -> Iterator[str]:
     yield "\n## One demonstration, from room to room\n"
     yield "What `planning/plan.py` asks, and whom, in its order; each room hands records to the next.\n"
     yield "| asked | room | by |\n|---|---|---|"
-    yield from _way()
+    yield from _stages()
     yield "\n## Modules\n"
     foundation = sorted((ROOT / "upplied").glob("*.py"))
     yield from _modules("upplied/", [path for path in foundation if path.name != "__init__.py"])
@@ -69,7 +69,7 @@ def public_page() -> str:
     return "\n".join([head, "| name | what it is | from |\n|---|---|---|", *rows])
 
 
-def _way() -> Iterator[str]:
+def _stages() -> Iterator[str]:
     """A row for each question of the method, the comment in its code, with the calls that stand below it."""
     text = (ROOT / "upplied" / "planning" / "plan.py").read_text(encoding="utf-8")
     tree, lines = ast.parse(text), text.splitlines()
@@ -86,11 +86,11 @@ def _way() -> Iterator[str]:
         for call in ast.walk(function)
         if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in room_of
     )
-    asked: dict[str, list[str]] = {}
+    by_question: dict[str, list[str]] = {}
     for number, name in calls:
         above = [line.strip() for line in lines[:number] if line.strip().startswith("# ")]
-        asked.setdefault(above[-1][2:], []).append(name)
-    for question, names in asked.items():
+        by_question.setdefault(above[-1][2:], []).append(name)
+    for question, names in by_question.items():
         by = ", ".join(f"`{'.'.join([*room_of[name][1:], name])}`" for name in names)
         yield f"| {question} | `{room_of[names[0]][0]}/` | {by} |"
 
@@ -116,12 +116,12 @@ def _first_line(path: Path) -> str:
 
 def _arrows(folder: Path, package: str, rooms: tuple[str, ...]) -> dict[str, list[str]]:
     """Room to the other rooms that its modules import."""
-    found: dict[str, list[str]] = {}
+    before: dict[str, list[str]] = {}
     for room in rooms:
         names = set()
         for path in (folder / room).rglob("*.py"):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(f"{package}."):
                     names.add(str(node.module).split(".")[2])
-        found[room] = [name for name in rooms if name in names - {room}]
-    return found
+        before[room] = [name for name in rooms if name in names - {room}]
+    return before

@@ -117,8 +117,10 @@ def attended(flights: Mapping[str, Demonstration], structures: Mapping[str, Stru
         path = [("demonstrated path", flight, DEMONSTRATED)]
         title = f"{name}: what it was about"
         side = [facing(source.vertices, flight.positions)]
-        made = figures.structure_png(source, side, states=states, trajectories=path, title=title, width=700)
-        _save(f"attention-{name.removesuffix('-v1')}", made)
+        picture = figures.structure_png(
+            source, side, states=states, trajectories=path, title=title, width=700
+        )
+        _save(f"attention-{name.removesuffix('-v1')}", picture)
 
 
 def _share(cloud: Cloud, seen: Bools) -> float:
@@ -143,16 +145,16 @@ def _flown(plan: Plan, flight: Demonstration, source: Structure, target: Structu
 
 
 def _row(plan: Plan, name: str = "") -> str:
-    found = plan.measures
+    measures = plan.measures
     cells = [plan.demonstration_id, plan.target_id, name or plan.preset]
     cells += [
         f"{value:{form}}"
         for value, form in (
-            (found.coverage_inspected_pct, ".1f"),
-            (found.coverage_seen_pct, ".1f"),
-            (found.coverage_paper_pct, ".1f"),
-            (found.frechet_z, ".2f"),
-            (found.min_clearance_m, ".2f"),
+            (measures.coverage_inspected_pct, ".1f"),
+            (measures.coverage_seen_pct, ".1f"),
+            (measures.coverage_paper_pct, ".1f"),
+            (measures.frechet_z, ".2f"),
+            (measures.min_clearance_m, ".2f"),
         )
     ]
     return f"| {' | '.join(cells)} |"
@@ -160,8 +162,8 @@ def _row(plan: Plan, name: str = "") -> str:
 
 def _write_table(rows: list[str]) -> None:
     head = "| flight | target | preset | inspected % | seen % | paper's % | Fréchet | least clearance, m |"
-    told = f"Measured with version {METHOD_VERSION} of the method:\n"
-    text = "\n".join([told, head, "|---|---|---|---:|---:|---:|---:|---:|", *rows]) + "\n"
+    introduction = f"Measured with version {METHOD_VERSION} of the method:\n"
+    text = "\n".join([introduction, head, "|---|---|---|---:|---:|---:|---:|---:|", *rows]) + "\n"
     (HERE / "measured.md").write_text(text, encoding="utf-8")
 
 

@@ -125,8 +125,8 @@ def _settings() -> Iterator[str]:
         yield "| setting | value | meaning, and what it may be |\n|---|---|---|"
         for name, wanted in get_type_hints(kind).items():
             values = [getattr(getattr(preset, stage.name), name) for preset in presets]
-            told = f"{meanings.get(name, '')} *{_may_be(f'{stage.name}.{name}', wanted)}*"
-            yield f"| `{stage.name}.{name}` | {_by_preset(values)} | {told} |"
+            meaning = f"{meanings.get(name, '')} *{_may_be(f'{stage.name}.{name}', wanted)}*"
+            yield f"| `{stage.name}.{name}` | {_by_preset(values)} | {meaning} |"
         yield ""
 
 
@@ -200,10 +200,10 @@ def help_of(app: Any, words: tuple[str, ...]) -> str:
     """What `--help` prints, without boxes, seventy-eight letters wide."""
     from rich.console import Console
 
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said):
-        app.help_print(list(words), console=Console(file=said, width=78, color_system=None))
-    lines = (re.sub(r"[╭╮╰╯─│]+", " ", line).rstrip() for line in said.getvalue().splitlines())
+    page = io.StringIO()
+    with contextlib.redirect_stdout(page):
+        app.help_print(list(words), console=Console(file=page, width=78, color_system=None))
+    lines = (re.sub(r"[╭╮╰╯─│]+", " ", line).rstrip() for line in page.getvalue().splitlines())
     return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).strip()
 
 

@@ -1,7 +1,7 @@
 """List every string that people read in commands, pages and messages, and how many are new since a revision.
 
 ``python docs/making/words.py [REVISION] [--list]``: texts of two words and more in ``upplied/cli``,
-``upplied/outputs`` (but missions), ``upplied/web`` and ``flows``, help of commands, and texts of scripts.
+``upplied/outputs`` (but missions), ``upplied/web`` and ``flows``: messages, help, labels and scripts.
 """
 
 from __future__ import annotations
@@ -10,8 +10,10 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("upplied/cli", "upplied/outputs", "upplied/web", "upplied/studio", "flows")
@@ -38,7 +40,7 @@ def files_now() -> Iterator[tuple[str, str]]:
     """Name and content of each file as it is."""
     for room in ROOMS:
         for path in sorted((ROOT / room).rglob("*")):
-            if path.suffix in (".py", ".js") and "missions" not in path.parts:
+            if path.suffix in (".py", ".js", ".toml") and "missions" not in path.parts:
                 yield str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
 
 
@@ -46,7 +48,7 @@ def files_of(revision: str) -> Iterator[tuple[str, str]]:
     """The same of a revision."""
     listed = git("ls-tree", "-r", "--name-only", revision, *ROOMS).splitlines()
     for name in listed:
-        if name.endswith((".py", ".js")) and "/missions/" not in name:
+        if name.endswith((".py", ".js", ".toml")) and "/missions/" not in name:
             yield name, git("show", f"{revision}:{name}")
 
 
@@ -58,10 +60,15 @@ def git(*words: str) -> str:
 def texts(name: str, content: str) -> Iterator[str]:
     """The strings of two words and more that a file shows to people."""
     if name.endswith(".js"):
-        found = re.findall(
+        strings = re.findall(
             r'"([^"\n]*[A-Za-z]+ [a-z][^"\n]*)"', re.sub(r"^\s*//.*$", "", content, flags=re.M)
         )
-        yield from (text for text in found if not re.search(r"[{}=;]|^M\d", text))
+        yield from (text for text in strings if not re.search(r"[{}=;]|^M\d", text))
+        return
+    if name.endswith(".toml"):
+        for label in _texts_of(tomllib.loads(content)):
+            if re.search(r"[A-Za-z]{2,} [a-z]{2,}", label):
+                yield label
         return
     tree = ast.parse(content)
     quiet = set()
@@ -75,6 +82,15 @@ def texts(name: str, content: str) -> Iterator[str]:
             text = " ".join(node.value.split())
             if re.search(r"[A-Za-z]{2,} [a-z]{2,}", text) and not text.startswith(("<", "http")):
                 yield text
+
+
+def _texts_of(values: Any) -> Iterator[str]:
+    """The texts within tables and lists."""
+    if isinstance(values, dict | list):
+        for each in values.values() if isinstance(values, dict) else values:
+            yield from _texts_of(each)
+    elif isinstance(values, str):
+        yield values
 
 
 if __name__ == "__main__":

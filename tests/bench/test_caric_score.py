@@ -10,7 +10,7 @@ import pytest
 
 from upplied.geometry.scene import scene_of
 from upplied.records import Cloud, Trajectory
-from upplied.samples.box import box
+from upplied.samples.surfaces import box
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
 from caric_score import ScoredCamera, picture_score

@@ -11,12 +11,13 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from random_members import random_member
 
 from upplied import fleet
 from upplied.catalog import export_dataset, open_catalog
 from upplied.cli import main
 from upplied.fleet import planner
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 

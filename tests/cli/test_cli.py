@@ -11,12 +11,13 @@ from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
+from random_members import random_member
 
 import upplied
 from upplied.catalog import open_catalog
 from upplied.cli import main, terminal
 from upplied.cli.shown_plans import COLUMNS, show_plans
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 
@@ -172,7 +173,6 @@ def test_piped_output_has_no_colours(location):
 
 def test_a_fault_is_told_without_a_traceback(location, monkeypatch, capsys):
     monkeypatch.setattr("upplied.cli.terminal.opened", lambda _: 1 / 0)
-    monkeypatch.setattr("upplied.cli.structures.opened", lambda _: 1 / 0)
     assert main(["structures", "list", "--catalog", location]) == 3
     assert "Traceback" not in capsys.readouterr().err
 
@@ -220,7 +220,7 @@ def test_the_warnings_of_a_plan_are_shown_under_it(capsys: pytest.CaptureFixture
     known |= {"reason": None, "not_flyable": None, "flyable": True}
     plain = known | {"target_id": "plain-v1", "warnings": "[]"}
     scan = known | {"target_id": "scan-v1", "warnings": '["the scan ends on wing_left", "28 % is missing"]'}
-    show_plans("wings-v1", [plain, scan], as_json=False)
+    show_plans("wings-v1", [plain, scan], terminal.PRINTED)
     said = " ".join("".join(capsys.readouterr()).split())
     assert "check: scan-v1 (recommended): the scan ends on wing_left; 28 % is missing" in said
     assert "check: plain-v1" not in said

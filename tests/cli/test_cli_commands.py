@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from random_members import random_member
 
 import upplied.planning.plan as planning
 from upplied import provenance
@@ -15,7 +16,7 @@ from upplied.cli import main
 from upplied.errors import RefusedError
 from upplied.outputs.missions import FORMATS
 from upplied.records import Placement
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 FORCED = ("--force", "preset", "--force", "verdict")  # the plan is a comparison, and turns too hard
@@ -222,5 +223,7 @@ def test_quiet_says_nothing_and_json_is_still_told(planned, capsys):
     assert capsys.readouterr().out == ""
     assert main(["catalog", "info", "--json", "--quiet"]) == 0
     assert json.loads(capsys.readouterr().out)
+    assert main(["demonstrations", "show", "cube-sides-v1", "--json", "--quiet"]) == 0
+    assert isinstance(json.loads(capsys.readouterr().out), dict)
     assert main(["catalog", "info"]) == 0
     assert "structures" in capsys.readouterr().out

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 import trimesh
+from random_members import random_member
 
 from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.outputs.logs import write_log
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 # The command in a process where what the extra brings cannot be imported; then what it loaded.

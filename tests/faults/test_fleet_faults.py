@@ -13,13 +13,14 @@ from unittest.mock import patch
 
 import pytest
 from processes import children, command
+from random_members import random_member
 
 from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
 from upplied.fleet import planner
 from upplied.fleet.planner import Outcome
 from upplied.flows.server import end_with_parent
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 REQUEST = fleet.PlanRequest(("baseline",))

@@ -14,12 +14,13 @@ from typing import Any
 import pandas as pd
 import prefect_api
 import pytest
+from random_members import random_member
 from served_fleet import BOXES, PLANS, finished, planners_in, run_now, service, state_of, unfinished
 
 from upplied.catalog import published_tables
 from upplied.flows.server import Server, end_with_parent, private_server
 from upplied.outputs.logs import write_log
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 pytestmark = [pytest.mark.slow, pytest.mark.server]

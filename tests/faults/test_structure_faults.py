@@ -15,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import bad_meshes
 import trimesh
+from random_members import random_member
 
 from upplied.cli import main
 from upplied.errors import SettingsError
@@ -26,7 +27,7 @@ from upplied.inputs.rules import from_json
 from upplied.inputs.structure_rules import StructureSettings, changed, unlike_its_kind
 from upplied.recommend.features import shape_features, turned
 from upplied.records import Cloud, Structure
-from upplied.samples.fleet import random_member, sample_structures
+from upplied.samples.fleet import sample_structures
 
 BOUNDS = StructureSettings()
 KINDS = {"airliner": "b777-v1", "wind_turbine": "turbine-2-v1", "ship": "yacht-1-v1"}

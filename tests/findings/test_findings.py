@@ -14,6 +14,8 @@ import pytest
 import trimesh
 from made_plans import plan_as_demonstrated
 from PIL import Image
+from random_members import random_member
+from true_counterparts import true_counterparts
 
 from upplied import fleet
 from upplied.catalog import open_catalog, verify
@@ -41,8 +43,7 @@ from upplied.outputs.reference_photos import reference_photos
 from upplied.outputs.structure_page import fleet_findings, structure_facts
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Camera, Demonstration, Lens, Structure
-from upplied.samples.correspondence import true_counterparts
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.web.live import LivePages
 
 CUBE, CUBOID = member("cube-v1").structure, member("cuboid-v1").structure

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import trimesh
+from random_members import random_member
 
 from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
@@ -16,7 +17,7 @@ from upplied.fleet import reading
 from upplied.fleet.run import SHARDS_EACH, shards
 from upplied.outputs.logs import write_log
 from upplied.planning.plan import transfer_key
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 REQUEST = fleet.PlanRequest(("baseline", "paper"))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import trimesh
+from random_members import random_member
 
 from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
@@ -17,7 +18,7 @@ from upplied.config import settings_for
 from upplied.errors import CatalogError, InputError
 from upplied.fleet import ingest, keeping, manifest, planner, reading, run
 from upplied.fleet.planner import Outcome
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 REQUEST = fleet.PlanRequest(("baseline",))

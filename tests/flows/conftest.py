@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from random_members import random_member
 
 from upplied.catalog import open_catalog
 from upplied.flows.server import Server, private_server
 from upplied.outputs.logs import write_log
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 

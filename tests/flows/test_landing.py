@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 from flow_runs import python
+from random_members import random_member
 
 from upplied import fleet
 from upplied.catalog import open_catalog
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 pytestmark = [pytest.mark.slow, pytest.mark.ci, pytest.mark.server, pytest.mark.filterwarnings("default")]
@@ -23,7 +24,8 @@ from upplied.catalog import open_catalog
 from upplied.outputs.logs import write_log
 from upplied.flows.ingest import ingest_flights
 from upplied.flows.transfer_fleet import transfer_fleet
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
+from random_members import random_member
 from upplied.samples.pilot import fly
 from upplied.simulate import fly_trajectory
 cube = member("cube-v1").structure

@@ -16,11 +16,12 @@ import boto3
 import pytest
 from botocore.config import Config
 from processes import cut_the_power
+from random_members import random_member
 
 from upplied import fleet
 from upplied.catalog import Catalog, open_catalog
 from upplied.flows.server import Server, free_port, private_server, start, stop
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 pytestmark = [pytest.mark.slow, pytest.mark.server, pytest.mark.filterwarnings("default")]

@@ -11,10 +11,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from random_members import random_member
 
 from upplied.catalog import open_catalog
 from upplied.flows.server import end_with_parent, free_port
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 pytestmark = [pytest.mark.slow, pytest.mark.server]

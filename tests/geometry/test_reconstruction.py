@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from random_members import random_member
 from scipy.spatial.transform import Rotation
 
 from upplied.geometry import reconstruction
@@ -14,7 +15,7 @@ from upplied.geometry.scene import Scene, open3d, scene_of
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
 from upplied.records import Structure
-from upplied.samples.fleet import random_member, sample_structures
+from upplied.samples.fleet import sample_structures
 
 DRAWN = [*sample_structures()] + [
     random_member(kind, 47).structure for kind in ("airliner", "wind_turbine", "bridge", "ship")

@@ -8,11 +8,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from random_members import random_member
 
 from upplied.fleet.workers import Workers
 from upplied.geometry.scene import Scene, _few, discs_of, scene_of
 from upplied.records import Structure
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.threads import cast_rays_on, ray_threads
 
 PLOTS_TWICE = """

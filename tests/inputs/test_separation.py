@@ -7,10 +7,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from random_members import random_member
 
 from upplied.inputs.separation import CLASSES, Separation, separated, structure_alone
 from upplied.records import Structure
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 
 _CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 _SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]

@@ -10,8 +10,7 @@ import pytest
 from made_missions import made_plan, placed_box
 from PIL import Image
 
-from upplied.outputs.brief import brief_html
-from upplied.outputs.mission_map import Line, map_png, side_png
+from upplied.outputs.brief import Line, brief_html, map_png, side_png
 from upplied.outputs.missions import MissionOptions, missions_of
 
 ROW = {

@@ -19,9 +19,8 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.geometry.poses import look_at
 from upplied.outputs.missions import FORMATS, MissionOptions, export, missions_of
 from upplied.outputs.missions.dji_wpml import DRONES
-from upplied.outputs.missions.gate import RULES, Breach, Limits, breaches, coverage_breaches
+from upplied.outputs.missions.gate import RULES, Breach, Limits, breaches, coverage_breaches, planned
 from upplied.outputs.missions.read_back import read_mission
-from upplied.outputs.missions.reading import planned
 from upplied.records import Trajectory
 
 BOX = np.array([[-6.0, -4.0, 0.0], [6.0, 4.0, 10.0]])

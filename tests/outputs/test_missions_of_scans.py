@@ -16,8 +16,7 @@ from upplied.geometry.poses import from_yaw_pitch
 from upplied.geometry.scene import scene_of
 from upplied.geometry.supposed_scene import extent, scene_for
 from upplied.outputs.missions import MissionOptions, export, missions_of
-from upplied.outputs.missions.gate import Limits, breaches, broken_by
-from upplied.outputs.missions.reading import planned
+from upplied.outputs.missions.gate import Limits, breaches, broken_by, planned
 from upplied.outputs.missions.ways import default_home
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.rules import Airspace

@@ -16,6 +16,7 @@ from made_flights import flights
 from mcap_ros2.reader import read_ros2_messages
 from planning_ruler import seen_along
 from pymavlink import mavutil
+from random_members import random_member
 
 from upplied.catalog import Catalog
 from upplied.catalog.schema.plan_rows import transfer_id
@@ -29,7 +30,6 @@ from upplied.outputs.render import export_transfer
 from upplied.outputs.reports import plan_of
 from upplied.planning.plan import plan_transfer
 from upplied.records import Demonstration, Placement, Plan, Structure
-from upplied.samples.fleet import random_member
 
 WIDE, NARROW = 75.0, 30.0
 ELSEWHERE = Placement(47.0, 8.0, 400.0, 0.0, "amsl")

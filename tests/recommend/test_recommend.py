@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from calls import calls
+from random_members import random_member
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.cli import main
@@ -27,7 +28,7 @@ from upplied.recommend.ranking import recommend
 from upplied.recommend.shapes import Shapes
 from upplied.recommend.sight import in_sight
 from upplied.records import Camera, Cloud
-from upplied.samples.fleet import member, random_member
+from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 

@@ -6,15 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from random_members import random_member
 from scipy.spatial import cKDTree
+from true_counterparts import parts
 
 from upplied.errors import RefusedError
 from upplied.geometry.poses import angle_between, matrices, optical_axis, yaw_pitch
 from upplied.geometry.scene import scene_of
 from upplied.records import Demonstration, Structure
 from upplied.samples.airframe import airframe, left_nacelle
-from upplied.samples.correspondence import parts
-from upplied.samples.fleet import member, random_member, sample_demonstrations
+from upplied.samples.fleet import member, sample_demonstrations
 from upplied.samples.hand import kept_clear
 from upplied.samples.pilot import fly
 from upplied.samples.plan_view import offset_outline

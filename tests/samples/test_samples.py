@@ -6,12 +6,13 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from random_members import random_member
+from true_counterparts import OUTER_ENGINES, parts, true_counterparts
 
 from upplied.checks import check_id
 from upplied.errors import InputError
 from upplied.geometry.scene import scene_of
-from upplied.samples.correspondence import OUTER_ENGINES, parts, true_counterparts
-from upplied.samples.fleet import member, random_member, sample_structures
+from upplied.samples.fleet import member, sample_structures
 from upplied.samples.surfaces import Member
 
 KINDS = ("airliner", "wind_turbine", "ship", "box", "bridge")

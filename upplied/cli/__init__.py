@@ -16,6 +16,7 @@ from rich.markup import escape
 
 import upplied
 from upplied.cli import (
+    catalog,
     declared,
     demonstrations,
     doctor,
@@ -23,7 +24,6 @@ from upplied.cli import (
     findings,
     flights,
     fly,
-    keeping,
     keys,
     looks,
     quickstart,
@@ -55,31 +55,33 @@ app = App(
     error_console=errors,
     result_action="return_value",
     default_parameter=Parameter(negative="", show_default=_default),
-    suppress_keyboard_interrupt=False,  # it is told below
+    suppress_keyboard_interrupt=False,  # `main` reports it
     help_epilogue="--quiet (any command): print only errors and requested JSON.",
 )
 app.register_install_completion_command(help="Install completion of commands and options for the shell.")
 _GROUPS = {  # of the help, in the order in which a newcomer needs them
-    # The last of the first is `upplied catalog`, with the half of it that writes.
-    "Data": (quickstart.samples, structures.app, demonstrations.app, keeping.app),
+    "Data": (quickstart.samples, structures.app, demonstrations.app, catalog.app),
     "Plan": (
-        *(transfer.app, transfer.plan, recommend.app, declared.setting, declared.showing),
-        *(declared.requiring, declared.covering),
+        *(transfer.transfer, transfer.plan, recommend.recommend),
+        *(declared.set_, declared.settings, declared.require, declared.zones),
     ),
     "Review": (
-        *(studio.app, report.app, render.app),
-        *(review.reviewing, review.releasing, review.rejecting, review.editing),
+        *(studio.studio, report.report, render.app),
+        *(review.review, review.release, review.reject, review.edit),
     ),
-    "Fly": (fly.app, export.app, export.briefing, flights.app),
-    "Findings": (findings.app, looks.looking, findings.reshooting),
+    "Fly": (fly.fly, export.export, export.brief, flights.app),
+    "Findings": (findings.app, looks.looks, findings.reshoot),
     "Fleet": (review.in_force, serve.fleet, keys.app),
-    "Service": (quickstart.app, serve.serving, serve.deploying, serve.watching, doctor.app),
+    "Service": (quickstart.quickstart, serve.serve, serve.deploy, serve.watch, doctor.doctor),
 }
 for _at, (_title, _commands) in enumerate(_GROUPS.items()):
     _group = Group(_title, sort_key=_at)
     for _command in _commands:
-        _command.group = (_group,)
-        app.command(_command)
+        if isinstance(_command, App):
+            _command.group = (_group,)
+            app.command(_command)
+        else:
+            app.command(_command, group=_group)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,60 +1,39 @@
-"""`upplied catalog`: what is kept, how it came to be, and whether it is whole."""
+"""`upplied catalog`: what is stored, its history and checks; merging, cleaning, export and import."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+import re
+from itertools import count
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import CatalogOption, JsonOption
-from upplied.cli.terminal import console, errors, opened, rows_of, say, show, show_frame
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, rows_of, say
+from upplied.outputs.labels import LABELS
 
 app = App(name="catalog", help="Inspect, check, export and maintain the catalog.")
 
-LimitOption = Annotated[int, Parameter(name="--limit", help="Maximum number, the newest first.")]
-PLANNED = {
-    "transfer_id": "transfer",
-    "demonstration_id": "demonstration",
-    "target_id": "target",
-    "preset": "preset",
-    "status": "status",
-    "coverage_inspected_pct": "inspected %",
-    "min_clearance_m": "clear m",
-    "planned_at": "planned",
-}
+LimitOption = Annotated[int, Parameter(help="Maximum number, the newest first.")]
+HeadOption = Annotated[tuple[str, ...], Parameter(help="Head hash noted earlier; its row must exist.")]
 SPARE = ("planned", "clear m", "inspected %")
-CHANGED = {
-    "demonstration_id": "demonstration",
-    "target_id": "target",
-    "preset": "preset",
-    "change": "change",
-    "why": "why",
-    "status_before": "before",
-    "status_after": "after",
-    "coverage_inspected_pct_change": "inspected %",
-    "coverage_seen_pct_change": "seen %",
-    "min_clearance_m_change": "clear m",
-}
 
 
 @app.command
-def info(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def info(*, results: Results = PRINTED) -> int:
     """Count the contents of the catalog."""
-    store = opened(catalog)
-    transfers = store.transfers()
-    rows = [
-        {"what": "structures", "count": len(store.structures())},
-        {"what": "demonstrations", "count": len(store.demonstrations())},
-        {"what": "transfers", "count": len(transfers)},
-    ]
-    for status, count in transfers["status"].value_counts().sort_index().items():
-        rows.append({"what": f"transfers {status}", "count": int(count)})
-    show(f"catalog {store.location}", rows, json)
+    store = results.opened()
+    tables = {name: getattr(store, name)() for name in ("structures", "demonstrations", "transfers")}
+    counts = {name: len(table) for name, table in tables.items()}
+    for status, plans in tables["transfers"]["status"].value_counts().sort_index().items():
+        counts[f"transfers {status}"] = int(plans)
+    rows = [{"what": what, "count": number} for what, number in counts.items()]
+    results.show(f"catalog {store.location}", rows)
     return 0
 
 
 @app.command(name="show")
-def show_one(id: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def show_one(id: str, /, *, results: Results = PRINTED) -> int:
     """Show everything stored about a structure, a demonstration or a plan.
 
     Parameters
@@ -64,7 +43,7 @@ def show_one(id: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption
     """
     from upplied.errors import CatalogError
 
-    store = opened(catalog)
+    store = results.opened()
     rows = []
     for table, frame in (("structure", store.structures()), ("demonstration", store.demonstrations())):
         for row in rows_of(frame[frame[f"{table}_id"] == id]):
@@ -79,14 +58,13 @@ def show_one(id: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption
     except CatalogError:
         if not rows:
             raise
-    if json:
-        show("", rows, json)
+    if results.json:
+        results.show("", rows)
         return 0
     for row in rows:
-        values = {name: _short(value) for name, value in row.items() if value is not None}
-        show(
-            f"{row['what']} {id}", [{"column": name, "value": text} for name, text in values.items() if text]
-        )
+        texts = {name: _short(value) for name, value in row.items() if value is not None}
+        filled = [{"column": name, "value": text} for name, text in texts.items() if text]
+        results.show(f"{row['what']} {id}", filled)
     return 0
 
 
@@ -96,23 +74,16 @@ def _short(value: Any) -> str:
 
 
 @app.command
-def history(*, limit: LimitOption = 30, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def history(*, limit: LimitOption = 30, results: Results = PRINTED) -> int:
     """List the commits, newest first, with time, table and operation."""
     from upplied.catalog import history as commits
 
-    show("commits", rows_of(commits(opened(catalog), limit)), json)
+    results.show("commits", rows_of(commits(results.opened(), limit)))
     return 0
 
 
 @app.command
-def diff(
-    before: str,
-    after: str | None = None,
-    /,
-    *,
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
-) -> int:
+def diff(before: str, after: str | None = None, /, *, results: Results = PRINTED) -> int:
     """Show which plans changed between two times, and why.
 
     Parameters
@@ -124,24 +95,24 @@ def diff(
     """
     from upplied.catalog import diff as changed
 
-    frame = changed(opened(catalog), _when(before), None if after is None else _when(after))
-    show_frame("changes", frame, CHANGED, json, ("before", "seen %", "clear m"))
+    frame = changed(results.opened(), _when(before), None if after is None else _when(after))
+    results.show_frame("changes", frame, LABELS["changes"], ("before", "seen %", "clear m"))
     return 0
 
 
 @app.command
-def transfers(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def transfers(*, results: Results = PRINTED) -> int:
     """List the newest plan of every demonstration, target and preset."""
-    store = opened(catalog)
+    store = results.opened()
     frame = store.transfers()
     rules = store.overruled().groupby("transfer_id")["rule"].unique().map(lambda some: " ".join(sorted(some)))
     frame["overruled"] = frame["transfer_id"].map(rules).fillna("")
-    show_frame("transfers", frame, {**PLANNED, "overruled": "overruled"}, json, SPARE)
+    results.show_frame("transfers", frame, LABELS["plans"] | {"overruled": "overruled"}, SPARE)
     return 0
 
 
 @app.command(name="as-of")
-def as_of(moment: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def as_of(moment: str, /, *, results: Results = PRINTED) -> int:
     """List the plans as they were at a time.
 
     Parameters
@@ -149,17 +120,13 @@ def as_of(moment: str, /, *, catalog: CatalogOption = "catalog", json: JsonOptio
     moment : str
         As 2026-11-21 or 2026-11-21T02:00:00Z; without a zone it is UTC.
     """
-    show_frame(f"transfers as of {moment}", opened(catalog).transfers(as_of=moment), PLANNED, json, SPARE)
+    frame = results.opened().transfers(as_of=moment)
+    results.show_frame(f"transfers as of {moment}", frame, LABELS["plans"], SPARE)
     return 0
 
 
 @app.command
-def verify(
-    *,
-    head: Annotated[tuple[str, ...], Parameter(help="Head hash noted earlier; its row must exist.")] = (),
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
-) -> int:
+def verify(*, head: HeadOption = (), results: Results = PRINTED) -> int:
     """Check every byte, row, count, reference and hash, and print the head of each chain of rows.
 
     Heads are the hashes of the last rows. Briefs and missions note them, to be checked later.
@@ -167,29 +134,142 @@ def verify(
     from upplied.catalog import verify as check
     from upplied.catalog.verbs.custody import HEAD_DIGITS, chain_heads, foreign_plans
 
-    store = opened(catalog)
+    store = results.opened()
     with errors.status("checking every byte"):
         faults, heads, foreign = check(store, head), chain_heads(store), foreign_plans(store)
-    if json:
-        summary = {
-            "findings": [vars(finding) for finding in faults],
-            "heads": heads,
-            "not_measured_here": foreign,
-        }
-        show("", [summary], json)
-    else:
-        for name, sha256 in heads.items():
-            say(f"head of {name}: {sha256[:HEAD_DIGITS]}")
-        if foreign:
-            say(f"{len(foreign)} imported plans were not measured here: {', '.join(foreign[:5])}")
-        for finding in faults:
-            say(finding)
-        console.print(
-            f"{len(faults)} finding(s): take the damaged files from a backup" if faults else "no fault found"
-        )
+    if results.json:
+        every = [vars(finding) for finding in faults]
+        results.show("", [{"findings": every, "heads": heads, "not_measured_here": foreign}])
+        return int(bool(faults))
+    for name, sha256 in heads.items():
+        say(f"head of {name}: {sha256[:HEAD_DIGITS]}")
+    if foreign:
+        say(f"{len(foreign)} imported plans were not measured here: {', '.join(foreign[:5])}")
+    for finding in faults:
+        say(finding)
+    remedy = "take the damaged files from a backup"
+    say(f"{len(faults)} finding(s): {remedy}" if faults else "no fault found")
     return int(bool(faults))
 
 
 def _when(text: str) -> str | int:
     """A small number is a version; anything else a moment."""
     return int(text) if text.isdigit() and len(text) < 8 else text
+
+
+NO_LICENCE = "All rights reserved"  # whoever gives data away chooses another
+FormatOption = Annotated[
+    Literal["parquet", "lerobot", "tum"],
+    Parameter(help="parquet for any program, lerobot for learning, tum for evo."),
+]
+NameOption = Annotated[
+    str, Parameter(help="Name with a version, as boxes-v1; by default that of the folder.")
+]
+PresetOption = Annotated[
+    str, Parameter(help="Preset, or all; by default the first in use of recommended, paper, baseline.")
+]
+DaysOption = Annotated[float, Parameter(help="Days for which older versions stay readable.")]
+
+
+@app.command
+def compact(*, where: Where = HERE) -> int:
+    """Merge small data files; readers and writers are not interrupted."""
+    from upplied.catalog import compact as merge
+
+    with errors.status("merging files"):
+        _counted("merged files", merge(where.opened()))
+    return 0
+
+
+@app.command
+def vacuum(*, keep_days: DaysOption = 30.0, where: Where = HERE) -> int:
+    """Remove files that no version needs; rows are never removed."""
+    from upplied.catalog import vacuum as clean
+
+    with errors.status("removing files"):
+        done = clean(where.opened(), keep_days)
+    _counted("files removed", done.files_removed)
+    _counted("rows of stopped writers removed", done.orphan_commits)
+    say(f"{done.surfaces_removed} unused surfaces and {done.drafts_removed} unfinished exports removed")
+    say(f"{done.cache_bytes_freed} bytes of cache freed")
+    return 0
+
+
+@app.command
+def export(
+    folder: Path | None = None,
+    /,
+    *,
+    format: FormatOption = "parquet",
+    licence: Annotated[str, Parameter(help="Licence: an SPDX name (CC-BY-4.0) or a sentence.")] = NO_LICENCE,
+    name: NameOption = "",
+    attribution: Annotated[str, Parameter(help="Name that users must credit.")] = "",
+    kind: Annotated[str | None, Parameter(help="Only structures of this kind.")] = None,
+    demonstration: Annotated[str | None, Parameter(help="Only this demonstration.")] = None,
+    preset: PresetOption = "",
+    where: Where = HERE,
+) -> int:
+    """Export all plans with result ok and their inputs as a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        New or empty folder; by default fleet-v1 here, or the next version that does not exist.
+    """
+    from upplied.catalog import export_dataset, export_lerobot, export_tum
+
+    store = where.opened()
+    folder = folder or next(each for at in count(1) if not (each := Path(f"fleet-v{at}")).exists())
+    chosen_preset = preset if preset not in ("", "all") else None
+    chosen = store.transfers(status="ok", kind=kind, demonstration=demonstration, preset=chosen_preset)
+    if not preset:
+        used = [name for name in ("recommended", "paper", "baseline") if name in set(chosen["preset"])]
+        chosen = chosen[chosen["preset"].isin(used[:1])]
+    with errors.status("exporting"):
+        if format == "tum":
+            counts = export_tum(store, folder, chosen)
+        elif format == "lerobot":
+            flown = store.demonstrations()
+            flown = flown[flown["structure_id"].isin(store.structures(kind=kind)["structure_id"])]
+            names = [each for each in flown["demonstration_id"] if demonstration in (None, each)]
+            counts = export_lerobot(store, folder, chosen, 10, names, licence, attribution)
+        else:
+            name = name or versioned(folder.resolve().name)
+            counts = export_dataset(store, folder, name, chosen, licence, attribution)
+    _counted(str(folder), counts)
+    return 0
+
+
+def versioned(name: str) -> str:
+    """A name with a version: its own, or the first."""
+    return name if re.search(r"-v\d+$", name) else f"{name}-v1"
+
+
+@app.command(name="import")
+def import_(
+    folder: Path,
+    /,
+    *,
+    replace: Annotated[bool, Parameter(help="Store entries of the same name as newer versions.")] = False,
+    verify: Annotated[bool, Parameter(help="Compute the measures of every plan again and compare.")] = False,
+    where: Where = HERE,
+) -> int:
+    """Import an exported folder after checking it.
+
+    Parameters
+    ----------
+    folder : Path
+        As `upplied catalog export` wrote it.
+    """
+    from upplied.catalog import import_dataset
+    from upplied.fleet.flights import measured
+
+    with errors.status("importing"):
+        done = import_dataset(where.opened(), folder, replace, measured if verify else None)
+    _counted("added rows", done)
+    return 0
+
+
+def _counted(what: str, counts: dict[str, int]) -> None:
+    words = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in counts.items() if number)
+    say(f"{what}: {words or 'none'}")

@@ -1,48 +1,33 @@
-"""`upplied set`, `settings`, `require` and `zones`: what is declared of kinds and structures.
-
-Parameters of plans, with where each comes from; and zones that must be seen, with what became of each.
-"""
+"""`upplied set`, `settings`, `require` and `zones`: parameters and required zones of kinds and structures."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
-from upplied.cli.options import (
-    ByOption,
-    CatalogOption,
-    JsonOption,
-    KindOption,
-    NoteOption,
-    OwnerArgument,
-    StructureArgument,
-)  # fmt: skip
-from upplied.cli.terminal import console, errors, next_step, opened, plain, show
+from upplied.cli.options import ByOption, KindOption, NoteOption, OwnerArgument, StructureArgument
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, plain, say
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
 
-setting = App(name="set", help="Set planning parameters for a structure or for a whole kind.")
-showing = App(name="settings", help="Show the planning parameters of a structure and their origin.")
-requiring = App(
-    name="require", help="Require zones of a structure or of a kind: what must be seen, and how well."
-)
-covering = App(name="zones", help="Show which required zones are covered, by plans and by flights.")
+EveryOption = Annotated[bool, Parameter("--all", help="Include the parameters of the preset.")]
 
 
-@setting.default
-def say(
+def set_(
     owner: OwnerArgument,
     /,
     *values: Annotated[str, Parameter(allow_leading_hyphen=False)],
     kind: KindOption = False,
     by: ByOption,
     note: NoteOption = "",
-    catalog: CatalogOption = "catalog",
+    where: Where = HERE,
 ) -> int:
-    """Set parameters. Those of a structure override its kind; options of a run override both.
+    """Set planning parameters for a structure or for a whole kind.
+
+    Those of a structure override its kind; options of a run override both.
 
     Parameters
     ----------
@@ -65,30 +50,23 @@ def say(
             continue
         for stage, names in changes((text,)).items():
             pairs |= {f"{stage}.{name}": value for name, value in names.items()}
-    opened(catalog).set("kind" if kind else "structure", owner, pairs, by, note)
-    console.print(f"{owner}: {len(pairs)} set", markup=False)
-    next_step("plan --dry-run", "show the plans that change", catalog)
+    where.opened().set("kind" if kind else "structure", owner, pairs, by, note)
+    say(f"{owner}: {len(pairs)} set")
+    where.next_step("plan --dry-run", "show the plans that change")
     return 0
 
 
-@showing.default
 def settings(
-    structure: StructureArgument,
-    /,
-    *,
-    every: Annotated[bool, Parameter(name="--all", help="Include the parameters of the preset.")] = False,
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
+    structure: StructureArgument, /, *, every: EveryOption = False, results: Results = PRINTED
 ) -> int:
-    """Show the planning parameters of a structure: by default those set for it or for its kind."""
-    rows = opened(catalog).settings_of(structure)
-    if not (every or json):
+    """Show the planning parameters of a structure and their origin: those set for it or for its kind."""
+    rows = results.opened().settings_of(structure)
+    if not (every or results.json):
         rows = rows[~rows["from"].str.startswith("preset")]
-    show(f"settings of {structure}", rows.astype(object).to_dict("records"), json)
+    results.show(f"settings of {structure}", rows.astype(object).to_dict("records"))
     return 0
 
 
-@requiring.default
 def require(
     owner: OwnerArgument,
     file: Path,
@@ -97,9 +75,11 @@ def require(
     kind: KindOption = False,
     by: ByOption,
     note: NoteOption = "",
-    catalog: CatalogOption = "catalog",
+    where: Where = HERE,
 ) -> int:
-    """Import a set of requirements; a set of the same name becomes its next version.
+    """Require zones of a structure or of a kind: what must be seen, and how well.
+
+    A set of the same name becomes its next version.
 
     Parameters
     ----------
@@ -125,11 +105,11 @@ def require(
         or not all(isinstance(z, dict) for z in zones)
     ):
         raise InputError(str(file), "has other keys", rule)
-    name, store = str(document.get("name", file.stem)), opened(catalog)
+    name, store = str(document.get("name", file.stem)), where.opened()
     zones = _with_labels(store, zones, document.get("labels"), file, "" if kind else owner)
     store.require("kind" if kind else "structure", owner, name, zones, by, note)
-    console.print(f"{owner}: {name} requires {len(zones)} zone(s)", markup=False)
-    next_step(f"zones {'STRUCTURE' if kind else owner}", "show whether each is covered", catalog)
+    say(f"{owner}: {name} requires {len(zones)} zone(s)")
+    where.next_step(f"zones {'STRUCTURE' if kind else owner}", "show whether each is covered")
     return 0
 
 
@@ -142,21 +122,20 @@ def _with_labels(
 
     label_files: dict[str, str] = {}
     labelled = []
+    file_rule = 'labels = "FILE" next to the name, and label instead of where'
     for zone in zones:
         if "label" not in zone:
             labelled.append(zone)
             continue
         what = f"{file}, zone {str(zone.get('zone', '(unnamed)'))[:60]}"
         on = str(zone.get("on") or owner)
-        if not isinstance(labels, str) or "where" in zone:
-            fault = (
-                "has a label and a place" if "where" in zone else "has a label, but names no file of labels"
-            )
-            raise InputError(what, fault, 'labels = "FILE" next to the name, and label instead of where')
+        if "where" in zone:
+            raise InputError(what, "has a label and a place", file_rule)
+        if not isinstance(labels, str):
+            raise InputError(what, "has a label, but names no file of labels", file_rule)
         if not on:
-            raise InputError(
-                what, "has a label, but no structure", 'on = "ID": the structure that is labelled'
-            )
+            rule = 'on = "ID": the structure that is labelled'
+            raise InputError(what, "has a label, but no structure", rule)
         if on not in label_files:
             faces = len(store.structure(on).triangles)
             label_files[on] = store.add_labels(on, read_face_labels(file.parent / labels, faces, on))
@@ -165,16 +144,10 @@ def _with_labels(
     return labelled
 
 
-@covering.default
-def zones(
-    structure: StructureArgument,
-    /,
-    *,
-    mesh: Path | None = None,
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
-) -> int:
-    """List the required zones of a structure; exit code 1 if the plans do not cover one.
+def zones(structure: StructureArgument, /, *, mesh: Path | None = None, results: Results = PRINTED) -> int:
+    """Show which required zones of a structure are covered, by plans and by flights.
+
+    Exit code 1 if the plans do not cover one.
 
     Parameters
     ----------
@@ -182,17 +155,13 @@ def zones(
         Save the structure's mesh as PLY, for labelling faces.
     """
     if mesh is not None:
-        return _mesh(opened(catalog), structure, mesh)
+        return _mesh(results.opened(), structure, mesh)
     from upplied.outputs.zones import zones as judged
 
     with errors.status("judging"):
-        rows = judged(opened(catalog), structure)
-    show(
-        f"zones of {structure}",
-        [plain(row) for row in rows],
-        json,
-        ("asked_by", "version", "set", "probability", "on"),
-    )
+        rows = judged(results.opened(), structure)
+    spare = ("asked_by", "version", "set", "probability", "on")
+    results.show(f"zones of {structure}", [plain(row) for row in rows], spare)
     return int(any(row["planned"] != "met" for row in rows))
 
 
@@ -202,5 +171,5 @@ def _mesh(store: Catalog, structure_id: str, path: Path) -> int:
 
     structure = store.structure(structure_id)
     replace_file(path, ply_bytes(structure.vertices, structure.triangles, structure.normals))
-    console.print(f"{path}: {len(structure.triangles)} faces", markup=False)
+    say(f"{path}: {len(structure.triangles)} faces")
     return 0

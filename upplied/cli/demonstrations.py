@@ -3,36 +3,26 @@
 from __future__ import annotations
 
 import json as text
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import (
-    AllowOption,
-    CatalogOption,
-    JsonOption,
-    RuleOption,
-    StrictOption,
-    WorkersOption,
-)
-from upplied.cli.terminal import console, ingested_report, next_step, opened, progress, rows_of, say, show
+from upplied.cli.options import AllowOption, RuleOption, StrictOption, WorkersOption
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, ingested_report, progress, rows_of, say
+from upplied.outputs.labels import LABELS
 
 app = App(name="demonstrations", help="The demonstrations of the catalog.")
 
-LISTED = {
-    "demonstration_id": "demonstration",
-    "structure_id": "structure",
-    "verdict": "verdict",
-    "lowest_m": "lowest m",
-    "flown_clearance_m": "clear m",
-    "axis_pct": "on it %",
-    "recorded_pct": "recorded %",
-    "overruled": "overruled",
-    "findings": "findings",
-}
+LISTED = LABELS["demonstrations"]
+
 StructureOption = Annotated[str, Parameter(help="Structure that was flown, if no side-car file names it.")]
 RegisterOption = Annotated[tuple[str, ...], Parameter(help="A landmark in the log's frame, as NAME=X,Y,Z.")]
+TimeOption = Annotated[
+    float | None, Parameter(help="Start or end of the inspection, in seconds from the first pose.")
+]
+KindOption = Annotated[str, Parameter(help="Kind of a project's structure, for instance building or tower.")]
 PublisherOption = Annotated[str, Parameter(help="Body to read: the name of its frame, or #7 for channel 7.")]
 
 
@@ -45,19 +35,13 @@ def add(
     publisher: PublisherOption = "",
     structure: StructureOption = "",
     register: RegisterOption = (),
-    start: Annotated[
-        float | None, Parameter(help="Start or end of the inspection, in seconds from the first pose.")
-    ] = None,
-    stop: Annotated[
-        float | None, Parameter(help="Start or end of the inspection, in seconds from the first pose.")
-    ] = None,
-    kind: Annotated[
-        str, Parameter(help="Kind of a project's structure, for instance building or tower.")
-    ] = "",
+    start: TimeOption = None,
+    stop: TimeOption = None,
+    kind: KindOption = "",
     unit_m: Annotated[float | None, Parameter(help="Metres per unit of a model without scale.")] = None,
     dry_run: Annotated[bool, Parameter(help="Check only, store nothing.")] = False,
-    catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
+    where: Where = HERE,
 ) -> int:
     """Import demonstrated flights; each is checked against its structure (docs/checks.md).
 
@@ -78,15 +62,15 @@ def add(
     )  # fmt: skip
     with progress("reading flights", len(find_logs(logs))) as advance:
         ingested = fleet.ingest_demonstrations(
-            opened(catalog), logs, workers, lambda _: advance(), options=options, dry_run=dry_run
+            where.opened(), logs, workers, lambda _: advance(), options=options, dry_run=dry_run
         )
     known = {Path(item.file).resolve() for item in ingested}
     others = [item for item in passed_over(logs) if Path(item.file).resolve() not in known]
     code = ingested_report([*ingested, *others])
     stored = [item.name for item in ingested if item.status in ("added", "unchanged")]
-    names = [name for name in stored if name in set(opened(catalog).demonstrations()["demonstration_id"])]
+    names = [name for name in stored if name in set(where.opened().demonstrations()["demonstration_id"])]
     if not code and names:
-        next_step(f"transfer {names[0]}", "transfer it to every other structure of its kind", catalog)
+        where.next_step(f"transfer {names[0]}", "transfer it to every other structure of its kind")
     return code
 
 
@@ -105,39 +89,39 @@ def _points(register: tuple[str, ...]) -> tuple[tuple[str, tuple[float, ...]], .
 
 
 @app.command(name="list")
-def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def list_(*, results: Results = PRINTED) -> int:
     """List the demonstrations of the catalog with their findings."""
-    rows = rows_of(opened(catalog).demonstrations()[list(LISTED)])
-    if not json:
+    rows = rows_of(results.opened().demonstrations()[list(LISTED)])
+    if not results.json:
         from upplied.outputs.passport_page import short
 
         rows = [{LISTED[name]: short(value) for name, value in row.items()} for row in rows]
-    show("demonstrations", rows, json, ("on it %", "recorded %", "lowest m", "clear m"))
+    results.show("demonstrations", rows, ("on it %", "recorded %", "lowest m", "clear m"))
     return 0
 
 
 @app.command(name="show")
-def show_(demonstration: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def show_(demonstration: str, /, *, results: Results = PRINTED) -> int:
     """Show the import checks of a demonstration: measurements, and the rules it breaks."""
     from upplied.inputs.passport.rules import findings_of
     from upplied.outputs.passport_page import rows_of
 
-    passport: Any = opened(catalog).demonstration(demonstration).passport
-    if json:
-        console.print_json(text.dumps(passport))
+    passport: Any = results.opened().demonstration(demonstration).passport
+    if results.json:
+        sys.stdout.write(text.dumps(passport, indent=2) + "\n")
         return 0
     if not passport:
-        console.print(f"{demonstration}: imported without checks; import its log again")
+        say(f"{demonstration}: imported without checks; import its log again")
         return 0
     rows = [{"measured": words, "value": value} for words, value in rows_of(passport)]
-    show(f"{demonstration}: {passport['verdict']}", rows, False)
+    results.show(f"{demonstration}: {passport['verdict']}", rows)
     for item in findings_of(passport):
         say(f"{item}. {item.remedy}")
     return 0
 
 
 @app.command
-def retire(*demonstrations: str, catalog: CatalogOption = "catalog") -> int:
+def retire(*demonstrations: str, where: Where = HERE) -> int:
     """Retire demonstrations; their history stays, and importing one again restores it.
 
     Parameters
@@ -145,6 +129,6 @@ def retire(*demonstrations: str, catalog: CatalogOption = "catalog") -> int:
     demonstrations : str
         IDs of the demonstrations.
     """
-    count = opened(catalog).retire_demonstrations(demonstrations)
-    console.print(f"{count} retired, {len(demonstrations) - count} were already")
+    count = where.opened().retire_demonstrations(demonstrations)
+    say(f"{count} retired, {len(demonstrations) - count} were already")
     return 0

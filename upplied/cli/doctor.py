@@ -11,19 +11,13 @@ from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
-from cyclopts import App
-
-from upplied.cli.options import CatalogOption, JsonOption
-from upplied.cli.terminal import opened, show
-
-app = App(name="doctor", help="Check that this machine can do the work.")
+from upplied.cli.terminal import PRINTED, Results, Where
 
 _INSTALL = "install from requirements-runtime.lock, as make quickstart does"
 
 
-@app.default
-def doctor(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
-    """Check everything that planning needs and report what is missing."""
+def doctor(*, results: Results = PRINTED) -> int:
+    """Check that this machine can do the work, and report what is missing."""
     checks: dict[str, Callable[[], str]] = {
         "system": _system,
         "Python": lambda: f"{sys.version.split()[0]} at {sys.executable}",
@@ -32,10 +26,10 @@ def doctor(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> i
         "numba": _numba,
         "memory": _memory,
         "disk": _disk,
-        "catalog": lambda: _catalog(catalog),
+        "catalog": lambda: _catalog(results),
     }
     rows = [{"check": name, **_tried(check)} for name, check in checks.items()]
-    show("doctor", rows, json)
+    results.show("doctor", rows)
     return int(any(row["result"] == "bad" for row in rows))
 
 
@@ -118,7 +112,7 @@ def _disk() -> str:
     return f"{free:.0f} GiB free"
 
 
-def _catalog(location: str) -> str:
-    store = opened(location)
+def _catalog(where: Where) -> str:
+    store = where.opened()
     structures, demonstrations = len(store.structures()), len(store.demonstrations())
     return f"{store.location}: {structures} structures, {demonstrations} demonstrations"

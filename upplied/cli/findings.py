@@ -7,31 +7,29 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.looks import OutOption, PhotosOption, show_looks
-from upplied.cli.options import CatalogOption, FindingArgument, JsonOption
-from upplied.cli.review import ByOption, NoteOption
-from upplied.cli.terminal import complain, errors, next_step, opened, say, show_frame
+from upplied.cli.looks import LOOKED, LookResults
+from upplied.cli.options import ByOption, FindingArgument, NoteOption
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, complain, errors, say
+from upplied.outputs.labels import LABELS
 
 app = App(
     name="findings", help="Place findings on structures, see them again, and find the same place elsewhere."
 )
-reshooting = App(name="reshoot", help="Plan a mission that shows findings from where their photos did.")
-
-LISTED = {
-    "finding_id": "finding", "target_id": "structure", "class": "class", "severity": "severity",
-    "state": "state", "by": "by", "x_m": "x m", "y_m": "y m", "z_m": "z m", "place_error_m": "error m",
-    "length_mm": "length mm", "area_mm2": "area mm2", "photo": "photo", "note": "note",
-}  # fmt: skip
-FinenessOption = Annotated[
-    float, Parameter(name="--mm-px", help="Largest ground sample distance, mm per pixel.")
-]
-SinceOption = Annotated[
-    str | None, Parameter(name="--since", help="Ignore looks before this date, such as 2026-03-01.")
-]
+LISTED = LABELS["findings"]
 SPARE = ("note", "severity", "by", "doubt")
-ToOption = Annotated[
-    str, Parameter(name="--to", help="`kind` for every structure of it, or IDs with commas.")
+PhotoOption = Annotated[str, Parameter(help="Name or path of a registered photo.")]
+TimeOption = Annotated[float | None, Parameter(help="Seconds from its first pose, in place of a photo.")]
+PixelOption = Annotated[tuple[float, float] | None, Parameter(help="X and Y, px from the upper left.")]
+BoxOption = Annotated[tuple[float, float, float, float] | None, Parameter(help="X Y WIDTH HEIGHT, px.")]
+AtOption = Annotated[tuple[float, float, float] | None, Parameter(help="X Y Z, m, frame of the structure.")]
+PoseErrorOption = Annotated[
+    float | None, Parameter(help="Position error, one sigma, m, instead of the flight's.")
 ]
+FinenessOption = Annotated[float, Parameter("--mm-px", help="Largest ground sample distance, mm per pixel.")]
+SinceOption = Annotated[
+    str | None, Parameter("--since", help="Ignore looks before this date, such as 2026-03-01.")
+]
+ToOption = Annotated[str, Parameter("--to", help="`kind` for every structure of it, or IDs with commas.")]
 
 
 @app.command
@@ -40,26 +38,21 @@ def add(
     /,
     *,
     by: ByOption,
-    photo: Annotated[str, Parameter(help="Name or path of a registered photo.")] = "",
+    photo: PhotoOption = "",
     flight: Annotated[str, Parameter(help="ID of the flight or demonstration.")] = "",
-    time: Annotated[float | None, Parameter(help="Seconds from its first pose, in place of a photo.")] = None,
-    pixel: Annotated[tuple[float, float] | None, Parameter(help="X and Y, px from the upper left.")] = None,
-    box: Annotated[tuple[float, float, float, float] | None, Parameter(help="X Y WIDTH HEIGHT, px.")] = None,
+    time: TimeOption = None,
+    pixel: PixelOption = None,
+    box: BoxOption = None,
     outline: Annotated[str, Parameter(help='Corners in order, px: "X Y X Y X Y".')] = "",
     structure: Annotated[str, Parameter(help="Structure of the point in --at.")] = "",
-    at: Annotated[
-        tuple[float, float, float] | None, Parameter(help="X Y Z, m, frame of the structure.")
-    ] = None,
-    class_name: Annotated[str, Parameter(name="--class", help="Class, such as corrosion.")] = "",
+    at: AtOption = None,
+    class_name: Annotated[str, Parameter("--class", help="Class, such as corrosion.")] = "",
     severity: Annotated[str, Parameter(help="Severity, such as minor or critical.")] = "",
     note: NoteOption = "",
-    pose_error: Annotated[
-        float | None, Parameter(help="Position error, one sigma, m, instead of the flight's.")
-    ] = None,
+    pose_error: PoseErrorOption = None,
     attitude_error: Annotated[float, Parameter(help="Attitude error, one sigma, degrees.")] = 0.4,
     pixel_error: Annotated[float, Parameter(help="Mark error, one sigma, px.")] = 1.0,
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
+    results: Results = PRINTED,
 ) -> int:
     """Place one mark, or those of a file, on their structures.
 
@@ -92,15 +85,15 @@ def add(
         raise SettingsError("an error", "is below 0", "0 or more")
     kinds_of_error = Errors(attitude_deg=attitude_error, pixel_px=pixel_error)
     with errors.status("casting rays"):
-        done = add_marks(opened(catalog), marks, by, kinds_of_error, pose_error)
+        done = add_marks(results.opened(), marks, by, kinds_of_error, pose_error)
     for reason in done.refused:
         complain(f"refused: {reason}")
-    rows = opened(catalog).findings()
-    show_frame("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, json, SPARE)
-    if not json:
-        say(f"{done.new} added, {len(done.ids) - done.new} already known, {len(done.refused)} refused")
-    if done.ids and not json:
-        next_step(f"findings looks {done.ids[-1]}", "every photo that shows it", catalog)
+    rows = results.opened().findings()
+    results.show_frame("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, SPARE)
+    known = len(done.ids) - done.new
+    results.say(f"{done.new} added, {known} already known, {len(done.refused)} refused")
+    if done.ids:
+        results.next_step(f"findings looks {done.ids[-1]}", "every photo that shows it")
     return int(bool(done.refused))
 
 
@@ -115,7 +108,7 @@ def photos(
     ] = None,
     clock: Annotated[float, Parameter(help="Seconds that the camera's clock is behind the log's.")] = 0.0,
     by: ByOption = "",
-    catalog: CatalogOption = "catalog",
+    where: Where = HERE,
 ) -> int:
     """Register the photos of a flight by name, hash and time; they stay where they are.
 
@@ -126,7 +119,7 @@ def photos(
     """
     from upplied.findings.photos import flight_of, register_photos
 
-    store = opened(catalog)
+    store = where.opened()
     with errors.status("reading photos"):
         new, refused = register_photos(store, flight_of(store, flight), folder, times, clock, by)
     for reason in refused:
@@ -141,84 +134,66 @@ def list_findings(
     structure: Annotated[str | None, Parameter(help="Only findings of this structure.")] = None,
     kind: Annotated[str | None, Parameter(help="Only findings of this kind of structure.")] = None,
     state: Annotated[str | None, Parameter(help="open, watched, repaired or dismissed.")] = None,
-    class_name: Annotated[str | None, Parameter(name="--class", help="Only findings of this class.")] = None,
+    class_name: Annotated[str | None, Parameter("--class", help="Only findings of this class.")] = None,
     reference: Annotated[
         str, Parameter(help="Structure on which all places are shown: one map for a kind.")
     ] = "",
     out: Annotated[Path | None, Parameter(help="Folder for a page with that map in 3-D.")] = None,
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
+    results: Results = PRINTED,
 ) -> int:
     """List the findings as they stand."""
-    store = opened(catalog)
+    store = results.opened()
     if out is not None and not reference:
         from upplied.errors import SettingsError
 
         raise SettingsError("--out", "has no structure to show findings on", "say --reference STRUCTURE")
-    if reference:
-        from upplied.findings.carried import Carrying
-        from upplied.findings.queries import by_reference
-
-        with errors.status("carrying") as status:
-            carrying = Carrying(store, status.update)
-            rows = by_reference(store, reference, class_name=class_name, state=state, carrying=carrying)
-        mapped = {f"reference_{name}": name for name in ("x_m", "y_m", "z_m", "probability", "doubtful")}
-        keys = ("finding_id", "target_id", "class", "state")
-        show_frame(f"findings on {reference}", rows, {key: LISTED[key] for key in keys} | mapped, json)
-        if out is not None:
-            from upplied.outputs.findings_page import write_findings_page
-
-            page = write_findings_page(store, reference, rows, out)
-            if not json:
-                say(page)
+    if not reference:
+        rows = store.findings(structure=structure, kind=kind, state=state, class_name=class_name)
+        results.show_frame("findings", rows, LISTED, SPARE)
         return 0
-    rows = store.findings(structure=structure, kind=kind, state=state, class_name=class_name)
-    show_frame("findings", rows, LISTED, json, SPARE)
+    from upplied.findings.carried import Carrying
+    from upplied.findings.queries import by_reference
+
+    with errors.status("carrying") as status:
+        carrying = Carrying(store, status.update)
+        rows = by_reference(store, reference, class_name=class_name, state=state, carrying=carrying)
+    mapped = {f"reference_{name}": name for name in ("x_m", "y_m", "z_m", "probability", "doubtful")}
+    keys = ("finding_id", "target_id", "class", "state")
+    results.show_frame(f"findings on {reference}", rows, {key: LISTED[key] for key in keys} | mapped)
+    if out is not None:
+        from upplied.outputs.findings_page import write_findings_page
+
+        results.say(write_findings_page(store, reference, rows, out))
     return 0
 
 
 @app.command(name="set")
 def set_state(
-    finding: FindingArgument,
-    state: str,
-    /,
-    *,
-    by: ByOption,
-    note: NoteOption = "",
-    catalog: CatalogOption = "catalog",
+    finding: FindingArgument, state: str, /, *, by: ByOption, note: NoteOption = "", where: Where = HERE
 ) -> int:
     """Change the state of a finding to open, watched, repaired or dismissed; its history stays."""
-    row = opened(catalog).set_finding(finding, state, by, note)
+    row = where.opened().set_finding(finding, state, by, note)
     say(f"finding {row['finding_id']} is {state}")
     return 0
 
 
 @app.command
-def history(finding: str, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def history(finding: str, /, *, results: Results = PRINTED) -> int:
     """Show the states of a finding, who changed them and why."""
-    store = opened(catalog)
+    store = results.opened()
     name = store.finding(finding)["finding_id"]
     rows = store.findings(history=True)
     columns = {"added_at": "when", "state": "state", "by": "by", "note": "note"}
-    show_frame(f"finding {name}", rows[rows["finding_id"] == name], columns, json, SPARE)
+    results.show_frame(f"finding {name}", rows[rows["finding_id"] == name], columns, SPARE)
     return 0
 
 
 @app.command
-def looks(
-    finding: FindingArgument,
-    /,
-    *,
-    out: OutOption = None,
-    photos: PhotosOption = None,
-    simulated: Annotated[bool, Parameter(help="Simulated flights as well.")] = False,
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
-) -> int:
+def looks(finding: FindingArgument, /, *, results: LookResults = LOOKED) -> int:
     """List every photo of every flight that shows a finding."""
     from upplied.findings.looks import off_surface, spot_of
 
-    store = opened(catalog)
+    store = results.opened()
     row = store.finding(finding)
     spot = spot_of(row)
     sha256 = str(store.newest("structures", spot.structure_id)["sha256"])
@@ -227,7 +202,7 @@ def looks(
         complain(
             f"{spot.structure_id} has changed since it was found; the place is {off:.2f} m off its surface"
         )
-    return show_looks(store, f"finding {row['finding_id']}", spot, out, photos, simulated, json)
+    return results.show_looks(store, f"finding {row['finding_id']}", spot)
 
 
 @app.command
@@ -239,46 +214,39 @@ def carry(
     every: Annotated[bool, Parameter(help="Repeat on each similar part, such as each blade.")] = False,
     mm_px: FinenessOption = float("inf"),
     since: SinceOption = None,
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
+    results: Results = PRINTED,
 ) -> int:
     """Show the same place on other structures, and when it was last seen there."""
     from upplied.findings.carried import Carrying
     from upplied.findings.queries import photographed
 
-    store = opened(catalog)
+    store = results.opened()
     row = store.finding(finding)
     with errors.status("carrying") as status:
         carrying = Carrying(store, status.update)
         spots = photographed(store, row, to, mm_px, since, every=every, carrying=carrying)
-    columns = {
-        "structure_id": "structure", "part": "part", "x_m": "x m", "y_m": "y m", "z_m": "z m",
-        "probability": "probability", "error_m": "error m", "looked_at": "last seen", "mm_px": "mm/px",
-        "looks": "flights", "doubt": "doubt",
-    }  # fmt: skip
-    show_frame(f"finding {row['finding_id']} elsewhere", spots, columns, json, SPARE)
+    results.show_frame(f"finding {row['finding_id']} elsewhere", spots, LABELS["carried"], SPARE)
     return 0
 
 
-@reshooting.default
 def reshoot(
     *,
     findings: Annotated[str, Parameter(help="A state such as open, or IDs with commas.")],
     on: Annotated[str, Parameter(help="Structure to plan the mission for.")],
     mm_px: FinenessOption,
-    catalog: CatalogOption = "catalog",
+    where: Where = HERE,
 ) -> int:
     """Plan a mission that shows findings from where their photos did; the result is a draft."""
     from upplied.findings.campaign import selected_findings
     from upplied.findings.reshoot import plan_reshoot
 
-    store = opened(catalog)
+    store = where.opened()
     with errors.status("planning"):
         plan = plan_reshoot(store, selected_findings(store, findings, on), on, mm_px)
     for words in plan.words:
         say(words)
     say(f"{plan.transfer_id}: a draft for {on}")
-    next_step(f"release {plan.transfer_id} --by NAME", "put it in force", catalog)
+    where.next_step(f"release {plan.transfer_id} --by NAME", "put it in force")
     return int(bool(plan.refused))
 
 
@@ -290,12 +258,12 @@ def campaign(
     mm_px: FinenessOption,
     to: ToOption = "kind",
     since: SinceOption = None,
-    catalog: CatalogOption = "catalog",
+    where: Where = HERE,
 ) -> int:
     """Plan a draft for each structure where no flight showed the place of a finding."""
     from upplied.findings.campaign import plan_campaign
 
-    store = opened(catalog)
+    store = where.opened()
     with errors.status("planning"):
         plans = plan_campaign(store, store.finding(finding), mm_px, to, since)
     for one in plans:

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from cyclopts import App
 
-from upplied.cli.options import CatalogOption, JsonOption
-from upplied.cli.terminal import next_step, opened, say, show
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, say
 
 if TYPE_CHECKING:
     from upplied.catalog.verbs.roster import Roster
@@ -16,7 +15,7 @@ app = App(name="keys", help="Manage who may release plans, and their signing key
 
 
 @app.command
-def new(name: str, /, *, catalog: CatalogOption = "catalog") -> int:
+def new(name: str, /, *, where: Where = HERE) -> int:
     """Generate a key pair; the private key stays on this machine.
 
     Parameters
@@ -29,12 +28,12 @@ def new(name: str, /, *, catalog: CatalogOption = "catalog") -> int:
     public = new_key(name)
     say(f"{name}: public key {public}")
     say(f"private key in {key_path(name)}: keep it to yourself")
-    next_step(f"keys add {name!r} {public}", "allow this person to release", catalog)
+    where.next_step(f"keys add {name!r} {public}", "allow this person to release")
     return 0
 
 
 @app.command
-def add(name: str, key: str, /, *, catalog: CatalogOption = "catalog") -> int:
+def add(name: str, key: str, /, *, where: Where = HERE) -> int:
     """Add a person to the roster. Once there is one, only listed people may release, and they sign.
 
     Parameters
@@ -42,33 +41,34 @@ def add(name: str, key: str, /, *, catalog: CatalogOption = "catalog") -> int:
     key : str
         The public key, as `upplied keys new` prints it.
     """
-    roster = _roster(catalog)
+    roster = _roster(where)
     roster.add(name, key)
     say(f"{name} may release; roster {roster.path}")
     return 0
 
 
 @app.command
-def retire(name: str, /, *, catalog: CatalogOption = "catalog") -> int:
+def retire(name: str, /, *, where: Where = HERE) -> int:
     """Remove a person from the roster; earlier releases stay in force."""
-    decisions = opened(catalog).decisions()
-    _roster(catalog).retire(name, "" if decisions.empty else str(decisions["decision_id"].iloc[-1]))
+    decisions = where.opened().decisions()
+    _roster(where).retire(name, "" if decisions.empty else str(decisions["decision_id"].iloc[-1]))
     say(f"{name} may no longer release")
     return 0
 
 
 @app.command(name="list")
-def list_people(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def list_people(*, results: Results = PRINTED) -> int:
     """List who may release; without a roster everybody may."""
-    people = _roster(catalog).people or []
-    rows = [{"name": one.name, "key": one.key, "may release": not one.until} for one in people]
-    show("roster", rows, json)
+    people = _roster(results).people or []
+    results.show(
+        "roster", [{"name": one.name, "key": one.key, "may release": not one.until} for one in people]
+    )
     return 0
 
 
-def _roster(location: str) -> Roster:
+def _roster(where: Where) -> Roster:
     from upplied.catalog.verbs.roster import roster_of
 
-    store = opened(location)
+    store = where.opened()
     store.identity.required()
     return roster_of(store)

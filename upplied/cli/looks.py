@@ -2,29 +2,55 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
-from upplied.cli.options import CatalogOption, JsonOption
-from upplied.cli.terminal import complain, errors, opened, say, show_frame
+from upplied.cli.terminal import Results, complain, errors
+from upplied.outputs.labels import LABELS
 
-looking = App(name="looks", help="List every photo that shows a place of a structure.")
-
-LOOKS = {
-    "flight_id": "flight", "kind": "kind", "taken_at": "taken", "photo": "photo", "t_s": "s",
-    "distance_m": "m", "mm_px": "mm/px", "incidence_deg": "incidence deg", "blur_px": "blur px",
-    "in_picture_pct": "in picture %", "box": "box px",
-}  # fmt: skip
-OutOption = Annotated[
-    Path | None, Parameter(name="--out", help="Folder for crops side by side, with a page.")
-]
-PhotosOption = Annotated[Path | None, Parameter(name="--photos", help="Folder of photos that were moved.")]
+if TYPE_CHECKING:
+    from upplied.catalog import Catalog
+    from upplied.findings.looks import Spot
 
 
-@looking.default
-def looks_at(
+@Parameter(name="*")
+@dataclass(frozen=True)
+class LookResults(Results):
+    """The looks at a place: of which flights, and with crops of the photos where a folder is given."""
+
+    out: Annotated[Path | None, Parameter(help="Folder for crops side by side, with a page.")] = None
+    photos: Annotated[Path | None, Parameter(help="Folder of photos that were moved.")] = None
+    simulated: Annotated[bool, Parameter(help="Include simulated flights.")] = False
+
+    def show_looks(self, store: Catalog, title: str, spot: Spot) -> int:
+        """Print the looks at a place, and write the crops; 1 where a photo is missing."""
+        from upplied.findings.looks import looks_at_spot, looks_frame
+
+        with errors.status("casting rays"):
+            looks = looks_at_spot(store, spot, self.simulated)
+        frame = looks_frame(looks)
+        sides = frame[["left_px", "top_px", "right_px", "bottom_px"]].round(0)
+        frame["box"] = [" ".join(f"{side:.0f}" for side in row) for row in sides.to_numpy()]
+        self.show_frame(f"looks at {title}", frame, LABELS["looks"])
+        if self.out is None:
+            return 0
+        from upplied.findings.crops import write_crops
+
+        structure = store.structure(spot.structure_id)
+        page, missing = write_crops(self.out, title, looks, spot, structure, self.photos)
+        for reason in missing:
+            complain(f"missing: {reason}")
+        self.say(page)
+        return int(bool(missing))
+
+
+LOOKED = LookResults()
+
+
+def looks(
     structure: str,
     x: float,
     y: float,
@@ -32,11 +58,7 @@ def looks_at(
     /,
     *,
     size: Annotated[float, Parameter(help="Width of the area to show, m.")] = 0.5,
-    out: OutOption = None,
-    photos: PhotosOption = None,
-    simulated: Annotated[bool, Parameter(help="Simulated flights as well.")] = False,
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
+    results: LookResults = LOOKED,
 ) -> int:
     """List every photo of every flight that shows the place of the surface nearest to a point.
 
@@ -47,30 +69,6 @@ def looks_at(
     """
     from upplied.findings.looks import spot_at
 
-    store = opened(catalog)
+    store = results.opened()
     title = f"({x:g}, {y:g}, {z:g}) m of {structure}"
-    return show_looks(
-        store, title, spot_at(store, structure, (x, y, z), size / 2), out, photos, simulated, json
-    )
-
-
-def show_looks(store: Any, title: str, spot: Any, out: Any, photos: Any, simulated: bool, json: bool) -> int:
-    """Print the looks at a place, and write crops of them where a folder is given."""
-    from upplied.findings.looks import looks_at_spot, looks_frame
-
-    with errors.status("casting rays"):
-        looks = looks_at_spot(store, spot, simulated)
-    frame = looks_frame(looks)
-    sides = frame[["left_px", "top_px", "right_px", "bottom_px"]].round(0)
-    frame["box"] = [" ".join(f"{side:.0f}" for side in row) for row in sides.to_numpy()]
-    show_frame(f"looks at {title}", frame, LOOKS, json)
-    if out is None:
-        return 0
-    from upplied.findings.crops import write_crops
-
-    page, missing = write_crops(out, title, looks, spot, store.structure(spot.structure_id), photos)
-    for reason in missing:
-        complain(f"missing: {reason}")
-    if not json:
-        say(page)
-    return int(bool(missing))
+    return results.show_looks(store, title, spot_at(store, structure, (x, y, z), size / 2))

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 
 from cyclopts import App
 
-from upplied.cli.terminal import console, next_step, progress
+from upplied.cli.terminal import console, next_step, progress, say
 
 if TYPE_CHECKING:
     import pandas as pd
 
 PRESETS = ("paper", "recommended", "baseline")
 samples = App(name="samples", help="Write a sample fleet to try.")
-app = App(name="quickstart", help="Plan a sample fleet from log to report.")
 
 
 @samples.command
@@ -31,14 +30,15 @@ def write(folder: Path = Path("samples")) -> int:
 
     with progress("files", FILES) as advance:
         write_sample_fleet(folder, lambda _: advance())
-    console.print(f"{folder / 'structures.toml'} and its logs", soft_wrap=True)
+    say(f"{folder / 'structures.toml'} and its logs")
     next_step(f"structures add {shlex.quote(str(folder / 'structures.toml'))}", "import the meshes")
     return 0
 
 
-@app.default
 def quickstart(folder: Path = Path(".")) -> int:
-    """Write a sample fleet, transfer every demonstration to every structure of its kind, and publish.
+    """Plan a sample fleet from log to report.
+
+    Every demonstration is transferred to every structure of its kind.
 
     Parameters
     ----------
@@ -53,22 +53,22 @@ def quickstart(folder: Path = Path(".")) -> int:
     from upplied.outputs.sample_fleet import FILES, write_sample_fleet
 
     samples, reports = folder / "samples", folder / "reports"
-    console.print("1/4 Writing a sample fleet: meshes, a manifest and simulated logs")
+    say("1/4 Writing a sample fleet: meshes, a manifest and simulated logs")
     with progress("files", FILES) as advance:
         write_sample_fleet(samples, lambda _: advance())
     catalog = open_catalog(folder / "catalog")
-    console.print("2/4 Importing structures and demonstrations")
+    say("2/4 Importing structures and demonstrations")
     with progress("structures", len(read_manifest(samples / "structures.toml"))) as advance:
         fleet.ingest_structures(catalog, samples / "structures.toml", progress=lambda _: advance())
     logs = find_logs([samples])
     with progress("demonstrations", len(logs)) as advance:
         fleet.ingest_demonstrations(catalog, logs, progress=lambda _: advance())
-    console.print("3/4 Planning every demonstration for every structure of its kind")
+    say("3/4 Planning every demonstration for every structure of its kind")
     result = run(catalog, fleet.decide(catalog, fleet.PlanRequest(PRESETS)), 0, 600.0)
-    console.print("4/4 Publishing tables, pages and pictures")
+    say("4/4 Publishing tables, pages and pictures")
     with progress("publishing", pairs_in(catalog)) as advance:
         fleet.publish(catalog, reports, progress=lambda _: advance())
-    console.print(f"Plans: {result}")
+    say(f"Plans: {result}")
     return show_results(folder / "catalog", str(reports))
 
 
@@ -89,9 +89,7 @@ def show_results(catalog: Path, reports: str) -> int:
         coverage = [_shown(by, preset, "coverage_inspected_pct", "{:.1f} %") for preset in PRESETS]
         table.add_row(demonstration, target, *coverage, *(_shown(by, it, "frechet_z") for it in PRESETS[:2]))
     console.print(table)
-    console.print(
-        f"Open {reports}/index.html, or: pd.read_parquet('{reports}/transfers.parquet')", soft_wrap=True
-    )
+    say(f"Open {reports}/index.html, or: pd.read_parquet('{reports}/transfers.parquet')")
     return int((transfers["status"] == "failed").any())
 
 

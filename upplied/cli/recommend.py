@@ -3,50 +3,39 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
-from upplied.cli.options import CatalogOption, JsonOption, StructureArgument
-from upplied.cli.terminal import complain, errors, next_step, opened, plain, say, show
+from upplied.cli.options import StructureArgument
+from upplied.cli.terminal import PRINTED, Results, complain, errors, plain, say
+from upplied.outputs.labels import LABELS
 
-app = App(name="recommend", help="Rank demonstrations by how well they fit a structure.")
+if TYPE_CHECKING:
+    from upplied.catalog import Catalog
 
-COLUMNS = {
-    "rank": "rank", "demonstration_id": "demonstration", "kind": "kind", "verdict": "verdict",
-    "misfit": "misfit", "predicted_seen_pct": "seen %", "without_pct": "lost %",
-    "inspected_pct": "inspected %",
-}  # fmt: skip
-MostOption = Annotated[int, Parameter(name="--most", help="Number of demonstrations to show.")]
+MostOption = Annotated[int, Parameter(help="Number of demonstrations to show.")]
 
 
-@app.default
-def recommend(
-    structure: StructureArgument,
-    /,
-    *,
-    most: MostOption = 10,
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
-) -> int:
-    """Rank the catalog's demonstrations by how well they would transfer; nothing is planned."""
+def recommend(structure: StructureArgument, /, *, most: MostOption = 10, results: Results = PRINTED) -> int:
+    """Rank demonstrations by how well they would transfer to a structure; nothing is planned."""
     from upplied.recommend.ranking import recommend as rank
 
     with errors.status("comparing shapes"):
-        ranks = [asdict(one) for one in rank(opened(catalog), structure, most)]
-    if json:
-        show("", [plain(row) for row in ranks], json)
+        ranks = [asdict(one) for one in rank(results.opened(), structure, most)]
+    if results.json:
+        results.show("", [plain(row) for row in ranks])
     else:
-        rows = [{title: row[name] for name, title in COLUMNS.items()} for row in ranks]
-        show(f"demonstrations for {structure}", rows, spare=("inspected %", "lost %"))
+        rows = [{title: row[name] for name, title in LABELS["recommended"].items()} for row in ranks]
+        results.show(f"demonstrations for {structure}", rows, ("inspected %", "lost %"))
         for row in ranks:
             say(f"{row['rank']}. {row['demonstration_id']}: {row['why']}")
-    if not json and any(row["verdict"] == "fits" for row in ranks):
-        next_step(f"transfer --best {structure}", "transfer the best one", catalog)
+    if any(row["verdict"] == "fits" for row in ranks):
+        results.next_step(f"transfer --best {structure}", "transfer the best one")
     return int(ranks[0]["verdict"] not in ("own", "fits"))
 
 
-def best(location: str, structure: str) -> str:
+def best(store: Catalog, structure: str) -> str:
     """The demonstration that fits a structure best, other than its own.
 
     Raises
@@ -57,7 +46,6 @@ def best(location: str, structure: str) -> str:
     from upplied.errors import InputError
     from upplied.recommend.ranking import recommend as rank
 
-    store = opened(location)
     others = [one for one in rank(store, structure, 100) if one.verdict != "own"]
     fitting = next((one for one in others if one.verdict == "fits"), None)
     if fitting is None:

@@ -2,41 +2,36 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
-from upplied.cli.options import CatalogOption
-from upplied.cli.terminal import complain, next_step, opened, progress, say
+from upplied.cli.terminal import HERE, Where, complain, progress, say
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
 
-app = App(name="report", help="Publish tables, pages and pictures.")
-
-FileOption = Annotated[
-    Path | None, Parameter(name="--self-contained", help="One HTML file with everything inside, for mail.")
+FileOption = Annotated[Path | None, Parameter(help="One HTML file with everything inside, for mail.")]
+OneDemonstration = Annotated[str | None, Parameter(help="Only this demonstration in the single file.")]
+PagesOption = Annotated[
+    int, Parameter(help="Maximum number of pages, those that need attention first; the tables hold all.")
+]
+ForceOption = Annotated[
+    bool, Parameter(help="Replace a publication that is newer, from another catalog, or would become empty.")
 ]
 
 
-@app.default
 def report(
     folder: str | None = None,
     *,
     self_contained: FileOption = None,
-    demonstration: Annotated[
-        str | None, Parameter(help="Only this demonstration in the single file.")
-    ] = None,
+    demonstration: OneDemonstration = None,
     target: Annotated[str | None, Parameter(help="Only this structure in the single file.")] = None,
-    pages: Annotated[
-        int, Parameter(help="Maximum number of pages, those that need attention first; the tables hold all.")
-    ] = 10_000,
-    force: Annotated[
-        bool,
-        Parameter(help="Replace a publication that is newer, from another catalog, or would become empty."),
-    ] = False,
-    catalog: CatalogOption = "catalog",
+    pages: PagesOption = 10_000,
+    force: ForceOption = False,
+    where: Where = HERE,
 ) -> int:
     """Publish the catalog as Parquet, HTML pages and pictures, or as one file for mail.
 
@@ -49,25 +44,19 @@ def report(
     from upplied.findings.queries import kind_map
     from upplied.outputs.publish import publish_file
 
-    store = opened(catalog)
+    store = where.opened()
     problems: tuple[str, ...] = ()
     if folder is not None or self_contained is None:
         with progress("publishing", min(pages, pairs_in(store))) as advance:
-            published = fleet.publish(
-                store,
-                folder or "reports",
-                pages=pages,
-                progress=lambda _: advance(),
-                force=force,
-                map_of=kind_map,
-            )
+            publish = partial(fleet.publish, pages=pages, force=force, map_of=kind_map)
+            published = publish(store, folder or "reports", progress=lambda _: advance())
         say(str(published.index))
         problems = published.problems
     if self_contained is not None:
         index = publish_file(store, self_contained, demonstration_id=demonstration, target_id=target)
         say(index)
     if not problems:
-        next_step("fly TRANSFER", "simulate a plan in wind; its ID is on its page", catalog)
+        where.next_step("fly TRANSFER", "simulate a plan in wind; its ID is on its page")
     for problem in problems:
         complain(f"problem: {problem}")
     return int(bool(problems))

@@ -3,143 +3,81 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
-from upplied.cli.options import ByOption, CatalogOption, JsonOption, NoteOption, PlanArgument
-from upplied.cli.terminal import (
-    beside,
-    complain,
-    console,
-    errors,
-    next_step,
-    number,
-    opened,
-    opened_at,
-    say,
-    show,
-    show_frame,
-)
+from upplied.cli.options import ByOption, NoteOption, PlanArgument
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, beside, compared, complain, errors, say
+from upplied.outputs.labels import LABELS
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-reviewing = App(name="review", help="Compare a plan with the one in force, and record a review.")
-releasing = App(name="release", help="Release a plan: it is in force until another is released.")
-rejecting = App(name="reject", help="Reject a plan: it must not be flown.")
-editing = App(name="edit", help="Edit a plan as a file: move, turn or remove viewpoints, add keep-out boxes.")
-in_force = App(name="in-force", help="List the released plans and the drafts that wait.")
-
-COMPARED = {
-    "coverage_inspected_pct": "inspected surface shown, %",
-    "coverage_seen_pct": "surface seen, %",
-    "min_clearance_m": "minimum clearance, m",
-    "duration_s": "duration, s",
-    "path_length_m": "length, m",
-    "n_viewpoints": "viewpoints",
-}
-LISTED = {
-    "transfer_id": "in force",
-    "demonstration_id": "demonstration",
-    "target_id": "target",
-    "state_by": "released by",
-    "state_at": "at",
-    "coverage_inspected_pct": "inspected %",
-    "min_clearance_m": "clear m",
-    "newer_draft": "newer draft",
-    "altered": "differs from the release",
-}
+ForceOption = Annotated[
+    tuple[str, ...], Parameter(help="Rule to overrule: preset, verdict, rejected, recalled or changed.")
+]
 
 
-@reviewing.default
 def review(
-    transfer: PlanArgument,
-    /,
-    *,
-    by: ByOption = "",
-    note: NoteOption = "",
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
+    transfer: PlanArgument, /, *, by: ByOption = "", note: NoteOption = "", results: Results = PRINTED
 ) -> int:
     """Compare a plan with the one in force; with --by, record the review."""
-    store, plan = opened_at(catalog, transfer)
+    store, plan = results.plan(transfer)
     if by:
         store.review(plan, by, note)
     every = store.transfers(every=True)
     row = every[every["transfer_id"] == plan].iloc[-1]
     same = (every["demonstration_id"] == row["demonstration_id"]) & (every["target_id"] == row["target_id"])
     force = every[same & (every["purpose"] == row["purpose"]) & (every["state"] == "released")]
-    other = None if force.empty or force.iloc[-1]["transfer_id"] == plan else force.iloc[-1]
-    show(f"{plan}, {row['state'] or row['status']}", _compared(row, other), json)
-    if not json:
-        for text in filter(None, (row["reason"], row["not_flyable"], row["state_note"])):
-            say(text)
-        if row["state"] in ("draft", "reviewed"):
-            next_step(f"release {plan} --by NAME", "put it in force", catalog)
+    rows = {"this plan": row}
+    if not force.empty and force.iloc[-1]["transfer_id"] != plan:
+        rows["in force"] = force.iloc[-1]
+    lines = compared(LABELS["review"], rows, ("difference", "this plan", "in force"))
+    results.show(f"{plan}, {row['state'] or row['status']}", lines)
+    for text in filter(None, (row["reason"], row["not_flyable"], row["state_note"])):
+        results.say(text)
+    if row["state"] in ("draft", "reviewed"):
+        results.next_step(f"release {plan} --by NAME", "put it in force")
     return 0
 
 
-def _compared(row: pd.Series, other: pd.Series | None) -> list[dict[str, Any]]:
-    rows = []
-    for name, title in COMPARED.items():
-        this = number(row[name])
-        line: dict[str, Any] = {"measure": title, "this plan": this}
-        if other is not None:
-            that = number(other[name])
-            line["in force"] = that
-            line["difference"] = None if this is None or that is None else this - that
-        rows.append(line)
-    return rows
-
-
-@releasing.default
 def release(
     transfer: PlanArgument,
     /,
     *,
     by: ByOption,
     note: NoteOption = "",
-    force: Annotated[
-        tuple[str, ...], Parameter(help="Rule to overrule: preset, verdict, rejected, recalled or changed.")
-    ] = (),
-    catalog: CatalogOption = "catalog",
+    force: ForceOption = (),
+    where: Where = HERE,
 ) -> int:
-    """Put a plan in force for its demonstration and target."""
-    store, plan = opened_at(catalog, transfer)
+    """Release a plan: it is in force, for its demonstration and target, until another is released."""
+    store, plan = where.plan(transfer)
     store.release(plan, by, note, force)
     say(f"{plan} is in force, released by {by}")
-    next_step(f"export {plan} --to qgc-plan --output mission.plan", "write the mission file", catalog)
+    where.next_step(f"export {plan} --to qgc-plan --output mission.plan", "write the mission file")
     return 0
 
 
-@rejecting.default
-def reject(
-    transfer: PlanArgument, /, *, by: ByOption, note: NoteOption = "", catalog: CatalogOption = "catalog"
-) -> int:
-    """Reject a plan. If it was in force, no plan is in force afterwards."""
-    store, plan = opened_at(catalog, transfer)
+def reject(transfer: PlanArgument, /, *, by: ByOption, note: NoteOption = "", where: Where = HERE) -> int:
+    """Reject a plan: it must not be flown. If it was in force, no plan is in force afterwards."""
+    store, plan = where.plan(transfer)
     store.reject(plan, by, note)
     say(f"{plan} is rejected")
     return 0
 
 
-@in_force.default
-def list_in_force(
+def in_force(
     *,
     structure: Annotated[str | None, Parameter(help="Only plans of this structure.")] = None,
     kind: Annotated[str | None, Parameter(help="Only plans of this kind.")] = None,
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
+    results: Results = PRINTED,
 ) -> int:
-    """List the released plans.
+    """List the released plans and the drafts that wait.
 
     Exit code 1 if a plan was recalled and not replaced, or if a stored plan differs from what was released.
     """
-    store = opened(catalog)
+    store = results.opened()
     plans = store.in_force(structure=structure, kind=kind)
     recalled = store.recalled(structure=structure)
-    show_frame("in force", plans, LISTED, json)
+    results.show_frame("in force", plans, LABELS["in_force"])
     for row in recalled.to_dict("records"):
         what = f"recalled: {row['transfer_id']}, {row['demonstration_id']} on {row['target_id']}"
         complain(f"{what}: {row['state_note']}")
@@ -149,26 +87,28 @@ def list_in_force(
     return int(bool(len(recalled) or len(altered)))
 
 
-@editing.default
 def edit(
     transfer: PlanArgument,
     /,
     *,
     out: Annotated[Path | None, Parameter(help="Write the viewpoints to this file for editing.")] = None,
-    read: Annotated[Path | None, Parameter(name="--from", help="Import the edited file.")] = None,
+    read: Annotated[Path | None, Parameter("--from", help="Import the edited file.")] = None,
     by: ByOption = "",
-    catalog: CatalogOption = "catalog",
+    where: Where = HERE,
 ) -> int:
-    """Write a plan's viewpoints as JSON, or import the edited file as a new draft."""
+    """Edit a plan as a file: move, turn or remove viewpoints, add keep-out boxes.
+
+    The viewpoints are written as JSON; the edited file is imported as a new draft.
+    """
     from upplied.errors import SettingsError
     from upplied.fleet.edits import edit_plan, write_edit
 
     if (out is None) == (read is None):
         raise SettingsError("upplied edit", "both or neither of --out and --from", "exactly one of them")
-    store, plan = opened_at(catalog, transfer)
+    store, plan = where.plan(transfer)
     if out is not None:
         say(write_edit(store, plan, beside(out)))
-        next_step(f"edit {plan} --from {out} --by NAME", "import the edited file", catalog)
+        where.next_step(f"edit {plan} --from {out} --by NAME", "import the edited file")
         return 0
     assert read is not None
     with errors.status("checking the edited plan"):
@@ -176,6 +116,6 @@ def edit(
     row = store.transfer(outcome)
     say(f"{outcome}: {store.plan(outcome).warnings[0]}")
     shown, clearance = row["coverage_inspected_pct"], row["min_clearance_m"]
-    console.print(f"inspected {'?' if shown is None else f'{shown:.1f}'} %, clearance {clearance:.2f} m")
-    next_step(f"review {outcome}", "compare it with the one in force", catalog)
+    say(f"inspected {'?' if shown is None else f'{shown:.1f}'} %, clearance {clearance:.2f} m")
+    where.next_step(f"review {outcome}", "compare it with the one in force")
     return int(not row["flyable"])

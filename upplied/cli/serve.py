@@ -13,10 +13,7 @@ from cyclopts.validators import Number
 from upplied.cli.terminal import complain, say
 from upplied.extras import extra
 
-serving = App(name="serve", help="Run the fleet service: Prefect, a worker and the pages, until Ctrl-C.")
-deploying = App(name="deploy", help="Apply the deployments to the Prefect server.")
 fleet = App(name="fleet", help="The fleet's deployments in Prefect.")
-watching = App(name="watch", help="Report each new log in a folder to Prefect.")
 
 PortOption = Annotated[
     int,
@@ -30,15 +27,15 @@ PortOption = Annotated[
 RootOption = Annotated[
     tuple[str, ...], Parameter(name="--root", help="Additional folder or URI that runs may use; repeatable.")
 ]
+FlightsOption = Annotated[bool, Parameter(help="The logs are flights of plans: start ingest-flights.")]
 PartOption = Annotated[
     Literal["server", "worker", "reports"] | None,
     Parameter(name="--only", help="Run one part only, for systemd or compose."),
 ]
 
 
-@serving.default
 def serve(*, port: PortOption = 4200, root: RootOption = (), only: PartOption = None) -> int:
-    """Serve the fleet of this folder on this machine."""
+    """Run the fleet service of this folder: Prefect, a worker and the pages, until Ctrl-C."""
     require_flows()
     from upplied.flows import serve as service
     from upplied.flows.server import ServerError
@@ -50,9 +47,8 @@ def serve(*, port: PortOption = 4200, root: RootOption = (), only: PartOption = 
         return 1
 
 
-@deploying.default
 def deploy(*, port: PortOption = 4200) -> int:
-    """Apply the prefect.yaml of this folder, or the program's own, to the server."""
+    """Apply the deployments to the Prefect server: prefect.yaml of this folder, or the program's own."""
     if not (variables := connected(port)):
         return 1
     from upplied.flows import serve
@@ -66,14 +62,8 @@ def deploy(*, port: PortOption = 4200) -> int:
     return 0
 
 
-@watching.default
-def watch(
-    folder: Path,
-    *,
-    flights: Annotated[bool, Parameter(help="The logs are flights of plans: start ingest-flights.")] = False,
-    port: PortOption = 4200,
-) -> int:
-    """Emit the event that starts ingest-demonstrations for each complete log.
+def watch(folder: Path, *, flights: FlightsOption = False, port: PortOption = 4200) -> int:
+    """Report each new log in a folder to Prefect, which starts ingest-demonstrations for it.
 
     Parameters
     ----------
@@ -141,14 +131,14 @@ def notify(
 
 
 def require_flows() -> None:
-    """Say what to install where the flows are not there."""
+    """Report what to install if the flows are missing."""
     with extra("fleet"):
         if find_spec("prefect") is None:
             raise ModuleNotFoundError(name="prefect")
 
 
 def connected(port: int) -> dict[str, str]:
-    """The variables of the server, known to Prefect from here on; none, and told, where none answers."""
+    """The variables of the server, set for Prefect from here on; empty, with a message, if none answers."""
     require_flows()
     from upplied.flows import environment
     from upplied.flows.server import answers

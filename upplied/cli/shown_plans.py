@@ -4,30 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from upplied.cli.terminal import console, say, show
+from upplied.cli.terminal import Results, say
+from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
     from upplied.fleet import Decision, PlanRequest
 
-COLUMNS = {
-    "transfer_id": "transfer",
-    "target_id": "target",
-    "preset": "preset",
-    "status": "status",
-    "coverage_inspected_pct": "inspected %",
-    "coverage_seen_pct": "seen %",
-    "coverage_paper_pct": "paper %",
-    "frechet_z": "Frechet",
-    "min_clearance_m": "clear m",
-    "camera_turn_ratio": "turned",
-    "gsd_mm_p50": "gsd mm",
-    "gsd_demonstrated_mm_p50": "flown mm",
-    "gsd_within_pct": "as fine %",
-    "standoff_mode": "stand-off",
-    "duration_s": "time s",
-}
-
+COLUMNS = LABELS["transfers"]
 _SPARE = ("paper %", "Frechet", "time s", "flown mm", "as fine %", "stand-off", "gsd mm", "turned", "seen %")
 
 
@@ -49,48 +33,39 @@ def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]
     return rows.astype(object).where(rows.notna(), None).to_dict("records")
 
 
-def show_plans(demonstration: str, rows: list[dict[str, Any]], as_json: bool) -> None:
+def show_plans(demonstration: str, rows: list[dict[str, Any]], results: Results) -> None:
     """The measures of each plan, and under them why it has none, or what to look at before it is flown."""
     from json import loads
 
     from upplied.outputs.pairs import shown_status
     from upplied.outputs.verdicts import resolution
 
-    if as_json:
-        show("", [{**row, "warnings": loads(row["warnings"] or "[]")} for row in rows], as_json)
+    if results.json:
+        results.show("", [{**row, "warnings": loads(row["warnings"] or "[]")} for row in rows])
         return
     shown = [row | {"status": shown_status(row)} for row in rows]
     columns = [{title: row[name] for name, title in COLUMNS.items()} for row in shown]
-    show(f"transfers of {demonstration}", columns, spare=_SPARE)
-    for row in rows:
-        status = shown_status(row)
-        if status != "ok":
-            why = row["reason"] or row["not_flyable"]
-            say(f"{status}: {row['target_id']} ({row['preset']}): {why}")
+    results.show(f"transfers of {demonstration}", columns, _SPARE)
+    for row in shown:
+        plan = f"{row['target_id']} ({row['preset']})"
+        if row["status"] != "ok":
+            say(f"{row['status']}: {plan}: {row['reason'] or row['not_flyable']}")
             continue
         if fine := resolution(row):
-            say(f"{row['target_id']} ({row['preset']}): {fine}")
+            say(f"{plan}: {fine}")
         if warnings := loads(row["warnings"] or "[]"):
-            say(f"check: {row['target_id']} ({row['preset']}): {'; '.join(warnings)}")
+            say(f"check: {plan}: {'; '.join(warnings)}")
 
 
-def show_decision(decision: Decision, as_json: bool) -> None:
+def show_decision(decision: Decision, results: Results) -> None:
     """What would be planned and why."""
-    rows = [
-        {
-            "demonstration": job.demonstration_id,
-            "target": job.target_id,
-            "preset": job.settings.preset,
-            "why": job.why,
-        }
-        for job in decision.jobs
-    ]
-    if not as_json:
-        rows, more = rows[:40], len(rows) - 40
-    show("would be planned", rows, as_json)
-    if not as_json:
-        if more > 0:
-            console.print(f"... and {more} more; --json lists them all")
-        for why, count in decision.reasons.items():
-            console.print(f"{count:6d}  {why}")
-        console.print(f"{decision.unchanged:6d}  unchanged")
+    columns = ("demonstration", "target", "preset", "why")
+    pairs = [(job.demonstration_id, job.target_id, job.settings.preset, job.why) for job in decision.jobs]
+    most = len(pairs) if results.json else 40
+    results.show("would be planned", [dict(zip(columns, pair, strict=True)) for pair in pairs[:most]])
+    if results.json:
+        return
+    if len(pairs) > most:
+        say(f"... and {len(pairs) - most} more; --json lists them all")
+    for why, count in {**decision.reasons, "unchanged": decision.unchanged}.items():
+        say(f"{count:6d}  {why}")

@@ -7,25 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import (
-    AllowOption,
-    CatalogOption,
-    JsonOption,
-    RuleOption,
-    StrictOption,
-    StructureArgument,
-    WorkersOption,
-)
+from upplied.cli.options import AllowOption, RuleOption, StrictOption, StructureArgument, WorkersOption
 from upplied.cli.terminal import (
+    HERE,
+    PRINTED,
+    Results,
+    Where,
     complain,
-    console,
     errors,
     ingested_report,
-    next_step,
-    opened,
     progress,
     say,
-    show,
 )
 
 if TYPE_CHECKING:
@@ -38,6 +30,10 @@ if TYPE_CHECKING:
 _SIZES = {"size_x_m": "length m", "size_y_m": "width m", "size_z_m": "height m"}
 
 app = App(name="structures", help="The structures of the catalog.")
+PictureOption = Annotated[Path | None, Parameter(help="Picture to write; by default NAME-check.png here.")]
+CleanOption = Annotated[
+    bool, Parameter(help="Also write NAME-clean.ply without ground, clutter and neighbours.")
+]
 
 
 @app.command
@@ -49,8 +45,8 @@ def add(
     allow: AllowOption = (),
     strict: StrictOption = False,
     set_: RuleOption = (),
-    catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
+    where: Where = HERE,
 ) -> int:
     """Import the meshes of a manifest; each is checked against its kind (docs/checks.md).
 
@@ -62,37 +58,34 @@ def add(
     from upplied import fleet
     from upplied.inputs.manifests import read_manifest
 
-    store, rules = opened(catalog), _rule_options(allow, strict, set_)
+    store, rules = where.opened(), _rule_options(allow, strict, set_)
     with progress("reading structures", len(read_manifest(manifest))) as advance:
         ingested = fleet.ingest_structures(store, manifest, workers, lambda _: advance(), prune, rules)
     code = ingested_report(ingested)
     if not code and len(store.demonstrations()):
-        next_step("plan", "transfer the demonstrations to new and changed structures", catalog)
+        where.next_step("plan", "transfer the demonstrations to new and changed structures")
     elif not code:
-        next_step("demonstrations add LOG.mcap", "import an expert's flight", catalog)
+        where.next_step("demonstrations add LOG.mcap", "import an expert's flight")
     return code
 
 
 @app.command(name="list")
-def list_(*, catalog: CatalogOption = "catalog", json: JsonOption = False) -> int:
+def list_(*, results: Results = PRINTED) -> int:
     """List the structures of the catalog with their findings."""
-    table = opened(catalog).structures()[["structure_id", "kind", *_SIZES, "overruled", "findings"]]
-    rows = table.rename(columns=_SIZES).to_dict("records") if not json else table.to_dict("records")
-    show("structures", rows, json, ("length m", "width m", "height m"))
+    table = results.opened().structures()[["structure_id", "kind", *_SIZES, "overruled", "findings"]]
+    table = table if results.json else table.rename(columns=_SIZES)
+    results.show("structures", table.to_dict("records"), ("length m", "width m", "height m"))
     return 0
 
 
 @app.command(name="show")
-def show_(
-    structure: StructureArgument, /, *, catalog: CatalogOption = "catalog", json: JsonOption = False
-) -> int:
+def show_(structure: StructureArgument, /, *, results: Results = PRINTED) -> int:
     """Show a structure: its size, repairs, and the rules it breaks or overrules."""
     from dataclasses import asdict
 
     from upplied.inputs.rules import from_json
 
-    store = opened(catalog)
-    record = store.structure(structure)
+    record = results.opened().structure(structure)
     size = (record.vertices.max(axis=0) - record.vertices.min(axis=0)).tolist()
     verdicts = from_json(record.verdicts_json)
     facts = {
@@ -103,10 +96,10 @@ def show_(
         "mesh": f"{len(record.triangles)} triangles, {len(record.vertices)} vertices",
         "notes": record.notes,
     }
-    if json:
-        show("structure", [facts | {"size_m": size, "verdicts": [asdict(one) for one in verdicts]}], True)
+    if results.json:
+        results.show("", [facts | {"size_m": size, "verdicts": [asdict(one) for one in verdicts]}])
         return 0
-    show(structure, [{"what": name, "found": value} for name, value in facts.items() if value])
+    results.show(structure, [{"what": name, "found": value} for name, value in facts.items() if value])
     for verdict in verdicts:
         say(f"{verdict.severity}: {verdict}. {verdict.remedy}")
     return 0
@@ -118,16 +111,13 @@ def check(
     /,
     *,
     id: Annotated[str | None, Parameter(help="Structure of a manifest to report in full.")] = None,
-    png: Annotated[Path | None, Parameter(help="Picture to write; by default NAME-check.png here.")] = None,
-    clean: Annotated[
-        bool, Parameter(help="Also write NAME-clean.ply without ground, clutter and neighbours.")
-    ] = False,
+    png: PictureOption = None,
+    clean: CleanOption = False,
     allow: AllowOption = (),
     strict: StrictOption = False,
     set_: RuleOption = (),
-    catalog: CatalogOption = "catalog",
-    json: JsonOption = False,
     workers: WorkersOption = 0,
+    results: Results = PRINTED,
 ) -> int:
     """Check a mesh or the meshes of a manifest; nothing is stored.
 
@@ -143,7 +133,7 @@ def check(
     rules = _rule_options(allow, strict, set_)
     if file.suffix.lower() not in (".toml", ".csv"):
         return _checked(file, png, clean=clean)
-    others = _compared(catalog)
+    others = _others(results)
     if id is not None:
         entries = {entry.structure_id: entry for entry in rules.of(read_manifest(file))}
         if id not in entries:
@@ -152,9 +142,9 @@ def check(
     with progress("checking structures", len(read_manifest(file))) as advance:
         checked = fleet.check_structures(file, workers, lambda _: advance(), others, rules)
     rows = [vars(item) for item in checked]
-    if not json:
+    if not results.json:
         rows = [{**row, "findings": "; ".join(row["findings"])} for row in rows]
-    show("structures", rows, json)
+    results.show("structures", rows)
     return int(any(item.status == "failed" for item in checked))
 
 
@@ -165,16 +155,16 @@ def _rule_options(allow: tuple[str, ...], strict: bool, limits: tuple[str, ...])
     return RuleOptions(tuple(allow), strict, changed(limits))
 
 
-def _compared(location: str) -> Catalog | None:
-    """The catalog whose structures others are compared with; none where none was said and none is there."""
+def _others(where: Where) -> Catalog | None:
+    """The catalog whose structures others are compared with; none where none is named and none is there."""
     from upplied.errors import CatalogError
 
     try:
-        store = opened(location)
+        store = where.opened()
         store.structures()
         return store
     except CatalogError:
-        if location != "catalog":
+        if where.location != HERE.location:
             raise
         return None
 
@@ -182,11 +172,10 @@ def _compared(location: str) -> Catalog | None:
 def _checked(
     what: StructureEntry | Path, png: Path | None, catalog: Catalog | None = None, clean: bool = False
 ) -> int:
-    """Say how a structure is, and draw it; 1 when it would be refused.
-
-    Of a manifest, as it is declared there and among those of a catalog; else a mesh or cloud file alone.
-    """
+    """Report on a file, or an entry of a manifest among those of a catalog, and draw it; 1 if refused."""
     from upplied.errors import InputError
+    from upplied.fleet.admission import Admission, shape_of
+    from upplied.fleet.members import Member
     from upplied.fleet.workers import JobKilled, Workers
     from upplied.inputs.health import health_report
     from upplied.inputs.rules import refusals
@@ -198,10 +187,8 @@ def _checked(
     if not file.is_file():
         raise InputError(str(file), "is not a file", remedy="check the path")
     try:
-        with (
-            errors.status("checking"),
-            Workers(1) as pool,
-        ):  # whatever a file does to a reader, within its time and memory
+        # Whatever a file does to a reader, within its time and memory.
+        with errors.status("checking"), Workers(1) as pool:
             report = pool.run(health_report, what)
     except (InputError, JobKilled) as error:
         complain(f"refused: {error}")
@@ -209,7 +196,10 @@ def _checked(
     say(report.text)
     replace_file(png, structure_png(report.structure, title=png.stem.removesuffix("-check")))
     say(f"  picture     {png}")
-    others = () if isinstance(what, Path) else _among_others(what, report.structure, catalog)
+    others: tuple[Verdict, ...] = ()
+    if not isinstance(what, Path):
+        member = Member(what.structure_id, what.kind, shape_of(report.structure))
+        others = Admission(catalog).verdicts(member, what)
     for verdict in others:
         say(f"  {verdict.severity:<11} {verdict}. {verdict.remedy}")
     if clean:
@@ -228,7 +218,7 @@ def _cleaned(structure: Structure, png: Path) -> None:
 
     separation = separated(structure)
     if not separation.texts:
-        console.print("  clean       nothing to separate: the whole mesh is the structure", soft_wrap=True)
+        say("  clean       nothing to separate: the whole mesh is the structure")
         return
     stem = png.stem.removesuffix("-check") + "-clean"
     mesh, picture = png.with_name(f"{stem}.ply"), png.with_name(f"{stem}.png")
@@ -236,21 +226,9 @@ def _cleaned(structure: Structure, png: Path) -> None:
     left = replace(structure, vertices=vertices, triangles=triangles, normals=normals)
     replace_file(mesh, ply_bytes(vertices, triangles, normals))
     replace_file(picture, separation_png(structure, separation.label, CLASSES, left))
-    console.print(
-        f"  separated   {'; '.join(separation.texts)}; {separation.area_m2[0]:.1f} m² are left",
-        soft_wrap=True,
-    )
+    words = "; ".join(separation.texts)
+    say(f"  separated   {words}; {separation.area_m2[0]:.1f} m² are left")
     ground = "" if separation.ground_z_m is None else f", ground_z = {separation.ground_z_m:.2f}"
     declare = f"units = 'm', up = 'z', forward = 'x'{ground}"
     say(f"  cleaned     {mesh}: declare {declare}")
     say(f"  picture     {picture} (before and after)")
-
-
-def _among_others(
-    entry: StructureEntry, structure: Structure, catalog: Catalog | None
-) -> tuple[Verdict, ...]:
-    from upplied.fleet.admission import Admission, shape_of
-    from upplied.fleet.members import Member
-
-    member = Member(entry.structure_id, entry.kind, shape_of(structure))
-    return Admission(catalog).verdicts(member, entry)

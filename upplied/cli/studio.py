@@ -5,34 +5,28 @@ from __future__ import annotations
 import webbrowser
 from typing import Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
-from upplied.cli.options import CatalogOption
-from upplied.cli.terminal import complain, console, opened
+from upplied.cli.terminal import HERE, Where, complain, say
 from upplied.extras import extra
 
-app = App(name="studio", help="Open the fleet, or one plan, in the browser: look, edit, release or reject.")
+PortOption = Annotated[int, Parameter(help="Port on this machine; 0 takes any free one.")]
+OpenOption = Annotated[bool, Parameter("--open", negative="--no-open", help="Open the browser as well.")]
 
 
-@app.default
 def studio(
-    transfer: str = "",
-    /,
-    *,
-    port: Annotated[int, Parameter(help="Port on this machine; 0 takes any free one.")] = 0,
-    open_: Annotated[
-        bool, Parameter(name="--open", negative="--no-open", help="Open the browser as well.")
-    ] = True,
-    catalog: CatalogOption = "catalog",
+    transfer: str = "", /, *, port: PortOption = 0, open_: OpenOption = True, where: Where = HERE
 ) -> int:
-    """Serve the pages of a catalog to this machine alone, until Ctrl-C.
+    """Open the fleet, or one plan, in the browser: look, edit, release or reject.
+
+    The pages are served to this machine alone, until Ctrl-C.
 
     Parameters
     ----------
     transfer : str
         ID of a plan to edit, or the beginning of one; without it the fleet opens.
     """
-    store = opened(catalog)
+    store = where.opened()
     page = f"studio/{store.find_transfer(transfer)}" if transfer else ""
     with extra("export"):
         from upplied.web.serving import Server
@@ -42,8 +36,8 @@ def studio(
         complain(f"error: port {port}: {error}. Choose another: --port 0")
         return 2
     address = server.address(page)
-    console.print(f"Open {address}", markup=False, soft_wrap=True, highlight=False)
-    console.print("Ctrl-C stops it. Anyone with this address can edit and release plans.")
+    say(f"Open {address}")
+    say("Ctrl-C stops it. Anyone with this address can edit and release plans.")
     if open_:
         webbrowser.open(address)
     server.run()

@@ -1,4 +1,4 @@
-"""What all commands share: the catalog option, tables, JSON and progress bars."""
+"""What all commands share: the catalog, tables, JSON and progress bars."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+from cyclopts import Parameter
 from rich.console import Console
 
 if TYPE_CHECKING:
@@ -34,10 +36,62 @@ def opened(location: str) -> Catalog:
     return open_catalog(location)
 
 
-def opened_at(location: str, transfer: str) -> tuple[Catalog, str]:
-    """The catalog at a location, and the whole id of its plan of that id, or whose id begins so."""
-    catalog = opened(location)
-    return catalog, catalog.find_transfer(transfer)
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Where:
+    """The catalog that a command works on."""
+
+    location: Annotated[
+        str,
+        Parameter("--catalog", env_var="UPPLIED_CATALOG", help="Folder or object-store URI of the catalog."),
+    ] = "catalog"
+
+    def opened(self) -> Catalog:
+        """The catalog."""
+        return opened(self.location)
+
+    def plan(self, transfer: str) -> tuple[Catalog, str]:
+        """The catalog, and the whole id of its plan of that id, or whose id begins so."""
+        catalog = self.opened()
+        return catalog, catalog.find_transfer(transfer)
+
+    def next_step(self, command: str, why: str) -> None:
+        """What to do next, on the same catalog."""
+        next_step(command, why, self.location)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Results(Where):
+    """The same, and whether results are printed as JSON."""
+
+    json: Annotated[bool, Parameter("--json", help="Print JSON instead of a table.")] = False
+
+    def show(self, title: str, rows: Sequence[Mapping[str, Any]], spare: Sequence[str] = ()) -> None:
+        """Print rows as a table, or as JSON; see `show`."""
+        show(title, rows, self.json, spare)
+
+    def show_frame(
+        self, title: str, frame: pd.DataFrame, columns: Mapping[str, str], spare: Sequence[str] = ()
+    ) -> None:
+        """Print some columns of a frame under other names as a table, or all of them as JSON."""
+        rows = rows_of(frame, None if self.json else columns)
+        if not self.json and "flight" in columns.values():
+            rows = [{**row, "flight": row["flight"][:ID_DIGITS]} for row in rows]
+        self.show(title, rows, spare)
+
+    def say(self, text: object) -> None:
+        """A line below a table; JSON stands alone."""
+        if not self.json:
+            say(text)
+
+    def next_step(self, command: str, why: str) -> None:
+        """What to do next, on the same catalog; JSON stands alone."""
+        if not self.json:
+            super().next_step(command, why)
+
+
+HERE, PRINTED = Where(), Results()
 
 
 def say(text: object) -> None:
@@ -46,12 +100,12 @@ def say(text: object) -> None:
 
 
 def complain(text: object) -> None:
-    """The same, beside what is asked for."""
+    """A line on standard error, as it is."""
     errors.print(str(text), markup=False, soft_wrap=True)
 
 
 def beside(output: Path) -> Path:
-    """A file to write, in a folder that is there: none is made unasked."""
+    """A file to write; its folder must exist."""
     from upplied.errors import InputError
 
     if not output.absolute().parent.is_dir():
@@ -69,7 +123,7 @@ def show(
     """
     if as_json:
         text = json.dumps(list(rows), indent=2, default=str, allow_nan=False)
-        sys.stdout.write(f"{text}\n")  # asked for: even where --quiet is
+        sys.stdout.write(f"{text}\n")  # the requested result: even with --quiet
         return
     if not rows:
         console.print(f"{title}: none")
@@ -109,20 +163,6 @@ def rows_of(frame: pd.DataFrame, names: Mapping[str, str] | None = None) -> list
     return rows
 
 
-def show_frame(
-    title: str,
-    frame: pd.DataFrame,
-    columns: Mapping[str, str],
-    as_json: bool = False,
-    spare: Sequence[str] = (),
-) -> None:
-    """Print some columns of a frame under other names as a table, or all of them as JSON."""
-    rows = rows_of(frame, None if as_json else columns)
-    if not as_json and "flight" in columns.values():
-        rows = [{**row, "flight": row["flight"][:ID_DIGITS]} for row in rows]
-    show(title, rows, as_json, spare)
-
-
 def plain(row: Mapping[str, Any]) -> dict[str, Any]:
     """A row with None for what is no finite number: JSON knows no other."""
     return {
@@ -134,6 +174,22 @@ def plain(row: Mapping[str, Any]) -> dict[str, Any]:
 def number(value: Any) -> float | None:
     """A value as a number; None where it is missing."""
     return None if value is None or value != value else float(value)
+
+
+def compared(
+    titles: Mapping[str, str], rows: Mapping[str, Mapping[Any, Any]], difference: tuple[str, str, str]
+) -> list[dict[str, Any]]:
+    """A line for each measure: its title, its value in each row, and the difference of two rows."""
+    title_of_difference, one, other = difference
+    lines = []
+    for measure, title in titles.items():
+        values = {name: number(row[measure]) for name, row in rows.items()}
+        line: dict[str, Any] = {"measure": title, **values}
+        if len(values) == 2:
+            first, second = values[one], values[other]
+            line[title_of_difference] = None if first is None or second is None else first - second
+        lines.append(line)
+    return lines
 
 
 def _left_out(cells: Mapping[str, Sequence[str]], spare: Sequence[str]) -> list[str]:
@@ -170,7 +226,7 @@ def _cell(value: Any) -> str:
 
 
 def ingested_report(ingested: Sequence[Ingested]) -> int:
-    """Say what became of the files; 1 when one of them failed."""
+    """Report the result for each file; 1 if one of them failed."""
     shown = [item for item in ingested if item.file and item.status != "unchanged"]
     if shown:
         above = os.path.commonpath([os.path.dirname(item.file) for item in shown])

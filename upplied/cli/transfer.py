@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
 from upplied.cli.choices import Choices
-from upplied.cli.options import CatalogOption, JsonOption, WorkersOption
+from upplied.cli.options import WorkersOption
 from upplied.cli.recommend import best as best_for
 from upplied.cli.shown_plans import current, show_decision, show_plans
-from upplied.cli.terminal import complain, console, errors, next_step, opened, progress, say
+from upplied.cli.terminal import PRINTED, Results, Where, complain, errors, progress, say
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
     from upplied.fleet import Decision, Result
-
-app = App(name="transfer", help="Transfer a demonstration to other structures.")
-plan = App(name="plan", help="Plan every pair whose inputs changed, or show which those are.")
 
 PresetOption = Annotated[
     tuple[str, ...],
@@ -30,16 +27,13 @@ BestOption = Annotated[
     str, Parameter(name="--best", help="Structure that receives the demonstration that fits best.")
 ]
 ExperimentOption = Annotated[
-    str,
-    Parameter(
-        name="--experiment", help="Name of an experiment; its plans are never current and never released."
-    ),
+    str, Parameter(help="Name of an experiment; its plans are never current and never released.")
 ]
-TimeoutOption = Annotated[float, Parameter(name="--timeout", help="Time limit of one structure, in seconds.")]
+ReproduceOption = Annotated[str | None, Parameter(help="ID of a plan to compute again and compare.")]
+TimeoutOption = Annotated[float, Parameter(help="Time limit of one structure, in seconds.")]
 DEFAULT_PRESETS = ("recommended", "baseline")
 
 
-@app.default
 def transfer(
     demonstration: str = "",
     /,
@@ -50,11 +44,10 @@ def transfer(
     choices: Choices | None = None,
     experiment: ExperimentOption = "",
     best: BestOption = "",
-    reproduce: Annotated[str | None, Parameter(help="ID of a plan to compute again and compare.")] = None,
-    catalog: CatalogOption = "catalog",
+    reproduce: ReproduceOption = None,
     workers: WorkersOption = 0,
     timeout: TimeoutOption = 600.0,
-    json: JsonOption = False,
+    results: Results = PRINTED,
 ) -> int:
     """Transfer one demonstration to target structures; existing plans are not computed again.
 
@@ -69,32 +62,28 @@ def transfer(
     from upplied.errors import SettingsError
 
     if reproduce is not None:
-        return _reproduced(catalog, reproduce)
+        return _reproduced(results, reproduce)
     if best and (demonstration or to):
-        raise SettingsError(
-            "transfer",
-            "--best together with a demonstration or --to",
-            "either --best, or a demonstration and --to",
-        )
+        rule = "either --best, or a demonstration and --to"
+        raise SettingsError("transfer", "--best together with a demonstration or --to", rule)
+    catalog = results.opened()
     if best:
         demonstration, to = best_for(catalog, best), (best,)
     if not demonstration:
         raise SettingsError("transfer", "no demonstration is named", "", "see: upplied demonstrations list")
-    opened_catalog = opened(catalog)
-    targets = fitting(opened_catalog, demonstration, to)
-    plan_request = fleet.PlanRequest(
-        preset, (choices or Choices()).onto(changes(set_)), (demonstration,), targets, False, experiment
-    )
-    run(opened_catalog, fleet.decide(opened_catalog, plan_request), workers, timeout)
-    rows = current(opened_catalog, plan_request)
-    show_plans(demonstration, rows, json)
-    if not json and any(row["status"] == "ok" for row in rows):
-        next_step("report", "publish the plans as pages", catalog)
+    targets = fitting(catalog, demonstration, to)
+    settings = (choices or Choices()).onto(changes(set_))
+    plan_request = fleet.PlanRequest(preset, settings, (demonstration,), targets, False, experiment)
+    run(catalog, fleet.decide(catalog, plan_request), workers, timeout)
+    rows = current(catalog, plan_request)
+    show_plans(demonstration, rows, results)
+    if any(row["status"] == "ok" for row in rows):
+        results.next_step("report", "publish the plans as pages")
     return int(len(targets) < len(to) or any(row["status"] != "ok" for row in rows))
 
 
 def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> tuple[str, ...]:
-    """The targets to which a demonstration can be carried; of each other one it is said why not.
+    """The targets to which a demonstration can be carried; the others are reported with the reason.
 
     Raises
     ------
@@ -109,7 +98,7 @@ def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> t
     structures = catalog.structures()
     kinds = dict(zip(structures["structure_id"], structures["kind"], strict=True))
     flown = catalog.newest("demonstrations", demonstration)["structure_id"]
-    kind, fitting_targets, reasons = kinds.get(flown, ""), [], []
+    kind, targets_of_kind, reasons = kinds.get(flown, ""), [], []
     for name in dict.fromkeys(targets):
         if name not in kinds:
             reasons.append(f"structure {name}: is not in the catalog ({suggested(name, kinds)})")
@@ -119,45 +108,43 @@ def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> t
                 f"of kind {kind}: a demonstration is transferred within its kind"
             )
         else:
-            fitting_targets.append(name)
-    if not fitting_targets:
+            targets_of_kind.append(name)
+    if not targets_of_kind:
         raise InputError("transfer", "; ".join(reasons))
     for reason in reasons:
         complain(f"refused: {reason}")
-    return tuple(fitting_targets)
+    return tuple(targets_of_kind)
 
 
-@plan.default
-def plan_fleet(
+def plan(
     *,
     dry_run: Annotated[bool, Parameter(help="Show what would be planned, and stop.")] = False,
     preset: PresetOption = DEFAULT_PRESETS,
     set_: SetOption = (),
     retry_failed: Annotated[bool, Parameter(help="Include pairs that failed before.")] = False,
     experiment: ExperimentOption = "",
-    catalog: CatalogOption = "catalog",
     workers: WorkersOption = 0,
     timeout: TimeoutOption = 600.0,
-    json: JsonOption = False,
+    results: Results = PRINTED,
 ) -> int:
     """Plan every pair whose inputs changed since it was planned, or show which those are."""
     from upplied import fleet
 
-    opened_catalog = opened(catalog)
+    catalog = results.opened()
     plan_request = fleet.PlanRequest(preset, changes(set_), retry_failed=retry_failed, experiment=experiment)
     with errors.status("comparing inputs"):
-        decision = fleet.decide(opened_catalog, plan_request)
+        decision = fleet.decide(catalog, plan_request)
     if dry_run:
-        show_decision(decision, json)
-        if decision.jobs and not json:
-            next_step("plan", "plan them", catalog)
+        show_decision(decision, results)
+        if decision.jobs:
+            results.next_step("plan", "plan them")
         return 0
-    checked = fleet.recheck(opened_catalog, fleet.Limits(timeout))
+    checked = fleet.recheck(catalog, fleet.Limits(timeout))
     for structure in checked:
         (complain if structure.troubled else say)(structure)
-    result = run(opened_catalog, decision, workers, timeout)
-    console.print(f"{result}, {decision.unchanged} unchanged")
-    next_step("report", "publish the plans as pages", catalog)
+    result = run(catalog, decision, workers, timeout)
+    say(f"{result}, {decision.unchanged} unchanged")
+    results.next_step("report", "publish the plans as pages")
     return int(result.ok < result.total or any(structure.troubled for structure in checked))
 
 
@@ -193,8 +180,8 @@ def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> R
     return result
 
 
-def _reproduced(catalog: str, transfer_id: str) -> int:
-    """Plan again what a transfer was planned from; 0 when the same bytes come of it, else 1."""
+def _reproduced(where: Where, transfer_id: str) -> int:
+    """Plan a transfer again from its recorded inputs; 0 if the plan is the same, else 1."""
     from dataclasses import replace
 
     from upplied.catalog import recipe
@@ -204,8 +191,8 @@ def _reproduced(catalog: str, transfer_id: str) -> int:
     from upplied.planning.plan import METHOD_VERSION, plan_transfer
     from upplied.provenance import causes
 
-    store = opened(catalog)
-    basis = recipe(store, store.find_transfer(transfer_id))
+    store, transfer = where.plan(transfer_id)
+    basis = recipe(store, transfer)
     purpose = basis.row["purpose"] or ""
     if purpose.startswith("gap "):
         remedy = f"plan it again: upplied flights gap {purpose.removeprefix('gap ')}"
@@ -215,10 +202,10 @@ def _reproduced(catalog: str, transfer_id: str) -> int:
         raise RefusedError(f"plan {transfer_id}", "was made from findings", "", remedy)
     with errors.status("planning again"):
         settings = basis.settings
-        zones, untold = required_surface(store, store.cache, basis.target, settings.required.zones)
+        zones, unnamed = required_surface(store, store.cache, basis.target, settings.required.zones)
         inputs = (basis.demonstration, basis.source, basis.target)
         plan = plan_transfer(*inputs, settings, no_memo, zones, basis.siblings)
-        plan = replace(plan, warnings=(*plan.warnings, *untold))
+        plan = replace(plan, warnings=(*plan.warnings, *unnamed))
     different = basis.differences(plan)
     row = basis.row
     for doubt in basis.doubts:
@@ -229,11 +216,7 @@ def _reproduced(catalog: str, transfer_id: str) -> int:
         return 0
     say(f"{transfer_id}: differs in {', '.join(different)}")
     why = causes(row, METHOD_VERSION)
-    origin = f"It was planned by method {row['method_version']}, code {row['code_version']}."
-    origin += (
-        f" Cause: {'; '.join(why)}."
-        if why
-        else (" Method, sources, libraries and machine are unchanged: please report this as a fault.")
-    )
-    say(origin)
+    unchanged = "Method, sources, libraries and machine are unchanged: please report this as a fault."
+    cause = f"Cause: {'; '.join(why)}." if why else unchanged
+    say(f"It was planned by method {row['method_version']}, code {row['code_version']}. {cause}")
     return 1

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import norm, qmc
 
 from upplied.errors import RefusedError
 from upplied.findings.rays import footprint_m, rays_of
@@ -135,6 +134,8 @@ def located(
         replace(alone, pixel_px=errors.pixel_px),
         replace(alone, mesh_m=errors.mesh_m),
     )
+    from scipy.stats import norm, qmc  # a quarter of a second, which no page waits for
+
     noise = norm.ppf(qmc.Sobol(9, rng=0).random(_DRAWS))
     view = _View(scene, camera, position, turn)
     off, pose, pixel, mesh = (_error_m(view, middle, place, part, noise) for part in parts)

@@ -65,7 +65,7 @@ class Carried(Record):
             towards=self.normal[there],
             error_m=self.error_m[there] / scale,
             map=self.map[there],
-            linear=np.linalg.inv(self.linear),
+            linear=np.asarray(np.linalg.inv(self.linear), np.float64),
             step_m=self.step_m * float(np.median(scale)) if there.any() else self.step_m,
         )
 

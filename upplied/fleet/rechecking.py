@@ -15,7 +15,7 @@ from upplied.errors import UppliedError
 from upplied.fleet.run import cores
 from upplied.fleet.workers import JobKilled, Limits, Workers
 from upplied.outputs.missions import gate
-from upplied.outputs.missions.reading import planned
+from upplied.outputs.missions.gate import planned
 from upplied.outputs.reports import plan_of
 from upplied.records import Structure, SupposedSurface, Trajectory
 from upplied.simulate import measure_flown

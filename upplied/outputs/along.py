@@ -22,11 +22,12 @@ class Profile(Record):
     standoff_m: Floats  # (N,) to the surface in the picture, nearest to its middle
 
 
+_MOST = 600
 _HALF_PICTURE = 2  # rays on each side of the middle of a picture, across and upwards
 
 
-def profile(trajectory: Trajectory, scene: Scene, camera: Camera | None = None, most: int = 600) -> Profile:
-    """The values along a trajectory, at its own poses or at `most` even times where it has more.
+def profile(trajectory: Trajectory, scene: Scene, camera: Camera | None = None) -> Profile:
+    """The values along a trajectory, at its own poses or at 600 even times where it has more.
 
     Parameters
     ----------
@@ -34,11 +35,11 @@ def profile(trajectory: Trajectory, scene: Scene, camera: Camera | None = None, 
     scene : Scene
         Of the structure it is flown around.
     camera : Camera, optional
-        Its field of view says what a picture shows; by default the optical axis alone counts.
+        Its field of view bounds the picture; by default the optical axis alone counts.
     """
     path = trajectory
-    if len(path) > most:
-        path = interpolate(path, np.linspace(path.t_s[0], path.t_s[-1], most))
+    if len(path) > _MOST:
+        path = interpolate(path, np.linspace(path.t_s[0], path.t_s[-1], _MOST))
     clearance = scene.distance(path.positions)
     return Profile(path, speeds(path), clearance, standoff(path, scene, camera, clearance))
 

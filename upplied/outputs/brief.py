@@ -5,13 +5,19 @@ from __future__ import annotations
 import base64
 import html
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from upplied.geometry.polylines import leg_lengths
 from upplied.outputs import pages
-from upplied.outputs.mission_map import Line, map_png, side_png
+from upplied.outputs.colours import rgb
+from upplied.outputs.draw import tubes
+from upplied.outputs.draw.canvas import picture, solid
+from upplied.outputs.draw.sheet import Panel, sheet_png
+from upplied.outputs.draw.views import View, fitted
+from upplied.outputs.labels import LABELS
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import DRAFT
 from upplied.outputs.missions.records import Mission
@@ -110,7 +116,7 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
     first = missions[0]
     home, ground = float(first.home_local[2]), ground_z_m(structure)
     every = np.concatenate([mission.local[:, 2] for mission in missions])
-    ways = np.concatenate([mission.local[~mission.inspect, 2] for mission in missions])
+    transit_z = np.concatenate([mission.local[~mission.inspect, 2] for mission in missions])
     ceiling = structure.surroundings.ceiling_z_m
     lat, lon, _ = first.home
     rows = [
@@ -119,7 +125,7 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
         ("highest point above take-off", f"{every.max() - home:.1f} m"),
         ("highest point above ground", f"{every.max() - ground:.1f} m"),
         ("lowest point above ground", f"{every.min() - ground:.1f} m"),
-        ("transit legs above take-off", f"{(ways.max() if len(ways) else every.max()) - home:.1f} m"),
+        ("transit legs above take-off", f"{(transit_z if len(transit_z) else every).max() - home:.1f} m"),
         ("return-to-home altitude above take-off", f"at least {first.return_height_m:.1f} m"),
         ("ceiling", "none declared" if ceiling is None else f"{ceiling - home:.1f} m above take-off"),
         ("clearance limit of every leg", f"{options.clearance_m:g} m"),
@@ -129,20 +135,10 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
 
 def _measures(row: Mapping[str, Any], by_photos_pct: float) -> str:
     size = ", relative to size" if row.get("standoff_mode") == "scaled" else ""
-    shown = (
-        ("coverage_inspected_pct", f"inspected surface shown at the demonstrated quality{size}", "{:.1f} %"),
-        ("coverage_seen_pct", "demonstrated surface seen", "{:.1f} %"),
-        ("min_clearance_m", "minimum clearance of the plan", "{:.2f} m"),
-        ("path_length_m", "inspection path", "{:.0f} m"),
-        ("duration_s", "inspection time", "{:.0f} s"),
-        ("peak_speed_mps", "peak speed", "{:.1f} m/s"),
-        ("standoff_ratio_p50", "stand-off / requested stand-off", "{:.2f}"),
-    )
     rows = []
-    for name, text, form in shown:
-        value = number(row, name)
-        if value is not None:
-            rows.append((text, form.format(value)))
+    for name, (words, form) in LABELS["brief"].items():
+        if (value := number(row, name)) is not None:
+            rows.append((words + size * (name == "coverage_inspected_pct"), form.format(value)))
     if by_photos_pct == by_photos_pct:
         rows.insert(1, ("inspected surface shown by the photos", f"{by_photos_pct:.1f} %"))
     return _table("Plan", rows)
@@ -189,3 +185,68 @@ def _listed(title: str, texts: Sequence[str]) -> str:
 
 def _text(value: object) -> str:
     return html.escape(str(value))
+
+
+_SIZE = 900, 560  # px
+_TRANSIT, _RULE, _HOME = "#7a7a7a", "#b3261e", "#000000"
+_SORTIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")  # Okabe and Ito
+
+
+@dataclass(frozen=True)
+class Line:
+    """One sortie on a map, structure frame, m."""
+
+    way_in: Floats  # (A, 3) from take-off
+    inspection: Floats  # (B, 3)
+    way_out: Floats  # (C, 3) to landing
+
+
+def map_png(structure: Structure, lines: Sequence[Line], north_deg: float) -> bytes:
+    """The structure from above with every sortie, north up.
+
+    Parameters
+    ----------
+    structure : Structure
+        Its keep-out boxes and fence are drawn too.
+    lines : sequence of Line
+    north_deg : float
+        Bearing of the structure's +X, clockwise from true north.
+    """
+    around = structure.surroundings
+    tops = (((x, y), (u, y), (u, v), (x, v), z) for (x, y, _), (u, v, z) in around.keep_out_m)
+    rules = [np.array([[*corner, z] for corner in corners]) for *corners, z in tops]
+    if len(around.geofence_m):
+        rules.append(np.column_stack([around.geofence_m, np.zeros(len(around.geofence_m))]))
+    return _drawn(structure, lines, View(north_deg + 180.0, 90.0), rules, "Map, north up")
+
+
+def side_png(structure: Structure, lines: Sequence[Line]) -> bytes:
+    """The structure from the side that shows most of the flight, with heights."""
+    path = np.concatenate([line.inspection for line in lines])
+    along = np.linalg.svd(path[:, :2] - path[:, :2].mean(axis=0), full_matrices=False)[2][0]
+    along = along * (1 if along[np.abs(along).argmax()] > 0 else -1)
+    heights = np.concatenate([structure.vertices[:, 2], path[:, 2]])
+    title = f"Side view, z from {heights.min():.1f} to {heights.max():.1f} m"
+    azimuth = float(np.degrees(np.arctan2(-along[0], along[1])))
+    return _drawn(structure, lines, View(azimuth, 0.0), [], title)
+
+
+def _drawn(
+    structure: Structure, lines: Sequence[Line], view: View, rules: Sequence[Floats], title: str
+) -> bytes:
+    paths = [(np.concatenate([rule, rule[:1]]), _RULE) for rule in rules]
+    legend = [("keep-out or geofence", _RULE, "line")] if rules else []
+    for at, line in enumerate(lines):
+        colour = _SORTIES[at % len(_SORTIES)]
+        paths += [(line.way_in, _TRANSIT), (line.way_out, _TRANSIT), (line.inspection, colour)]
+        legend.append((f"flight {at + 1}", colour, "line"))
+    legend += [("transit", _TRANSIT, "line"), ("take-off", _HOME, "patch")]
+    everything = np.concatenate([structure.vertices, *(positions for positions, _ in paths)])
+    frame = fitted(view, everything, *_SIZE)
+    radius_m = 1.5 / frame.metre_px
+    drawn = [tubes.path(positions, radius_m, rgb(colour)) for positions, colour in paths]
+    starts = [(line.inspection[:1], _SORTIES[at % len(_SORTIES)]) for at, line in enumerate(lines)]
+    for place, colour in [*starts, (lines[0].way_in[:1], _HOME)]:
+        drawn.append(tubes.path(place, 4 * radius_m, rgb(colour)))
+    image = picture(solid(structure), tubes.joined(drawn), frame)
+    return sheet_png([Panel(image, 0, 0, "", frame)], legend, title)

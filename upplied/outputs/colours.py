@@ -11,7 +11,7 @@ DEMONSTRATED = "#e69f00"
 #: Colour of the path of each preset.
 PRESETS = {"recommended": "#0072b2", "paper": "#009e73", "baseline": "#cc79a7"}
 
-#: Colour of the surface by what became of it; the order is that of `records.SURFACE_STATES`.
+#: Colour of the surface by its state; the order is that of `records.SURFACE_STATES`.
 STATES = {
     "other": SURFACE,
     "shown": "#7db8e8",

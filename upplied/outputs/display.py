@@ -31,7 +31,7 @@ class DisplayMesh(Record):
 def display_mesh(structure: Structure) -> DisplayMesh:
     """The mesh to show.
 
-    Fine meshes are simplified, large triangles split, so that a colour for each triangle says
+    Fine meshes are simplified, large triangles split, so that a colour for each triangle shows
     where the surface is seen.
     """
     if not len(structure.triangles):
@@ -66,8 +66,8 @@ def _split(vertices: Floats, triangles: Ints, longest_m: float) -> tuple[Floats,
 def display_states(mesh: DisplayMesh, states: SurfaceStates, nearest: Ints | None = None) -> np.ndarray:
     """State (T,) of each triangle, or (V,) of each point of a cloud, uint8.
 
-    `nearest` is what `nearest_samples` says of the same mesh and samples, where that is known already:
-    all plans for a target have the same.
+    `nearest` is the result of `nearest_samples` for the same mesh and samples, if known: all plans for a
+    target share it.
     """
     if not len(states.points):
         return np.zeros(len(mesh.triangles) or len(mesh.vertices), np.uint8)

@@ -16,6 +16,7 @@ from upplied.outputs.draw.canvas import Classed, Solid, picture, solid
 from upplied.outputs.draw.sheet import Panel, padded, png, sheet_png
 from upplied.outputs.draw.views import View, facing, fitted, named_view, proportion
 from upplied.outputs.files import replace_file
+from upplied.outputs.labels import LABELS
 from upplied.records import (
     SURFACE_STATES,
     Camera,
@@ -205,16 +206,9 @@ def figures(plan: Plan) -> str:
     """The measures of a plan in one line, or why there is none."""
     if plan.status != "ok":
         return f"{plan.status}: {plan.reason}"
-    measures = plan.measures
-    parts = [
-        ("inspected", measures.coverage_inspected_pct, "{:.1f} %"),
-        ("surface seen", measures.coverage_seen_pct, "{:.1f} %"),
-        ("camera rotation", measures.camera_turn_ratio, "{:.1f} of the demonstrated"),
-        ("clearance", measures.min_clearance_m, "{:.1f} m"),
-        ("Fréchet", measures.frechet_z, "{:.2f}"),
-        ("length", measures.path_length_m, "{:.0f} m"),
-    ]
-    return " · ".join(f"{name} {form.format(value)}" for name, value, form in parts if np.isfinite(value))
+    values = vars(plan.measures)
+    known = [(*label, values[name]) for name, label in LABELS["picture"].items() if np.isfinite(values[name])]
+    return " · ".join(f"{words} {form.format(value)}" for words, form, value in known)
 
 
 def _plan_lines(
@@ -285,5 +279,5 @@ def _state_legend(states: Sequence[SurfaceStates | None]) -> list[tuple[str, str
 
 
 def save(path: str | Path, png: bytes) -> Path:
-    """Write a picture so that a reader never meets half of it; folders are made."""
+    """Write a picture so that a reader never meets half of it; missing folders are created."""
     return replace_file(path, png)

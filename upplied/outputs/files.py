@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def replace_file(path: str | Path, content: bytes | str) -> Path:
-    """Write beside the goal, then rename over it; folders are made."""
+    """Write beside the goal, then rename over it; missing folders are created."""
     goal = Path(path)
     goal.parent.mkdir(parents=True, exist_ok=True)
     partial = goal.with_name(f".{goal.name}.{os.getpid()}.partial")

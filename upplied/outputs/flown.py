@@ -1,4 +1,4 @@
-"""Flights of plans, flown or in simulation, as reports tell of them, by their rows of `flights`."""
+"""Flights of plans, flown or simulated, in the words of reports, by their rows of `flights`."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Flights:
         return {str(row["transfer_id"]): {str(name): value for name, value in row.items()} for row in rows}
 
     def of(self, row: Mapping[str, Any]) -> Row | None:
-        """The last flight of the plan of this row; None where it was not flown as it now stands."""
+        """The last flight of the plan of this row; None if the stored version was not flown."""
         last = self._last.get(str(row["transfer_id"]))
         same = last is not None and (last["waypoints_sha256"] or "") == (row.get("waypoints_sha256") or "")
         return last if same else None
@@ -95,7 +95,7 @@ def _weather(flight: Mapping[str, Any]) -> str:
 
 
 def seen_as_flown(planned: SurfaceStates, looks: StoredLooks) -> SurfaceStates:
-    """What a plan shows of a surface, less what its flight did not look at as asked, or did not see."""
+    """States of a planned surface, with what its flight did not inspect as planned, or did not see."""
     state, shown = planned.state.copy(), planned.state == SURFACE_STATES.index("shown")
     become = np.full(len(state), SURFACE_STATES.index("missed"))
     become[looks.patch] = SURFACE_STATES.index("seen if corrected")

@@ -17,11 +17,11 @@ from upplied.outputs.missions.ways import ground_z_m
 from upplied.records import Camera, Floats, Plan, Structure
 
 _MB_OF_A_MEGAPIXEL = 0.4  # of a JPEG as inspection cameras write it
-_USUAL_MEGAPIXELS = 20.0  # where the log says nothing of the camera's picture
+_USUAL_MEGAPIXELS = 20.0  # if the log does not state the size of the picture
 
 
 def fly_data(row: Any, plan: Plan, structure: Structure, camera: Camera, origin: Floats) -> dict[str, Any]:
-    """The mission of a plan with the usual options; ``refused`` says why there is none.
+    """The mission of a plan with the usual options; ``refused`` is the reason why there is none.
 
     Coordinates are relative to `origin`, m. A draft is drawn as a draft: its file leaves by a release alone.
     """

@@ -1,4 +1,4 @@
-"""Which pairs of a fleet are shown: those first that need a person, told from a few columns of all plans."""
+"""The pairs of a fleet that are shown: those first that need a person, by a few columns of all plans."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def first_pairs(
 
 
 def _main_rows(newest: pd.DataFrame, decided: pd.DataFrame) -> pd.DataFrame:
-    """The row of the plan that stands for each pair: in force, recalled, or the newest of the best preset."""
+    """The main plan of each pair: in force, recalled, or the newest of the best preset."""
     decided = decided.sort_values("state_at", kind="stable")
     decided = decided.assign(at=np.where(decided["state"] == "released", -2, -1)).iloc[::-1]
     ranks = {preset: rank for rank, preset in enumerate(PRESETS)}

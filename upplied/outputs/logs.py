@@ -1,7 +1,7 @@
 """A demonstration as an MCAP log, as a drone's ROS 2 recorder leaves it.
 
-The structure stands moved and turned in the log's fixed frame; a metadata record ``inspection``
-says where, which structure it is and how the camera sits. The bytes depend on the demonstration and
+The structure is moved and turned in the log's fixed frame; a metadata record ``inspection``
+states its place, its ID and the mount of the camera. The bytes depend on the demonstration and
 the arguments alone.
 """
 
@@ -20,7 +20,7 @@ from upplied.errors import SettingsError
 from upplied.geometry.poses import interpolate, moved
 from upplied.outputs import ros2_schemas
 from upplied.outputs.files import replace_file
-from upplied.records import Demonstration, Structure, Trajectory
+from upplied.records import Demonstration, Floats, Structure, Trajectory
 
 Encoding = Literal["pose_stamped", "odometry", "tf"]
 
@@ -34,7 +34,7 @@ _MOUNT_M, _MOUNT = np.array([0.11, 0.0, -0.06]), Rotation.from_euler("y", -10.0,
 
 @dataclass(frozen=True)
 class LogFrame:
-    """The log's fixed frame: its name, and where the structure stands in it."""
+    """The log's fixed frame: its name, and the place of the structure in it."""
 
     frame_id: str = "map"
     position_m: tuple[float, float, float] = (41.5, -17.25, 0.8)
@@ -166,52 +166,56 @@ def _poses(
 ) -> list[_Message]:
     if encoding not in _TOPICS:
         raise SettingsError(f"encoding {encoding!r}", "is unknown", f"one of {', '.join(_TOPICS)}")
-    topic, schema = _TOPICS[encoding]
-    messages = []
-    for stamp, position, quat in zip(
-        demonstration.t_ns.tolist(), poses.positions, poses.quat_xyzw, strict=True
-    ):
-        pose, header = ros2_schemas.pose(position, quat), ros2_schemas.header(stamp, frame.frame_id)
-        if encoding == "pose_stamped":
-            message: dict[str, Any] = {"header": header, "pose": pose}
-        elif encoding == "odometry":
-            message = {
-                "header": header,
-                "child_frame_id": BODY_FRAME,
-                "pose": {"pose": pose, "covariance": [0.0] * 36},
-                "twist": {"twist": {"linear": _ZERO, "angular": _ZERO}, "covariance": [0.0] * 36},
-            }
-        else:
-            link = ros2_schemas.transform(stamp, frame.frame_id, BODY_FRAME, position, quat)
-            message = {"transforms": [link]}
-        messages.append((stamp, topic, schema, message))
-    return messages
+    topic, schema, message = _TOPICS[encoding]
+    stamped = zip(demonstration.t_ns.tolist(), poses.positions, poses.quat_xyzw, strict=True)
+    return [(stamp, topic, schema, message(stamp, frame.frame_id, *pose)) for stamp, *pose in stamped]
 
 
-_ZERO = dict.fromkeys("xyz", 0.0)
+def _pose_stamped(stamp: int, frame_id: str, position: Floats, quat: Floats) -> dict[str, Any]:
+    return {"header": ros2_schemas.header(stamp, frame_id), "pose": ros2_schemas.pose(position, quat)}
+
+
+def _odometry(stamp: int, frame_id: str, position: Floats, quat: Floats) -> dict[str, Any]:
+    unknown, still = [0.0] * 36, dict.fromkeys("xyz", 0.0)
+    return {
+        "header": ros2_schemas.header(stamp, frame_id),
+        "child_frame_id": BODY_FRAME,
+        "pose": {"pose": ros2_schemas.pose(position, quat), "covariance": unknown},
+        "twist": {"twist": {"linear": still, "angular": still}, "covariance": unknown},
+    }
+
+
+def _transform(stamp: int, frame_id: str, position: Floats, quat: Floats) -> dict[str, Any]:
+    return {"transforms": [ros2_schemas.transform(stamp, frame_id, BODY_FRAME, position, quat)]}
+
+
 _TOPICS = {
-    "pose_stamped": ("/drone/camera/pose", "geometry_msgs/msg/PoseStamped"),
-    "odometry": ("/drone/odom", "nav_msgs/msg/Odometry"),
-    "tf": ("/tf", "tf2_msgs/msg/TFMessage"),
+    "pose_stamped": ("/drone/camera/pose", "geometry_msgs/msg/PoseStamped", _pose_stamped),
+    "odometry": ("/drone/odom", "nav_msgs/msg/Odometry", _odometry),
+    "tf": ("/tf", "tf2_msgs/msg/TFMessage", _transform),
 }
 
 
-def _calibration(demonstration: Demonstration, every_s: float = 1.0) -> list[_Message]:
-    """The calibration from time to time; where the camera zooms, with every pose."""
-    stamps = _stamps(demonstration, every_s)
+def _calibration(demonstration: Demonstration) -> list[_Message]:
+    """The calibration every second; where the camera zooms, with every pose."""
+    stamps = _stamps(demonstration, 1.0)
     cameras = [demonstration.camera] * len(stamps)
     if demonstration.fov_deg is not None:
         stamps = demonstration.t_ns.tolist()
         cameras = demonstration.camera.zoomed(demonstration.fov_deg)
     return [
         (
-            stamp,
+            at,
             "/camera/camera_info",
-            "sensor_msgs/msg/CameraInfo",
-            ros2_schemas.camera_info(camera, ros2_schemas.header(stamp, CAMERA_FRAME)),
+            ros2_schemas.CAMERA_INFO,
+            ros2_schemas.camera_info(camera, _camera_header(at)),
         )
-        for stamp, camera in zip(stamps, cameras, strict=True)
+        for at, camera in zip(stamps, cameras, strict=True)
     ]
+
+
+def _camera_header(stamp: int) -> dict[str, Any]:
+    return ros2_schemas.header(stamp, CAMERA_FRAME)
 
 
 def _stamps(demonstration: Demonstration, every_s: float) -> list[int]:
@@ -219,21 +223,14 @@ def _stamps(demonstration: Demonstration, every_s: float) -> list[int]:
     return list(range(first, last + 1, int(every_s * _SECOND_NS)))
 
 
-def _pictures(
-    demonstration: Demonstration, structure: Structure | None, every_s: float = 2.0
-) -> list[_Message]:
+def _pictures(demonstration: Demonstration, structure: Structure | None) -> list[_Message]:
     from upplied.outputs.camera_pictures import camera_picture
 
-    stamps = _stamps(demonstration, every_s)
+    stamps = _stamps(demonstration, 2.0)
     t_s = (np.array(stamps) - demonstration.t_ns[0]) * 1e-9
-    seen = interpolate(demonstration.trajectory, t_s)
-    pictures = camera_picture(structure, seen, demonstration.camera)
+    pictures = camera_picture(structure, interpolate(demonstration.trajectory, t_s), demonstration.camera)
+    topic, schema = "/camera/image/compressed", "sensor_msgs/msg/CompressedImage"
     return [
-        (
-            stamp,
-            "/camera/image/compressed",
-            "sensor_msgs/msg/CompressedImage",
-            {"header": ros2_schemas.header(stamp, CAMERA_FRAME), "format": "jpeg", "data": picture},
-        )
-        for stamp, picture in zip(stamps, pictures, strict=True)
+        (at, topic, schema, {"header": _camera_header(at), "format": "jpeg", "data": picture})
+        for at, picture in zip(stamps, pictures, strict=True)
     ]

@@ -101,7 +101,7 @@ class MissionOptions:
 
     @property
     def overlaps(self) -> tuple[float, float] | None:
-        """Overlap that is asked for along and across, 0 to 1."""
+        """Required overlap along and across, 0 to 1."""
         if not self.overlap:
             return None
         try:
@@ -114,7 +114,7 @@ class MissionOptions:
         return along, across
 
     def __post_init__(self) -> None:
-        self.overlaps  # noqa: B018 - asked early, so that it is refused early
+        self.overlaps  # noqa: B018 - read here, so that a wrong one is refused early
         if self.camera:
             from upplied.cameras import known_camera
 

@@ -31,24 +31,6 @@ STYLES = ("report.css",)
 SCRIPTS = (PLOTLY, "core.js", *dict.fromkeys(name for names in KINDS.values() for name in names), "start.js")
 _LIVE = ("live.js", "login.js", "studio.js", "studio.css")
 
-_PAGE = """<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="{policy}">
-<title>{title}</title>
-{styles}
-</head>
-<body>
-{body}
-</body>
-</html>
-"""
-_APP = """<main id="app">{body}</main>
-<noscript>{fallback}</noscript>
-<script type="application/json" id="data">{data}</script>
-{scripts}"""
 _POLICY = (
     "default-src 'none'; script-src {scripts}; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
     "connect-src {connect}"
@@ -92,7 +74,7 @@ def login_page() -> str:
 
 
 def studio_page(transfer_id: str) -> str:
-    """The page of the studio; it asks for its plan by itself."""
+    """The page of the studio; its script requests the plan."""
     names = (PLOTLY, "core.js", "live.js", "scene.js", "studio.js")
     scripts = [f"/assets/{name}" for name in names]
     body = '<p role="status" id="stage">Opening the plan</p>'
@@ -103,7 +85,7 @@ def studio_page(transfer_id: str) -> str:
 
 
 def message_page(text: str) -> str:
-    """A page that says in words why there is no other."""
+    """A page with the reason why the requested one is not available."""
     body = f'<h1>Not available</h1><p class="verdict failed">{html.escape(text)}</p><a href="/">All plans</a>'
     return _shell("Not available", [], {}, "", "/", True, body)
 
@@ -143,7 +125,7 @@ def _document(
         "scripts": "\n".join(tags),
     }
     head = {"policy": policy, "title": html.escape(title), "styles": "\n".join(sheets)}
-    return _PAGE.format(**head, body=_APP.format(**app))
+    return _asset("page.html").format(**head, body=_asset("app.html").format(**app))
 
 
 def single_page(title: str, data: Mapping[str, Any], fallback: str) -> str:
@@ -161,7 +143,7 @@ def paper_page(title: str, style: str, body: str) -> str:
     """A page for paper: a style sheet of the package inside, no scripts, nothing from elsewhere."""
     policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
     styles = f"<style>\n{_asset(style)}</style>"
-    return _PAGE.format(policy=policy, title=html.escape(title), styles=styles, body=body)
+    return _asset("page.html").format(policy=policy, title=html.escape(title), styles=styles, body=body)
 
 
 def structure_script(data: Mapping[str, Any]) -> str:

@@ -110,7 +110,7 @@ def path_data(profile: Profile, origin: Floats) -> dict[str, Any]:
     return {name: packed(values.astype(np.float32)) for name, values in columns.items()}
 
 
-# From which probability a counterpart is called how; a plan asks for 0.8 unless it is set otherwise.
+# Least probability of each word for a counterpart; plans require 0.8 by default.
 _SURE = ((0.95, "sure"), (0.8, "likely"), (0.0, "doubtful"))
 
 

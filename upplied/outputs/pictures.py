@@ -1,4 +1,4 @@
-"""Photos as pixels; what is no picture, or one beyond any camera, is told and not opened."""
+"""Photos as pixels; files that are no pictures, or larger than any camera's, are refused."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def pixels_in(data: bytes, what: str) -> np.ndarray:
 
 
 def marked(pixels: np.ndarray, corners: np.ndarray, half_px: float) -> bytes:
-    """A PNG thumbnail of what lies within so many pixels of a mark (K, 2), which is outlined."""
+    """A PNG thumbnail of the picture around a mark (K, 2), px, with the mark outlined."""
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     low = np.clip(np.floor(middle - half_px), 0, None).astype(int)
     high = np.minimum(np.ceil(middle + half_px), pixels.shape[1::-1]).astype(int)

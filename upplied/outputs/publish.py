@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,39 +20,20 @@ from upplied.errors import CatalogError, RefusedError, SettingsError, UppliedErr
 from upplied.outputs import pages
 from upplied.outputs.files import replace_file
 from upplied.outputs.findings_page import MapOf, findings_html
-from upplied.outputs.fleet_page import fleet_data
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
-from upplied.outputs.page_html import (
-    fleet_html,
-    inspected_plans,
-    pair_html,
-    passport_html,
-    structure_html,
-)
-from upplied.outputs.pairs import Pair
+from upplied.outputs.pairs import Pair, fleet_data
 from upplied.outputs.render import export_transfer
 from upplied.outputs.reports import Reader
+from upplied.outputs.site import ENDINGS, TITLE, Site
 from upplied.outputs.structure_page import marks, places
 
-TITLE = "Inspection fleet"
-PICTURES = 200  # at most, unless asked for more: each takes a second
+PICTURES = 200  # the default limit: each takes a second
 PAGES = 10_000  # likewise; a list that a browser still shows at once, and about a gigabyte
 _RECORD = ".published.json"
-_ROOMS = [
-    "transfers",
-    "pictures",
-    "thumbnails",
-    "data",
-    "assets",
-    "demonstrations",
-    "structures",
-    "findings",
-    "missions",
-]
 _MAILED = 60  # pairs that one file may hold
 
-#: What lies beside a transfer's page, and how it is called there; other formats by `upplied export`.
+#: Formats published beside a plan's page, with their labels; other formats by `upplied export`.
 LABELS = {"qgc-plan": "QGroundControl", "kml": "KML", "mcap": "MCAP"}
 
 
@@ -64,20 +45,38 @@ class Published:
     written: tuple[str, ...]  # files, relative to the folder
     unchanged: int  # files that were up to date
     removed: tuple[str, ...]
-    problems: tuple[str, ...]  # pairs whose page could not be made, or whose plan fails the gate, and why
+    problems: tuple[str, ...]  # pairs whose page failed, or whose plan fails the gate, with the reason
 
 
 @dataclass
 class _Folder:
-    """A report folder that remembers what each of its files was made from."""
+    """A report folder with a key for the content of each file."""
 
     root: Path
     before: dict[str, str]
+    site: Site
     now: dict[str, str] = field(default_factory=dict)
     written: list[str] = field(default_factory=list)
 
+    @cached_property
+    def code(self) -> str:
+        """What every page depends on: the program and its scripts."""
+        return digest([__version__, {name: digest(text) for name, text in pages.assets().items()}])
+
+    def attempt(self, name: str, put: Callable[[], None], title: str = "") -> None:
+        """Write pages, or note the reason why that failed."""
+        try:
+            put()
+        except UppliedError as error:
+            self.site.problems[name] = f"{title or name}: {error}"
+
+    def make(self, room: str, name: str, key: str) -> None:
+        """Write the site's content of this name, unless the file is up to date."""
+        path = f"{room}/{name}{ENDINGS[room]}"
+        self.put(path, key, partial(self.site.content, room, name))
+
     def put(self, name: str, key: str, make: Callable[[], bytes | str]) -> None:
-        """Make a file unless it stands there, made from the same."""
+        """Write a file unless it exists with the same key."""
         if name in self.now:
             return
         path = self.root / name
@@ -90,7 +89,7 @@ class _Folder:
         self.now[name] = key
 
     def remove_others(self) -> list[str]:
-        """Remove files that an earlier publication made and this one does not have."""
+        """Remove files of an earlier publication that this one does not have."""
         gone = [name for name in self.before if name not in self.now and _inside(self.root, name)]
         for name in gone:
             (self.root / name).unlink(missing_ok=True)
@@ -116,9 +115,9 @@ def publish(
         ``index.html`` is what a person opens, ``transfers.parquet`` what pandas reads. Files there
         that we did not make are left alone.
     pictures : int
-        Of how many pairs a PNG is made for documents: those first that need a person.
+        Number of pairs that get a PNG for documents: those first that need a person.
     pages : int
-        Of how many pairs a page is made and the fleet's page tells: likewise. The tables tell of all, and
+        Number of pairs with a page and a row on the fleet's page, in the same order. The tables hold all, and
         `publish_file` makes a page of any pair.
     progress : callable
         Told the name of each pair when it is done.
@@ -152,30 +151,29 @@ def publish_pages(
     map_of: MapOf | None = None,
 ) -> Published:
     """The pages and pictures alone, as `publish` writes them, without its tables."""
-    reader = Reader(catalog)
-    pairs, known = first_pairs(catalog, most)
-    place = _Folder(Path(folder), _recorded(Path(folder)))
-    code = digest([__version__, {name: digest(text) for name, text in pages.assets().items()}])
+    site = Site(catalog, most, map_of)
+    place = _Folder(Path(folder), _recorded(Path(folder)), site)
     for name, text in pages.assets().items():
         place.put(f"assets/{name}", digest(text), partial(str, text))
-    problems: dict[str, str] = {}
-    ordered = sorted(enumerate(pairs), key=lambda each: (each[1].target_id, each[1].source_id, each[1].name))
-    for at, pair in ordered:  # so that each mesh is read once
-        try:
-            _put_pair(place, reader, pair, code, at < pictures)
-        except UppliedError as error:
-            problems[pair.name] = f"{pair.name}: {error}"
+    site.pictured = {pair.name for pair in site.pairs[:pictures]}
+    ordered = sorted(site.pairs, key=lambda pair: (pair.target_id, pair.source_id, pair.name))
+    for pair in ordered:  # so that each mesh is read once
+        place.attempt(pair.name, partial(_put_pair, place, pair))
         progress(pair.name)
-    _put_passports(place, reader, pairs, code, problems)
-    _put_structures(place, reader, pairs, code, problems)
-    mapped = _put_maps(place, reader, code, map_of, problems)
-    html = fleet_html(reader, pairs, TITLE, known, problems, mapped=mapped)
+    for row in catalog.demonstrations().to_dict("records"):
+        place.attempt(str(row["demonstration_id"]), partial(_put_passport, place, row))
+    for name in dict.fromkeys(pair.target_id for pair in site.pairs if pair.name not in site.problems):
+        place.attempt(name, partial(_put_structure, place, name))
+    for kind in sorted(set(catalog.findings()["kind"])) if map_of else ():
+        place.attempt(f"findings {kind}", partial(_put_map, place, kind), f"findings of {kind}")
+    html = site.content("")
     place.put("index.html", digest(html), lambda: html)
     removed = place.remove_others()
     replace_file(place.root / _RECORD, json.dumps(place.now, indent=0, sort_keys=True) + "\n")
     unchanged = len(place.now) - len(place.written)
-    every = [*problems.values(), *(f"{name}: {'; '.join(why)}" for name, why in reader.refused.items())]
-    return Published(place.root / "index.html", tuple(place.written), unchanged, tuple(removed), tuple(every))
+    refused = (f"{name}: {'; '.join(why)}" for name, why in site.reader.refused.items())
+    problems = (*site.problems.values(), *refused)
+    return Published(place.root / "index.html", tuple(place.written), unchanged, tuple(removed), problems)
 
 
 def publish_file(
@@ -194,12 +192,8 @@ def publish_file(
     """
     chosen, known = first_pairs(catalog, _MAILED, demonstration_id, target_id)
     if not 0 < known <= _MAILED:
-        raise SettingsError(
-            "single-file report",
-            f"{known} transfers chosen",
-            f"1 to {_MAILED}",
-            "choose a demonstration",
-        )
+        rule = f"1 to {_MAILED}", "choose a demonstration"
+        raise SettingsError("single-file report", f"{known} transfers chosen", *rule)
     reader = Reader(catalog)
     used = sorted({name for pair in chosen for name in (pair.source_id, pair.target_id)})
     data = {
@@ -210,39 +204,35 @@ def publish_file(
     return replace_file(path, pages.single_page(TITLE, data, f"{TITLE}: this page needs scripts."))
 
 
-def _put_pair(place: _Folder, reader: Reader, pair: Pair, code: str, picture: bool) -> None:
+def _put_pair(place: _Folder, pair: Pair) -> None:
+    reader, target, code = place.site.reader, pair.target_id, place.code
     for what in ("demonstration_id", "source_id", "target_id"):
         check_id(getattr(pair, what), what)  # they become file names
-    used = list(dict.fromkeys((pair.source_id, pair.target_id)))
+    used = list(dict.fromkeys((pair.source_id, target)))
     hashes = [reader.sha256("structures", name) for name in used]
     for name, sha256 in zip(used, hashes, strict=True):
-        place.put(f"data/{name}.js", digest([code, name, sha256]), partial(_script, reader, name))
+        place.make("data", name, digest([code, name, sha256]))
     flown = reader.sha256("demonstrations", pair.demonstration_id)
     draft = _plain({} if pair.draft is None else {"draft": pair.draft})
     key = digest([code, _plain(pair.plans), _plain(pair.earlier), draft, pair.decided, hashes, flown])
     words = [[reader.flown(row), reader.overruled(row)] for row in pair.plans.values()]
-    zones = _plain({row["zone"]: row for row in reader.zones(pair.target_id)})
-    target = pair.target_id
-    place.put(f"thumbnails/{target}.png", digest([code, hashes[-1]]), lambda: reader.thumbnail(target))
-    missions = _put_missions(place, reader, pair, key)
-    page = digest([digest([key, words, picture, zones]), missions])
-    place.put(f"transfers/{pair.name}.html", page, lambda: pair_html(reader, pair, missions, picture))
+    zones = _plain({row["zone"]: row for row in reader.zones(target)})
+    place.make("thumbnails", target, digest([code, hashes[-1]]))
+    missions = place.site.missions[pair.name] = _put_missions(place, pair, key)
+    picture = pair.name in (place.site.pictured or ())
+    place.make("transfers", pair.name, digest([digest([key, words, picture, zones]), missions]))
     if picture:
-        place.put(f"pictures/{pair.name}.png", key, lambda: reader.picture(pair))
+        place.make("pictures", pair.name, key)
 
 
-def _script(reader: Reader, structure_id: str) -> str:
-    return pages.structure_script(reader.structure_data(structure_id))
-
-
-def _put_missions(place: _Folder, reader: Reader, pair: Pair, key: str) -> dict[str, str]:
-    """Missions of the released plan beside its page: what each is, and where it lies or why it does not."""
+def _put_missions(place: _Folder, pair: Pair, key: str) -> dict[str, str]:
+    """Missions of the released plan by label: the address of each, or why it is not available."""
     transfer_id = released(pair.plans)
     put: dict[str, str] = {}
     for kind, label in LABELS.items() if transfer_id else ():
         name = f"missions/{pair.name}{FORMATS[kind]}"
         try:
-            place.put(name, key, partial(mission_file, reader.catalog, transfer_id, kind))
+            place.put(name, key, partial(mission_file, place.site.reader.catalog, transfer_id, kind))
             put[label] = f"../{name}"
         except UppliedError as error:
             put[label] = f"not available: {error}"
@@ -273,61 +263,35 @@ def mission_file(catalog: Catalog, transfer_id: str, format: str) -> bytes:
         return written.paths[0].read_bytes()
 
 
-def _put_passports(
-    place: _Folder, reader: Reader, pairs: Sequence[Pair], code: str, problems: dict[str, str]
-) -> None:
-    """A page for each demonstration: its passport, what it inspected, and the findings."""
-    inspected = inspected_plans(pairs)
-    for row in reader.catalog.demonstrations().to_dict("records"):
-        name = check_id(str(row["demonstration_id"]), "demonstration_id")
-        words = [str(row.get(key, "")) for key in ("sha256", "passport_json", "notes")]
-        surface = inspected.get(name, ("", ""))[1]
-        key = digest([code, name, *words, surface, reader.sha256("structures", str(row["structure_id"]))])
-        try:
-            place.put(f"demonstrations/{name}.html", key, partial(passport_html, reader, name, pairs))
-        except UppliedError as error:
-            problems[name] = f"{name}: {error}"
+def _put_passport(place: _Folder, row: Mapping[Any, Any]) -> None:
+    """The page of a demonstration: its passport, what it inspected, and the findings."""
+    name = check_id(str(row["demonstration_id"]), "demonstration_id")
+    words = [str(row.get(key, "")) for key in ("sha256", "passport_json", "notes")]
+    surface, structure = place.site.inspected.get(name, ("", ""))[1], str(row["structure_id"])
+    sha256 = place.site.reader.sha256("structures", structure)
+    place.make("demonstrations", name, digest([place.code, name, *words, surface, sha256]))
 
 
-def _put_structures(
-    place: _Folder, reader: Reader, pairs: Sequence[Pair], code: str, problems: dict[str, str]
-) -> None:
-    """A page for each structure that a page of a plan leads to."""
-    own: dict[str, list[Pair]] = {}
-    for pair in pairs:
-        if pair.name not in problems:
-            own.setdefault(pair.target_id, []).append(pair)
-    for name, plans in own.items():
-        rows = [[_plain(pair.plans), _plain({"draft": pair.draft or {}})] for pair in plans]
-        words = [reader.flown(pair.main) for pair in plans]
-        drawn = [pair.name for pair in plans if f"pictures/{pair.name}.png" in place.now]
-        zones = _plain({row["zone"]: row for row in reader.zones(name)})
-        findings = marks(reader.catalog, name)
-        key = digest([code, reader.sha256("structures", name), rows, words, drawn, zones, findings])
-        try:
-            place.put(f"structures/{name}.html", key, partial(structure_html, reader, name, plans, place.now))
-        except UppliedError as error:
-            problems[name] = f"{name}: {error}"
+def _put_structure(place: _Folder, name: str) -> None:
+    """The page of a structure that a page of a plan leads to."""
+    reader, plans = place.site.reader, place.site.plans_of(name)
+    rows = [[_plain(pair.plans), _plain({"draft": pair.draft or {}})] for pair in plans]
+    words = [reader.flown(pair.main) for pair in plans]
+    drawn = [pair.name for pair in plans if pair.name in (place.site.pictured or ())]
+    zones = _plain({row["zone"]: row for row in reader.zones(name)})
+    facts = [rows, words, drawn, zones, marks(reader.catalog, name)]
+    place.make("structures", name, digest([place.code, reader.sha256("structures", name), *facts]))
 
 
-def _put_maps(
-    place: _Folder, reader: Reader, code: str, map_of: MapOf | None, problems: dict[str, str]
-) -> list[str]:
-    """A page for each kind that has findings: the findings of all its structures on one; those kinds."""
-    mapped: list[str] = []
-    if map_of is None:
-        return mapped
-    for kind in sorted(set(reader.catalog.findings()["kind"])):
-        try:
-            name, rows = map_of(reader.catalog, check_id(kind, "kind"))
-            sha256 = reader.sha256("structures", name)
-            place.put(f"data/{name}.js", digest([code, name, sha256]), partial(_script, reader, name))
-            key, make = digest([code, name, rows.to_csv()]), partial(findings_html, name, rows, "../")
-            place.put(f"findings/{kind}.html", key, make)
-            mapped.append(kind)
-        except UppliedError as error:
-            problems[f"findings {kind}"] = f"findings of {kind}: {error}"
-    return mapped
+def _put_map(place: _Folder, kind: str) -> None:
+    """The page of a kind that has findings: those of all its structures on one."""
+    reader, map_of = place.site.reader, place.site.map_of
+    assert map_of is not None
+    name, rows = map_of(reader.catalog, check_id(kind, "kind"))
+    place.make("data", name, digest([place.code, name, reader.sha256("structures", name)]))
+    key, make = digest([place.code, name, rows.to_csv()]), partial(findings_html, name, rows, "../")
+    place.put(f"findings/{kind}.html", key, make)
+    place.site.mapped.append(kind)
 
 
 def _plain(rows: Any) -> dict[str, dict[str, str]]:
@@ -335,7 +299,7 @@ def _plain(rows: Any) -> dict[str, dict[str, str]]:
 
 
 def _recorded(root: Path) -> dict[str, str]:
-    """What the last publication noted; an unreadable note means that everything is made anew."""
+    """The keys of the last publication; if they cannot be read, every file is written again."""
     try:
         noted = json.loads((root / _RECORD).read_text("utf-8"))
     except (OSError, ValueError):
@@ -346,4 +310,5 @@ def _recorded(root: Path) -> dict[str, str]:
 def _inside(root: Path, name: str) -> bool:
     """Whether a noted name is one of the kinds of file we write, below the folder."""
     path = root / name
-    return path.parent in [root / each for each in _ROOMS] and not path.is_symlink()
+    rooms = [root / room for room in (*ENDINGS, "assets", "missions") if room]
+    return path.parent in rooms and not path.is_symlink()

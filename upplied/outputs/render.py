@@ -19,11 +19,11 @@ from upplied.outputs.colours import DEMONSTRATED
 from upplied.outputs.draw.views import View
 from upplied.outputs.files import replace_file
 from upplied.outputs.fly import as_settled
-from upplied.outputs.mission_zones import MissionZones
 from upplied.outputs.missions import Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import CUSTODY, Breach
 from upplied.outputs.reference_photos import reference_photos
 from upplied.outputs.reports import plan_of
+from upplied.outputs.zones import MissionZones
 
 
 def render_structure(
@@ -71,7 +71,7 @@ def export_transfer(
 ) -> Exported:
     """One transfer as mission files, through the gate; see `upplied.outputs.missions.export`.
 
-    Where zones must be seen of the structure, what becomes of each stands beside them: ``FILE.zones.json``.
+    If the structure has required zones, their results are written beside the mission: ``FILE.zones.json``.
     """
     row, zones, custody = _leaving(catalog, transfer_id)
     keep = partial(keep_overruled, catalog, row, "export", format)
@@ -113,14 +113,14 @@ def _leaving(catalog: Catalog, transfer_id: str) -> tuple[dict[str, Any], Missio
 
 
 def keep_overruled(catalog: Catalog, row: Any, way: str, format: str, overruled: Sequence[Breach]) -> None:
-    """Keep in the catalog which rules of the gate were overruled on a way out, before anything leaves.
+    """Store which rules of the gate were overruled for an export or a brief, before anything is written.
 
     Raises
     ------
     CatalogError
-        If it cannot be kept there.
+        If it cannot be stored there.
     """
-    forced = [breach for breach in overruled if breach.rule != "released"]  # a draft says so itself
+    forced = [breach for breach in overruled if breach.rule != "released"]  # the note of a draft
     if forced:
         names = ("transfer_id", "waypoints_sha256")
         record = {**{name: str(row[name] or "") for name in names}, "way": way, "format": format}

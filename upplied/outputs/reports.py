@@ -1,4 +1,4 @@
-"""What the pages of a fleet are made of, read from the catalog; each expensive part once."""
+"""The data of a fleet's pages, read from the catalog; each expensive part once."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from upplied.outputs.display import (
 from upplied.outputs.flown import Flights, flown_data, flown_sentence, seen_as_flown
 from upplied.outputs.fly import fly_data
 from upplied.outputs.missions import gate
-from upplied.outputs.missions.reading import planned
+from upplied.outputs.missions.gate import planned
 from upplied.outputs.pair_page import (
     DRAFTED,
     demonstration_data,
@@ -63,7 +63,7 @@ class Reader:
         self._near: dict[str, Ints] = {}  # of the last target
 
     def sha256(self, table: str, name: str) -> str:
-        """Hash of a structure or demonstration as it stands now; empty where it is not known."""
+        """Hash of a structure or demonstration as stored now; empty if unknown."""
         return self._hashes(table).get(name, "")
 
     def structure_data(self, structure_id: str) -> dict[str, Any]:
@@ -124,7 +124,7 @@ class Reader:
         return structure_facts(self.catalog, self.structure(structure_id), own, zones) | {"picture": picture}
 
     def display_mesh(self, structure: Structure) -> DisplayMesh:
-        """The mesh of a structure as browsers show it; kept where it is the version that stands now."""
+        """The mesh of a structure as browsers show it; cached if it is the stored version."""
         now = self.sha256("structures", structure.structure_id)
         return self._mesh(structure.structure_id) if now == structure.sha256 else display_mesh(structure)
 
@@ -153,7 +153,7 @@ class Reader:
         return by_plan
 
     def _broken(self, row: Any, plan: Plan) -> list[str]:
-        """What the gate finds in the steps of a plan to be flown, in words; its row said nothing of it."""
+        """Rules of the gate that a plan to be flown breaks, in words."""
         if shown_status(row) != "ok" or row["preset"] != "recommended" or plan.trajectory is None:
             return []
         limit_m = safety_m(row.get("settings_json"))

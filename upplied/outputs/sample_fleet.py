@@ -44,7 +44,7 @@ def write_sample_fleet(folder: str | Path, progress: Callable[[str], None] | Non
     folder : path
         Made where it does not exist; files of the same names are replaced.
     progress : callable, optional
-        Is told the name of each file once it stands.
+        Receives the name of each written file.
 
     Returns
     -------

@@ -90,7 +90,7 @@ def fleet_findings(catalog: Catalog, mapped: Collection[str] = ()) -> list[dict[
 
 
 def places(catalog: Catalog) -> dict[str, dict[str, Any]]:
-    """Where each structure stands and when it was last flown, by its ID, as far as that is known."""
+    """The place of each structure and its last flight, by ID, where they are known."""
     known: dict[str, dict[str, Any]] = {}
     for row in catalog.structures().to_dict("records"):
         lat, lon = number(row, "lat_deg"), number(row, "lon_deg")

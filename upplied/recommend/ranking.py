@@ -1,15 +1,15 @@
 """Which demonstration of the catalog fits a structure best, and why, without planning any.
 
 Shapes are compared by their cached features, thousands at once; the few structures most alike are
-registered for real, and what was inspected on them is foreseen on the target. Everything found is
-remembered by content in the catalog's cache, where plans find clouds and registrations again.
+registered for real, and what was inspected on them is foreseen on the target. All results are
+cached by content in the catalog's cache, where plans find clouds and registrations again.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -26,7 +26,6 @@ from upplied.recommend.foresee import (
     FORESIGHT_VERSION,
     Agreement,
     Foreseen,
-    Inspected,
     agreement,
     diagonal_m,
     foresee,
@@ -46,7 +45,7 @@ _SOURCES, _FLIGHTS = 6, 60  # structures registered for real, flights on them th
 
 @dataclass(frozen=True)
 class Recommendation:
-    """One demonstration, and what is expected of carrying it to the structure asked for."""
+    """One demonstration, and what is expected of carrying it to the target."""
 
     rank: int
     demonstration_id: str
@@ -55,7 +54,7 @@ class Recommendation:
     verdict: str  # "own", "fits", "doubtful" or "refused", as planning would refuse it
     misfit: float  # of the structures, lower is better; the gate is `RegistrationSettings.acceptance`
     predicted_seen_pct: float  # `coverage_seen_pct` that a plan should reach at least; NaN: nothing to see
-    without_pct: float  # of what was inspected, without a counterpart on the structure asked for
+    without_pct: float  # of what was inspected, without a counterpart on the target
     inspected_pct: float  # of the source's surface
     unlikeness: float  # of the shapes, by which the candidates were chosen
     why: str
@@ -99,25 +98,8 @@ def recommend(
             remedy="add logs first: upplied demonstrations add",
         )
     question = _Question(catalog, structure_id, structures, by_kind)
-    found = [question.judge(row, unlike) for row, unlike in question.candidates(flights)]
-    found.sort(key=_order)
-    return [_ranked(one, place) for place, one in enumerate(found[:most], 1)]
-
-
-@dataclass(frozen=True)
-class _Judged:
-    """A flight and what was found out about it."""
-
-    row: pd.Series
-    kind: str
-    other_kind: float  # what it counts that this is another kind than that of the structure asked for
-    unlike: float
-    own: bool
-    registration: Registration
-    agreement: Agreement | None  # none where the structures do not fit: then nothing is foreseen
-    seen: Inspected
-    foreseen: Foreseen
-    size: float  # diagonal of the structure asked for over that of the source
+    judged = sorted(question.judge(row, unlike) for row, unlike in question.candidates(flights))
+    return [replace(one, rank=rank) for rank, (*_, one) in enumerate(judged[:most], 1)]
 
 
 class _Question:
@@ -149,9 +131,12 @@ class _Question:
             for _, row in flights[flights["structure_id"] == sources[index]].head(share).iterrows()
         ]
 
-    def judge(self, row: pd.Series, unlike: float) -> _Judged:
-        """One flight: registration, parts, what was inspected, and what is foreseen of it."""
-        source_id = str(row["structure_id"])
+    def judge(self, row: pd.Series, unlike: float) -> tuple[int, float, float, str, Recommendation]:
+        """One flight: registration, parts, what was inspected, and what is foreseen of it; after its order.
+
+        What fits comes first, by what should be seen again and how surely; the rest by likeness.
+        """
+        source_id, flight_id = str(row["structure_id"]), str(row["demonstration_id"])
         content = self.content[source_id]
         source, clouds = self.shapes.cloud(source_id, content), self.settings.clouds
         gate = self.settings.registration.acceptance
@@ -162,24 +147,38 @@ class _Question:
             return self.catalog.cache(stage, kind, content_key(stage, "foreseen", *facts), compute)
 
         registration = known("registration", Registration, lambda: fitted(source, self.target, gate))
-        seen = self.shapes.inspected(str(row["demonstration_id"]), row["content"], source_id, content)
+        seen = self.shapes.inspected(flight_id, row["content"], source_id, content)
         agreed, foreseen = None, Foreseen(float("nan"), float("nan"))
         if registration.accepted:
             agreed = known("agreement", Agreement, lambda: agreement(source, self.target, registration))
             pair = (source, self.target, registration, agreed)
             foreseen = known("foreseen", Foreseen, lambda: foresee(*pair, seen, _camera(row)), row["content"])
-        return _Judged(
-            row=row,
-            kind=str(self.kinds[source_id]),
-            other_kind=float(self.other_kind[source_id]),
-            unlike=unlike,
-            own=source_id == self.target_id,
-            registration=registration,
-            agreement=agreed,
-            seen=seen,
-            foreseen=foreseen,
-            size=diagonal_m(self.target) / diagonal_m(source),
-        )
+        kind, misfit = str(self.kinds[source_id]), registration.acceptance
+        other_kind = float(self.other_kind[source_id])
+        if source_id == self.target_id:
+            verdict, why = "own", f"flown on this structure; {seen.summary}"
+        elif agreed is None:
+            verdict, why = "refused", registration.reason
+        else:
+            verdict = "fits" if misfit + unlike + other_kind < _SURE else "doubtful"
+            size = diagonal_m(self.target) / diagonal_m(source)
+            words = [f"the structures fit (misfit {misfit:.2f})", _matched(agreed), f"size ratio {size:.2f}"]
+            words.append(seen.summary)
+            if foreseen.without_pct > 0.5:
+                words.append(f"{foreseen.without_pct:.0f} % of that has no counterpart here")
+            if verdict == "doubtful":
+                doubt = f"uncertain match (unlikeness {unlike:.2f})"
+                words.append(f"{doubt}: compare both structures before flying")
+            why = "; ".join(words)
+        if other_kind:
+            why += f"; declared to be of another kind, {kind}"
+        seen_pct, without_pct = np.nan_to_num([foreseen.coverage_seen_pct, foreseen.without_pct])
+        again, unlike_in_all = float(seen_pct * (100 - without_pct)) / 1e4, unlike + other_kind
+        place = {"own": 0, "fits": 1}.get(verdict, 2)
+        likely = -again * math.exp(-misfit - unlike_in_all) if place == 1 else unlike_in_all
+        expected = (foreseen.coverage_seen_pct, foreseen.without_pct, 100 * seen.share)
+        one = Recommendation(0, flight_id, source_id, kind, verdict, misfit, *expected, unlike, why)
+        return place, likely, -again, flight_id, one
 
 
 def _camera(row: pd.Series) -> Camera:
@@ -188,59 +187,6 @@ def _camera(row: pd.Series) -> Camera:
     )
 
 
-def _verdict(one: _Judged) -> str:
-    if one.own:
-        return "own"
-    if not one.registration.accepted:
-        return "refused"
-    return "fits" if one.registration.acceptance + one.unlike + one.other_kind < _SURE else "doubtful"
-
-
-def _order(one: _Judged) -> tuple[int, float, float, str]:
-    """What fits comes first, by what should be seen again and how surely; the rest by likeness."""
-    verdict = _verdict(one)
-    seen_pct, without_pct = np.nan_to_num([one.foreseen.coverage_seen_pct, one.foreseen.without_pct])
-    again = float(seen_pct * (100 - without_pct)) / 1e4
-    place = {"own": 0, "fits": 1}.get(verdict, 2)
-    unlike = one.unlike + one.other_kind
-    likely = -again * math.exp(-one.registration.acceptance - unlike) if place == 1 else unlike
-    return place, likely, -again, str(one.row["demonstration_id"])
-
-
-def _ranked(one: _Judged, place: int) -> Recommendation:
-    return Recommendation(
-        rank=place,
-        demonstration_id=str(one.row["demonstration_id"]),
-        source_id=str(one.row["structure_id"]),
-        kind=one.kind,
-        verdict=_verdict(one),
-        misfit=one.registration.acceptance,
-        predicted_seen_pct=one.foreseen.coverage_seen_pct,
-        without_pct=one.foreseen.without_pct,
-        inspected_pct=100 * one.seen.share,
-        unlikeness=one.unlike,
-        why=_why(one),
-    )
-
-
-def _why(one: _Judged) -> str:
-    if one.own:
-        return f"flown on this structure; {one.seen.summary}"
-    parts = one.agreement
-    if parts is None:
-        return one.registration.reason + _of_another_kind(one)
-    said = [
-        f"the structures fit (misfit {one.registration.acceptance:.2f})",
-        f"{parts.parts_matched} of {parts.parts} parts match ({100 * parts.area_matched:.0f} % by area)",
-        f"size ratio {one.size:.2f}",
-        one.seen.summary,
-    ]
-    if one.foreseen.without_pct > 0.5:
-        said.append(f"{one.foreseen.without_pct:.0f} % of that has no counterpart here")
-    if _verdict(one) == "doubtful":
-        said.append(f"uncertain match (unlikeness {one.unlike:.2f}): compare both structures before flying")
-    return "; ".join(said) + _of_another_kind(one)
-
-
-def _of_another_kind(one: _Judged) -> str:
-    return f"; declared to be of another kind, {one.kind}" if one.other_kind else ""
+def _matched(parts: Agreement) -> str:
+    area = f"{100 * parts.area_matched:.0f} % by area"
+    return f"{parts.parts_matched} of {parts.parts} parts match ({area})"

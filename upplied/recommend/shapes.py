@@ -1,4 +1,4 @@
-"""What is known of the shapes in a catalog, and of what flights saw of them, remembered by content.
+"""What is known of the shapes in a catalog, and of what flights saw of them, cached by content.
 
 It is found out when a file is taken in, so that a question about it is answered without its mesh;
 thousands of features lie in a few files.
@@ -112,8 +112,8 @@ class Shapes:
 
     def _cloud(self, sha256: str, structure: Callable[[], Structure]) -> Cloud:
         def sampled() -> Cloud:
-            found = structure()
-            return surface_samples(found, scene_of(found), self.clouds)
+            known = structure()
+            return surface_samples(known, scene_of(known), self.clouds)
 
         return self.catalog.cache("clouds", Cloud, surface_key(sha256, self.clouds), sampled)
 
@@ -144,5 +144,5 @@ def _blocks(names: Iterable[str]) -> list[list[str]]:
 
 
 def content_of(table: pd.DataFrame, stored: str) -> pd.Series:
-    """The hash that rows are remembered by: of what was read, or where none is said, of what is stored."""
+    """The hash of each row's content: of the file that was read, else of what is stored."""
     return table["sha256"].where(table["sha256"] != "", table[stored])

@@ -27,7 +27,7 @@ def in_sight(cloud: Cloud, wanted: Ints, stations: Floats, camera: Camera) -> Bo
     cloud : Cloud
         With normals and areas: each sample hides what lies behind a disc round its area.
     wanted : array of int, shape (K,)
-        The samples asked for.
+        The samples in question.
     stations : array, shape (S, 3), m, structure frame
     camera : Camera
         Its range counts, its field of view does not.
@@ -36,7 +36,7 @@ def in_sight(cloud: Cloud, wanted: Ints, stations: Floats, camera: Camera) -> Bo
     -------
     array of bool, shape (K,)
     """
-    found = _in_sight(
+    visible = _in_sight(
         np.ascontiguousarray(cloud.points[wanted]),
         np.ascontiguousarray(cloud.outward[wanted]),
         np.ascontiguousarray(stations),
@@ -45,14 +45,11 @@ def in_sight(cloud: Cloud, wanted: Ints, stations: Floats, camera: Camera) -> Bo
         _OWN_SURFACE * spacing(cloud),
         *_discs(cloud.points, cloud.outward, cloud.areas),
     )
-    return np.asarray(found, bool)
+    return np.asarray(visible, bool)
 
 
 def _discs(points: Floats, normals: Floats, area_m2: Floats) -> tuple[Floats, Ints, Floats]:
-    """Discs as rows of centre, normal and squared radius; where each bunch starts; a ball round each.
-
-    The discs of a bunch lie together, so that a line that misses the ball misses them all.
-    """
+    """Discs as rows of centre, normal and squared radius; the start of each bunch, and a ball round it."""
     low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0).max(), 1e-9)
     cell = ((points - low) / size * (_CELLS - 1e-6)).astype(np.int64) @ np.array([_CELLS**2, _CELLS, 1])
     order = np.argsort(cell, kind="stable")
@@ -80,7 +77,7 @@ def _in_sight(
     start: Ints,
     balls: Floats,
 ) -> Bools:
-    found = np.zeros(len(points), np.bool_)
+    visible = np.zeros(len(points), np.bool_)
     cosine = np.empty(len(stations))
     for row in range(len(points)):
         at, normal = points[row], normals[row]
@@ -94,10 +91,10 @@ def _in_sight(
             if cosine[best] < least_cosine:
                 break
             if _free(at, stations[best], near, discs, start, balls):
-                found[row] = True
+                visible[row] = True
                 break
             cosine[best] = -1.0
-    return found
+    return visible
 
 
 @njit(cache=True)

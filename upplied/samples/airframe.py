@@ -69,7 +69,7 @@ def airframe(structure: Structure, scene: Scene | None = None) -> Airframe:
     map_y = np.linspace(low[1] - 4, high[1] + 4, _ROWS)
     grid_y, grid_x = np.meshgrid(map_y, map_x, indexing="ij")
     start = np.column_stack([grid_x.ravel(), grid_y.ravel(), np.full(grid_x.size, high[2] + 5)])
-    reach, _, _ = scene.cast(start, np.broadcast_to([0.0, 0.0, -1.0], start.shape))
+    reach = _reach(scene, start, (0.0, 0.0, -1.0))
     map_z = np.where(np.isfinite(reach), start[:, 2] - reach, -np.inf).reshape(grid_x.shape)
     semi_span = float(high[1])
     wing_y, leading, trailing, wing_z = _wing(map_x, map_y, map_z, half_width, semi_span)
@@ -88,16 +88,19 @@ def _body(name: str, scene: Scene, low: Floats, high: Floats) -> tuple[float, fl
     zero = np.zeros_like(x)
     above = np.column_stack([x, zero + 0.01, zero + high[2] + 1])
     below = np.column_stack([x, zero + 0.01, zero + low[2] - 1])
-    down, _, _ = scene.cast(above, np.broadcast_to([0.0, 0.0, -1.0], above.shape))
-    up, _, _ = scene.cast(below, np.broadcast_to([0.0, 0.0, 1.0], below.shape))
+    down, up = _reach(scene, above, (0.0, 0.0, -1.0)), _reach(scene, below, (0.0, 0.0, 1.0))
     top, bottom = np.median(high[2] + 1 - down), np.median(low[2] - 1 + up)
     axis = (top + bottom) / 2
     beside = np.column_stack([x, zero + high[1] + 1, zero + axis])
-    across, _, _ = scene.cast(beside, np.broadcast_to([0.0, -1.0, 0.0], beside.shape))
-    half_width = np.median(high[1] + 1 - across)
+    half_width = np.median(high[1] + 1 - _reach(scene, beside, (0.0, -1.0, 0.0)))
     if not np.isfinite([top, bottom, half_width]).all() or half_width <= 0:
         raise RefusedError(name, "no fuselage was found", "an airplane with its nose along +X")
     return float(axis), float(half_width), float(top - bottom) / 2
+
+
+def _reach(scene: Scene, start: Floats, direction: tuple[float, float, float]) -> Floats:
+    """How far rays (N,) of one direction go, m."""
+    return scene.cast(start, np.broadcast_to(direction, start.shape))[0]
 
 
 def _wing(
@@ -106,20 +109,20 @@ def _wing(
     """Edges of the left wing, followed from three quarters of its span inwards and outwards."""
     rows = np.flatnonzero((map_y > 1.25 * half_width) & (map_y < 0.985 * semi_span))
     start = rows[np.argmin(np.abs(map_y[rows] - 0.72 * semi_span))] if len(rows) else 0
-    found: dict[int, tuple[int, int]] = {}
+    runs: dict[int, tuple[int, int]] = {}
     for step in (-1, 1):
         run: tuple[int, int] | None = None
         for row in rows[rows <= start][::-1] if step < 0 else rows[rows >= start]:
             run = _overlapping_run(np.isfinite(map_z[row]), run)
             if run is None:
                 break
-            found[int(row)] = run
-    kept = sorted(found)
-    y = map_y[kept]
-    trailing = median_filter(map_x[[found[row][0] for row in kept]], size=9, mode="nearest")
-    leading = _straight(y, map_x[[found[row][1] for row in kept]])
-    middle = [(found[row][0] + found[row][1]) // 2 for row in kept]
-    height = median_filter(map_z[kept, middle], size=5, mode="nearest") if kept else np.empty(0)
+            runs[int(row)] = run
+    wing = sorted(runs)
+    y = map_y[wing]
+    trailing = median_filter(map_x[[runs[row][0] for row in wing]], size=9, mode="nearest")
+    leading = _straight(y, map_x[[runs[row][1] for row in wing]])
+    middle = [(runs[row][0] + runs[row][1]) // 2 for row in wing]
+    height = median_filter(map_z[wing, middle], size=5, mode="nearest") if wing else np.empty(0)
     return y, leading, np.minimum(trailing, leading - 0.3), height
 
 
@@ -160,8 +163,7 @@ def left_nacelle(structure: Structure, frame: Airframe, scene: Scene) -> Nacelle
     z = np.arange(low[2], frame.axis_z + 2.2 * frame.half_height, cell)
     grid_y, grid_z = np.meshgrid(y, z, indexing="ij")
     start = np.column_stack([np.full(grid_y.size, high[0] + 5), grid_y.ravel(), grid_z.ravel()])
-    reach, _, _ = scene.cast(start, np.broadcast_to([-1.0, 0.0, 0.0], start.shape))
-    front = (start[:, 0] - reach).reshape(grid_y.shape)
+    front = (start[:, 0] - _reach(scene, start, (-1.0, 0.0, 0.0))).reshape(grid_y.shape)
     apart = 0.022 * (frame.nose_x - frame.tail_x)
     leading = np.interp(grid_y, frame.wing_y, frame.leading_x)
     trailing = np.interp(grid_y, frame.wing_y, frame.trailing_x)
@@ -191,8 +193,7 @@ def _measured(scene: Scene, y: Floats, z: Floats, front: Floats, spot: Bools, ap
     # How far aft the flank runs: rays from outboard, at the height of the axis.
     x = np.arange(lip - 0.1, lip - 6 * radius, -apart / 8)
     outboard = np.column_stack([x, np.full(len(x), y_high + radius), np.full(len(x), middle_z)])
-    reach, _, _ = scene.cast(outboard, np.broadcast_to([0.0, -1.0, 0.0], outboard.shape))
-    flank = reach < 2.2 * radius
+    flank = _reach(scene, outboard, (0.0, -1.0, 0.0)) < 2.2 * radius
     gap = np.flatnonzero(~flank[len(x) // 12 :])
     length = lip - (x[gap[0] + len(x) // 12] if len(gap) else x[-1])
     length = float(np.clip(length, 1.5 * radius, 5 * radius))

@@ -6,12 +6,10 @@ The structure frame has its origin on the ground below the middle of the length,
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from upplied.records import Floats
-from upplied.samples.airliner_shapes import A320, B747, B777, BELUGA, AirlinerShape, Engine, Hump, Wing
+from upplied.samples.airliner_shapes import AirlinerShape, Engine, Hump, Wing
 from upplied.samples.surfaces import (
     Member,
     Part,
@@ -21,7 +19,6 @@ from upplied.samples.surfaces import (
     loft,
     revolve,
     smoothstep,
-    stamped,
     superellipse,
 )
 
@@ -50,34 +47,6 @@ def airliner(shape: AirlinerShape, structure_id: str) -> Member:
         "parametric airliner",
         landmarks=("engine", "fin"),
     )
-
-
-def random_airliner(structure_id: str, rng: np.random.Generator) -> Member:
-    """An airliner that nobody built: a sample at another size, with another wing and tail."""
-    base = (A320, BELUGA, B747, B777)[rng.integers(4)]
-    wing, stabiliser, fin = base.wing, base.stabiliser, base.fin
-    made = airliner(
-        replace(
-            base,
-            wing=replace(
-                wing,
-                span_m=wing.span_m * rng.uniform(0.88, 1.12),
-                sweep_deg=wing.sweep_deg + rng.uniform(-3, 3),
-                dihedral_deg=wing.dihedral_deg + rng.uniform(-1.5, 1.5),
-            ),
-            stabiliser=replace(stabiliser, span_m=stabiliser.span_m * rng.uniform(0.9, 1.1)),
-            fin=replace(fin, span_m=fin.span_m * rng.uniform(0.9, 1.1)),
-            engines=tuple(
-                replace(engine, diameter_m=engine.diameter_m * rng.uniform(0.9, 1.08))
-                for engine in base.engines
-            ),
-        ),
-        structure_id,
-    )
-    size = float(rng.uniform(0.85, 1.2))
-    landmarks = {name: (size * x, size * y, size * z) for name, (x, y, z) in made.structure.landmarks.items()}
-    grown = replace(made.structure, vertices=size * made.structure.vertices, landmarks=landmarks)
-    return replace(made, structure=stamped(grown))
 
 
 def _fuselage(shape: AirlinerShape, around: int = 36) -> Part:

@@ -23,10 +23,6 @@ class BridgeShape:
     taper: float = 0.0  # share by which a pier is narrower at its top
 
 
-BRIDGE_1 = BridgeShape(72.0, 11.0, 14.0, 1.4, 28.0, (3.0, 7.5), 6.0)
-BRIDGE_2 = BridgeShape(96.0, 13.5, 19.0, 2.0, 40.0, (4.0, 8.0), 2.2, 0.2)
-
-
 def bridge(shape: BridgeShape, structure_id: str) -> Member:
     """The mesh of a bridge whose middle stands on the origin."""
     parts = [_slab(shape), *_parapets(shape)]
@@ -34,24 +30,6 @@ def bridge(shape: BridgeShape, structure_id: str) -> Member:
         parts += [_pier(shape, number, x), _cap(shape, number, x)]
     parts += _abutments(shape)
     return assemble(structure_id, "bridge", parts, "parametric beam bridge", landmarks=("pier",))
-
-
-def random_bridge(structure_id: str, rng: np.random.Generator) -> Member:
-    """A bridge that nobody built."""
-    spacing = rng.uniform(24, 50)
-    return bridge(
-        BridgeShape(
-            spacing * rng.uniform(2.2, 2.9),
-            rng.uniform(9, 16),
-            rng.uniform(12, 24),
-            rng.uniform(1.0, 2.4),
-            spacing,
-            (rng.uniform(2.0, 4.5), rng.uniform(5.0, 8.0)),
-            rng.uniform(2.0, 6.0),
-            rng.uniform(0.0, 0.25),
-        ),
-        structure_id,
-    )
 
 
 def _slab(shape: BridgeShape) -> Part:

@@ -1,46 +1,35 @@
-"""The sample fleet: fourteen structures of five kinds, and members that nobody built."""
+"""The sample fleet: fourteen structures of five kinds."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, partial
-
-import numpy as np
+from functools import cache
+from importlib import resources
+from typing import Any
 
 from upplied.errors import InputError
 from upplied.records import Demonstration, Placement, Structure
-from upplied.samples.airliner import airliner, random_airliner
-from upplied.samples.airliner_shapes import A320, B747, B777, BELUGA
-from upplied.samples.box import box, random_box
-from upplied.samples.bridge import BRIDGE_1, BRIDGE_2, bridge, random_bridge
+from upplied.samples.airliner import airliner
+from upplied.samples.airliner_shapes import AirlinerShape
+from upplied.samples.bridge import BridgeShape, bridge
 from upplied.samples.pilot import fly
-from upplied.samples.ship import CRUISE, YACHT_1, YACHT_2, random_ship, ship
-from upplied.samples.surfaces import Member
-from upplied.samples.turbine import TURBINE_1, TURBINE_2, TURBINE_3, random_turbine, turbine
+from upplied.samples.ship import ShipShape, ship
+from upplied.samples.surfaces import Member, box
+from upplied.samples.turbine import TurbineShape, turbine
 
-_MAKERS: dict[str, Callable[[str], Member]] = {
-    "a320-v1": partial(airliner, A320),
-    "beluga-v1": partial(airliner, BELUGA),
-    "b747-v1": partial(airliner, B747),
-    "b777-v1": partial(airliner, B777),
-    "turbine-1-v1": partial(turbine, TURBINE_1),
-    "turbine-2-v1": partial(turbine, TURBINE_2),
-    "turbine-3-v1": partial(turbine, TURBINE_3),
-    "cruise-v1": partial(ship, CRUISE),
-    "yacht-1-v1": partial(ship, YACHT_1),
-    "yacht-2-v1": partial(ship, YACHT_2),
-    "cube-v1": partial(box, (12.0, 12.0, 12.0)),
-    "cuboid-v1": partial(box, (20.0, 12.0, 9.0)),
-    "bridge-1-v1": partial(bridge, BRIDGE_1),
-    "bridge-2-v1": partial(bridge, BRIDGE_2),
-}
-_RANDOM: dict[str, Callable[[str, np.random.Generator], Member]] = {
-    "airliner": random_airliner,
-    "wind_turbine": random_turbine,
-    "ship": random_ship,
-    "box": random_box,
-    "bridge": random_bridge,
+#: The shape of each sample structure, by kind and id.
+SHAPES: dict[str, dict[str, Any]] = tomllib.loads(
+    resources.files("upplied.samples").joinpath("shapes.toml").read_text("utf-8")
+)
+_KINDS = {structure_id: kind for kind, shapes in SHAPES.items() for structure_id in shapes}
+_MAKERS: dict[str, tuple[Callable[[Any], Any], Callable[[Any, str], Member]]] = {
+    "airliner": (AirlinerShape.of, airliner),
+    "wind_turbine": (lambda values: TurbineShape(**values), turbine),
+    "ship": (lambda values: ShipShape(**values), ship),
+    "box": (tuple, box),
+    "bridge": (lambda values: BridgeShape(**values), bridge),
 }
 # Where they would stand: on an airfield, in a wind park, in a harbour, in a town.
 _SITES = {
@@ -72,7 +61,7 @@ def sample_demonstrations() -> list[Demonstration]:
 
 def sample_structures() -> list[Structure]:
     """Every structure of the sample fleet."""
-    return [member(structure_id).structure for structure_id in _MAKERS]
+    return [member(structure_id).structure for structure_id in _KINDS]
 
 
 @cache
@@ -84,19 +73,17 @@ def member(structure_id: str) -> Member:
     InputError
         If there is no sample of that id.
     """
-    if structure_id not in _MAKERS:
-        raise InputError(
-            f"sample structure {structure_id!r}", "is unknown", f"one of {', '.join(sorted(_MAKERS))}"
-        )
-    made = _MAKERS[structure_id](structure_id)
-    site, lat, lon, alt = _SITES[made.structure.kind]
-    row = list(_MAKERS).index(structure_id)
+    if structure_id not in _KINDS:
+        known = ", ".join(sorted(_KINDS))
+        raise InputError(f"sample structure {structure_id!r}", "is unknown", f"one of {known}")
+    kind, row = _KINDS[structure_id], list(_KINDS).index(structure_id)
+    sample = _MAKERS[kind][1](shape_of(structure_id), structure_id)
+    site, lat, lon, alt = _SITES[kind]
     placement = Placement(lat, round(lon + 0.002 * row, 6), alt, (75.0 + 23.0 * row) % 360)
-    return replace(made, structure=replace(made.structure, site=site, placement=placement))
+    return replace(sample, structure=replace(sample.structure, site=site, placement=placement))
 
 
-def random_member(kind: str, seed: int) -> Member:
-    """A structure of the kind that is not in the fleet, the same for the same seed."""
-    if kind not in _RANDOM:
-        raise InputError(f"kind {kind!r}", "is unknown", f"one of {', '.join(sorted(_RANDOM))}")
-    return _RANDOM[kind](f"{kind}-random-{seed}", np.random.default_rng(seed))
+def shape_of(structure_id: str) -> Any:
+    """What tells a sample structure from others of its kind: the shape that its maker takes."""
+    kind = _KINDS[structure_id]
+    return _MAKERS[kind][0](SHAPES[kind][structure_id])

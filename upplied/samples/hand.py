@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from upplied.errors import RefusedError
-from upplied.geometry.polylines import arc_length, leg_lengths
+from upplied.geometry.polylines import arc_length, interpolated, leg_lengths
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.geometry.scene import Scene
 from upplied.records import Floats, Trajectory
@@ -55,27 +55,23 @@ def fly_route(
     positions = kept_clear(positions, scene, hand.clearance_m + 0.9, floor)
     along = arc_length(positions)
     t, s = _pace(float(along[-1]), hand, rng)
-    flown = np.column_stack([np.interp(s, along, positions[:, axis]) for axis in range(3)])
+    flown = interpolated(s, along, positions)
     flown += _drift(len(t), hand, rng)
     flown = kept_clear(flown, scene, hand.clearance_m, floor)
     ahead = np.minimum(s + 0.5, along[-1])
-    aim = np.column_stack([np.interp(ahead, along, look[:, axis]) for axis in range(3)])
-    return Trajectory(t, flown, _gimbal(flown, aim, hand, rng))
+    return Trajectory(t, flown, _gimbal(flown, interpolated(ahead, along, look), hand, rng))
 
 
 def _rounded(route: Route) -> tuple[Floats, Floats]:
     """The route at even steps, its corners rounded as a pilot rounds them."""
     along = arc_length(route.positions)
     wanted = np.linspace(0, along[-1], max(int(along[-1] / _STEP_M), 2))
-    both = np.column_stack([route.positions, route.look])
-    even = np.column_stack([np.interp(wanted, along, both[:, column]) for column in range(6)])
-    soft = np.column_stack(
-        [
-            gaussian_filter1d(even[:, column], 1.2 / _STEP_M if column < 3 else 2.0 / _STEP_M, mode="nearest")
-            for column in range(6)
-        ]
-    )
-    return soft[:, :3], soft[:, 3:]
+    positions, look = (interpolated(wanted, along, each) for each in (route.positions, route.look))
+    return _soft(positions, 1.2 / _STEP_M), _soft(look, 2.0 / _STEP_M)
+
+
+def _soft(places: Floats, sigma: float) -> Floats:
+    return np.column_stack([gaussian_filter1d(axis, sigma, mode="nearest") for axis in places.T])
 
 
 def _pace(length_m: float, hand: Hand, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -135,7 +131,7 @@ def kept_clear(positions: Floats, scene: Scene, clearance_m: float, floor_z: flo
     """The path pushed away from the surface and the ground where it comes too near, smoothly.
 
     Distances change by at most the way flown, so that between two poses a m apart, at distances b
-    and c, nothing comes nearer than (b + c - a) / 2: that is what is kept.
+    and c, nothing comes nearer than (b + c - a) / 2: that bound is used.
 
     Raises
     ------

@@ -54,8 +54,8 @@ def _about_the_middle(inspect: Inspection) -> Inspection:
         if abs(aside[1]) < 0.002 * (high - low):
             return inspect(structure, scene, ground_z)
         centred = replace(structure, vertices=structure.vertices - aside)
-        found = inspect(centred, scene_of(centred), ground_z)
-        return Route(found.positions + aside, found.look + aside)
+        flown = inspect(centred, scene_of(centred), ground_z)
+        return Route(flown.positions + aside, flown.look + aside)
 
     return route
 
@@ -155,10 +155,7 @@ def _hull(structure: Structure, scene: Scene, ground_z: float) -> Route:
     loop = offset_outline(side[:, :2], off)
     hull = offset_outline(side[:, :2], 0.0, step_m=0.25)
     look = _nearest(hull, loop)
-    return Route(
-        np.column_stack([loop, np.full(len(loop), height)]),
-        np.column_stack([look, np.full(len(loop), ground_z + 0.12 * tall)]),
-    )
+    return Route(_level(loop, height), _level(look, ground_z + 0.12 * tall))
 
 
 def _sides(structure: Structure, scene: Scene, ground_z: float) -> Route:
@@ -168,15 +165,12 @@ def _sides(structure: Structure, scene: Scene, ground_z: float) -> Route:
     off = float(np.clip(0.55 * tall, 5.0, 14.0))
     loop = offset_outline(points[:, :2], off)
     rear = points[:, 0].min() + 0.5
-    kept = loop[:, 0] > rear
+    ahead = loop[:, 0] > rear
     # The loop begins behind the building on the axis and goes round by the right: what is kept is one piece.
-    plan = loop[kept][::-1]
+    plan = loop[ahead][::-1]
     wall = offset_outline(points[:, :2], 0.0, step_m=0.25)
     height = ground_z + 0.5 * tall
-    return Route(
-        np.column_stack([plan, np.full(len(plan), max(height, ground_z + 2.5))]),
-        np.column_stack([_nearest(wall, plan), np.full(len(plan), height)]),
-    )
+    return Route(_level(plan, max(height, ground_z + 2.5)), _level(_nearest(wall, plan), height))
 
 
 def _piers(structure: Structure, scene: Scene, ground_z: float) -> Route:
@@ -189,7 +183,7 @@ def _piers(structure: Structure, scene: Scene, ground_z: float) -> Route:
     best: tuple[float, float] | None = None
     for share in (0.45, 0.38, 0.55, 0.3, 0.65, 0.75):
         height = max(low + share * room, ground_z + 2.5)
-        clear = float(scene.distance(np.column_stack([plan, np.full(len(plan), height)])).min())
+        clear = float(scene.distance(_level(plan, height)).min())
         if best is None or clear > best[0] + 0.5:
             best = (clear, height)
     assert best is not None
@@ -198,20 +192,11 @@ def _piers(structure: Structure, scene: Scene, ground_z: float) -> Route:
             structure.structure_id, f"a figure 8 round the piers comes within {best[0]:.1f} m", "2.5 m free"
         )
     nearer = np.repeat([[*one.centre], [*two.centre]], [len(loops[0]), len(loops[1])], axis=0)
-    return Route(
-        np.column_stack([plan, np.full(len(plan), best[1])]),
-        np.column_stack([nearer, np.full(len(plan), best[1])]),
-    )
+    return Route(_level(plan, best[1]), _level(nearer, best[1]))
 
 
 def _figure(pier: Pier, side: float, apart: float) -> Floats:
-    """One loop of the 8: from the crossing midway between the piers round one of them and back.
-
-    Parameters
-    ----------
-    side : {1, -1}
-        1 for the pier at smaller x.
-    """
+    """One loop of the 8, from the crossing round a pier and back; `side` is 1 for the pier at smaller x."""
     half = np.array(pier.half)
     off = float(np.clip(0.5 * apart - half[0] - 2.0, 3.0, 6.0))
     angle = np.linspace(-0.72 * np.pi, 0.72 * np.pi, 80)
@@ -230,6 +215,10 @@ def _eased(height: Floats, reach: int) -> Floats:
     return np.asarray(
         gaussian_filter1d(maximum_filter1d(height, 2 * reach + 1, mode="nearest"), reach / 2, mode="nearest")
     )
+
+
+def _level(plan: Floats, height: float) -> Floats:
+    return np.column_stack([plan, np.full(len(plan), height)])
 
 
 def _nearest(outline: Floats, points: Floats) -> Floats:

@@ -22,7 +22,6 @@ def fly(
     inspection: str,
     seed: int = 0,
     camera: Camera | None = None,
-    hand: Hand | None = None,
 ) -> Demonstration:
     """Demonstrate an inspection.
 
@@ -38,8 +37,6 @@ def fly(
         Of the hand; the same seed gives the same flight.
     camera : Camera, optional
         The paper's, where not given.
-    hand : Hand, optional
-        How unsteady he is.
 
     Returns
     -------
@@ -57,7 +54,7 @@ def fly(
     floor = float(structure.vertices[:, 2].min()) if ground is None else ground
     name = _named(structure.structure_id, inspection)
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-    flown = fly_route(route_of(structure, inspection, scene, floor), scene, floor, hand or Hand(), rng)
+    flown = fly_route(route_of(structure, inspection, scene, floor), scene, floor, Hand(), rng)
     quats = normalised(flown.quat_xyzw)
     jitter = rng.integers(-1_500_000, 1_500_000, len(flown))
     start = _FIRST_DAY_NS + (seed % 1000) * _HOUR_NS

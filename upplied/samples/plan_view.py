@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from upplied.errors import RefusedError
-from upplied.geometry.polylines import arc_length
+from upplied.geometry.polylines import arc_length, interpolated
 from upplied.geometry.scene import Scene
 from upplied.records import Floats, Structure
 
@@ -41,7 +41,7 @@ def offset_outline(points_xy: Floats, distance_m: float, step_m: float = 0.5) ->
     loop = support + distance_m * normal
     along = arc_length(loop)
     wanted = np.linspace(0, along[-1], max(int(along[-1] / step_m), 8), endpoint=False)
-    return np.column_stack([np.interp(wanted, along, loop[:, axis]) for axis in range(2)])
+    return interpolated(wanted, along, loop)
 
 
 @dataclass(frozen=True)

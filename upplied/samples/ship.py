@@ -28,21 +28,6 @@ class ShipShape:
     lifeboats: int = 0  # on each side
 
 
-CRUISE = ShipShape(
-    220.0, 30.0, 11.0, 1.5, 3.5, 10.0, 0.10, 0.42,
-    decks=((0.06, 0.86, 0.97, 6.5), (0.1, 0.8, 0.93, 6.0), (0.16, 0.76, 0.86, 5.5), (0.24, 0.72, 0.66, 3.2)),
-    mast_m=10.0, funnel=(0.30, 14.0, 11.0), lifeboats=7,
-)  # fmt: skip
-YACHT_1 = ShipShape(
-    46.0, 9.0, 3.0, 0.4, 1.3, 4.2, 0.12, 0.36,
-    decks=((0.12, 0.72, 0.90, 2.5), (0.20, 0.62, 0.80, 2.4), (0.30, 0.52, 0.62, 1.0)), mast_m=4.0,
-)  # fmt: skip
-YACHT_2 = ShipShape(
-    27.0, 6.6, 2.1, 0.3, 0.7, 3.2, 0.16, 0.34,
-    decks=((0.22, 0.66, 0.78, 1.9), (0.28, 0.52, 0.62, 1.1)), mast_m=2.2,
-)  # fmt: skip
-
-
 def ship(shape: ShipShape, structure_id: str) -> Member:
     """The mesh of a ship whose waterline has its middle on the origin."""
     parts = [_hull(shape)]
@@ -55,32 +40,6 @@ def ship(shape: ShipShape, structure_id: str) -> Member:
         parts.append(_funnel(shape, floor))
     parts += _lifeboats(shape)
     return assemble(structure_id, "ship", parts, "parametric ship, from the waterline up")
-
-
-def random_ship(structure_id: str, rng: np.random.Generator) -> Member:
-    """A ship that nobody built."""
-    length = float(np.exp(rng.uniform(np.log(20), np.log(200))))
-    beam = length * rng.uniform(0.14, 0.22) * (1 - 0.15 * np.log(length / 20) / np.log(10))
-    freeboard = beam * rng.uniform(0.3, 0.4)
-    decks, stern, bow = [], rng.uniform(0.08, 0.2), rng.uniform(0.68, 0.84)
-    for tier in range(3):
-        decks.append((stern, bow, rng.uniform(0.84, 0.92) - 0.12 * tier, beam * rng.uniform(0.18, 0.26)))
-        stern, bow = stern + rng.uniform(0.03, 0.1), bow - rng.uniform(0.04, 0.1)
-    return ship(
-        ShipShape(
-            length,
-            beam,
-            freeboard,
-            0.1 * freeboard,
-            0.3 * freeboard,
-            length * rng.uniform(0.05, 0.1),
-            rng.uniform(0.08, 0.16),
-            rng.uniform(0.32, 0.46),
-            tuple(decks),
-            0.4 * freeboard,
-        ),
-        structure_id,
-    )
 
 
 def _hull(shape: ShipShape) -> Part:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from upplied.geometry.polylines import arc_length
+from upplied.geometry.polylines import arc_length, interpolated
 from upplied.records import Floats, Ints, Record, Structure, Surroundings
 
 
@@ -181,7 +181,7 @@ def lifting_surface(
     corners = np.array([[*section.leading, section.chord_m, section.thickness] for section in sections])
     travelled = arc_length(corners[:, :3])
     wanted = _with_corners(travelled, stations)
-    table = np.column_stack([np.interp(wanted, travelled, corners[:, column]) for column in range(5)])
+    table = interpolated(wanted, travelled, corners)
     shape = airfoil(camber=0.0 if abs(up[2]) < 0.5 else 0.015)
     aft = np.array([-1.0, 0.0, 0.0])
     chord = table[:, 3, None, None]
@@ -256,6 +256,16 @@ def box_faces(low: Sequence[float], high: Sequence[float], cells: int) -> list[P
         box_face("top", lo + z, x, y, cells),
         box_face("bottom", lo, y, x, cells),
     ]
+
+
+def box(size_m: tuple[float, float, float], structure_id: str) -> Member:
+    """A box of the size of a building (length along X, width, height); its base has its middle on the origin.
+
+    Every face is a part of its own.
+    """
+    length, width, height = size_m
+    faces = box_faces((-length / 2, -width / 2, 0.0), (length / 2, width / 2, height), cells=12)
+    return assemble(structure_id, "box", faces, "box")
 
 
 def smoothstep(value: Floats, start: float, stop: float) -> Floats:

@@ -26,11 +26,6 @@ class TurbineShape:
     flare: float = 1.0  # how quickly the tower narrows: 1 a cone, more a wide foot
 
 
-TURBINE_1 = TurbineShape(80.0, 82.0, (4.3, 2.4), (10.0, 3.6, 3.9), 5.0, 3.3, 4.0)
-TURBINE_2 = TurbineShape(105.0, 112.0, (4.6, 2.9), (13.5, 4.0, 4.4), 4.0, 4.2, 5.0, tilt_deg=6.0)
-TURBINE_3 = TurbineShape(98.0, 82.0, (7.6, 2.6), (11.0, 5.4, 5.6), 2.2, 3.6, 4.6, tilt_deg=4.0, flare=1.8)
-
-
 def turbine(shape: TurbineShape, structure_id: str) -> Member:
     """The mesh of a wind turbine whose tower stands on the origin."""
     tilt = np.radians(shape.tilt_deg)
@@ -43,27 +38,6 @@ def turbine(shape: TurbineShape, structure_id: str) -> Member:
         [_tower(shape), _nacelle(shape, hub, axis), _hub(shape, hub, axis), *blades],
         "parametric wind turbine",
         landmarks=("hub",),
-    )
-
-
-def random_turbine(structure_id: str, rng: np.random.Generator) -> Member:
-    """A turbine that nobody built."""
-    hub = rng.uniform(60, 140)
-    rotor = hub * rng.uniform(0.8, 1.25)
-    size = rotor / 90
-    return turbine(
-        TurbineShape(
-            hub,
-            rotor,
-            (rng.uniform(4, 7), rng.uniform(2.2, 3.2)),
-            (size * rng.uniform(8, 12), size * rng.uniform(3.2, 4.6), size * rng.uniform(3.4, 4.6)),
-            rng.uniform(2.2, 6),
-            size * rng.uniform(3.0, 4.0),
-            size * rng.uniform(3.8, 5.0),
-            rng.uniform(3, 6),
-            flare=rng.uniform(1.0, 2.0),
-        ),
-        structure_id,
     )
 
 

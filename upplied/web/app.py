@@ -1,6 +1,6 @@
 """The one application of everything that a person opens: fleet, structure, plan, flights, studio.
 
-Pages are those of a report folder, made from the catalog as it stands. Beside them a signed-in person can
+Pages are those of a report folder, built from the catalog as stored. Beside them a signed-in person can
 review, release, reject, export and edit; whoever is not signed in gets the page of the login alone.
 """
 
@@ -21,6 +21,7 @@ from starlette.routing import Route
 from upplied.catalog import Catalog
 from upplied.errors import CatalogError, UppliedError
 from upplied.outputs import pages
+from upplied.outputs.site import ENDINGS
 from upplied.web.guard import Guard
 from upplied.web.live import LivePages
 from upplied.web.login import Login
@@ -71,7 +72,7 @@ class _Web:
         given = await _json(request)
         if not self.login.accepts(given.get("password")):
             await asyncio.sleep(_WRONG_S)
-            return JSONResponse({"refused": "The password is not right."}, 401)
+            return JSONResponse({"refused": "Wrong password."}, 401)
         return self.login.give_cookie(JSONResponse({"token": self.login.token}))
 
     async def asset(self, request: Request) -> Response:
@@ -86,12 +87,9 @@ class _Web:
         """A page for whoever is signed in, the login for all others."""
         room, name = request.path_params.get("room", ""), request.path_params.get("name", "index.html")
         stem, dot, ending = name.rpartition(".")
-        known = {"": ".html", "data": ".js", "pictures": ".png", "thumbnails": ".png", "studio": ""}
         if room == "studio":
             stem = name
-        elif room not in (*known, "transfers", "structures", "demonstrations", "findings") or (
-            dot + ending != known.get(room, ".html")
-        ):
+        elif ENDINGS.get(room) != dot + ending:
             raise HTTPException(404, "This page does not exist.")
         if not self.login.may_read(request):
             return HTMLResponse(pages.login_page(), 401)

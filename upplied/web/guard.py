@@ -1,4 +1,4 @@
-"""What stands before every server: who is answered, and what each answer carries.
+"""The guard of every server: which requests it answers, and the headers of its answers.
 
 A page of another site can ask a browser of this machine for anything on loopback. Requests under another
 name than the server's own, or from another site's page, are therefore refused before anything reads them.
@@ -126,7 +126,7 @@ def refusal(headers: Headers, names: Collection[str], port: int | None = None) -
 
 
 def foreign_page(headers: Headers, method: str) -> str:
-    """Why a request is refused by what the browser says of its page; empty where it is not.
+    """Why a request is refused by the headers of its page's origin; empty if it is not.
 
     A link on another page may be followed: such a request reads, shows itself in the address bar, and
     carries no cookie of ours.

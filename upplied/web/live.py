@@ -1,4 +1,4 @@
-"""The pages of a report folder made when they are opened, from what the catalog holds now."""
+"""The pages of a report folder, built from the catalog when they are opened."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from pathlib import Path
 import numpy as np
 
 from upplied.catalog import Catalog
-from upplied.config import settings_for
+from upplied.config import CloudSettings, settings_for
 from upplied.errors import CatalogError
 from upplied.findings.queries import kind_map
 from upplied.geometry.scene import Scene
-from upplied.outputs.findings_page import findings_html
-from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
-from upplied.outputs.page_html import fleet_html, pair_html, passport_html, structure_html
-from upplied.outputs.pages import structure_script
-from upplied.outputs.publish import PAGES, TITLE
+from upplied.outputs.pairs import Pair
+from upplied.outputs.publish import PAGES
 from upplied.outputs.render import brief_transfer, export_transfer
-from upplied.outputs.reports import Reader
+from upplied.outputs.site import Site
+from upplied.planning.surface.samples import surface_samples
 from upplied.proof.pictured import pictured
-from upplied.records import Camera, Cloud, Trajectory
+from upplied.records import Camera, Cloud, Structure, Trajectory
 from upplied.web.requests import Decisions
 
 
 def warm() -> None:
     """Load what the first page of a plan needs, the ray caster and compiled functions, on one triangle."""
     corners = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
-    scene, still = Scene(corners, np.array([[0, 1, 2]])), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
+    structure = Structure("warm", "warm", corners, np.array([[0, 1, 2]]))
+    scene, still = Scene(corners, structure.triangles), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
     path, front = Trajectory(np.arange(2.0), np.zeros((2, 3)), still), np.array([[-1.0, 0.0, 0.0]])
     pictured(path, Cloud(corners[:1], front), Camera(), scene, settings_for("recommended").inspection)
+    surface_samples(structure, scene, CloudSettings(surface_samples=100))  # for the roadmap of transit legs
 
 
 class LivePages:
-    """What a browser asks for, one request after the other; what was read stays until the catalog changes.
+    """Answers the requests of browsers one by one; what was read is cached until the catalog changes.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class LivePages:
         self._versions: dict[str, int] | None = None
 
     def page(self, room: str, name: str = "") -> str | bytes:
-        """A page, a structure's script or a picture, as it lies in a report folder under this name.
+        """A page, a structure's script or a picture, as a report folder holds it under this name.
 
         Raises
         ------
@@ -62,14 +62,13 @@ class LivePages:
             tables = {name: table.delta() for name, table in self.catalog.tables.items()}
             versions = {name: -1 if delta is None else delta.version() for name, delta in tables.items()}
             if self._versions != versions:
-                self._versions, self._reader = versions, Reader(self.catalog)
-                pairs, self._count = first_pairs(self.catalog, PAGES)
-                self._pairs = {pair.name: pair for pair in pairs}
-                self._content = lru_cache(64)(self._new_content)
-                self._thumbnail = lru_cache(2000)(self._reader.thumbnail)
-            if room == "thumbnails":
-                return self._thumbnail(name)
-            return self._content(room, name)
+                self._versions, site = versions, Site(self.catalog, PAGES, kind_map, live=True)
+                site.mapped = sorted(set(self.catalog.findings()["kind"]))
+                site.missions = {pair.name: _missions(pair) for pair in site.pairs}
+                site.decision = Decisions(self.catalog).last
+                self._content = lru_cache(64)(site.content)
+                self._thumbnail = lru_cache(2000)(site.content)
+            return (self._thumbnail if room == "thumbnails" else self._content)(room, name)
 
     def mission(self, transfer_id: str, kind: str) -> tuple[str, bytes]:
         """Name and content of a mission with the usual options, through the gate, or of the pilot's brief.
@@ -100,26 +99,9 @@ class LivePages:
                     together.write(path, path.name)
             return f"{plan}.zip", archive.getvalue()
 
-    def _new_content(self, room: str, name: str) -> str | bytes:
-        reader, pairs = self._reader, list(self._pairs.values())
-        if room == "":
-            kinds = set(self.catalog.findings()["kind"])
-            return fleet_html(reader, pairs, TITLE, self._count, live=True, mapped=kinds)
-        if room == "findings":
-            return findings_html(*kind_map(self.catalog, name), "../", live=True)
-        if room == "data":
-            return structure_script(reader.structure_data(name))
-        if room == "structures":
-            return structure_html(reader, name, pairs, live=True)
-        if room == "demonstrations":
-            return passport_html(reader, name, pairs, live=True)
-        if name not in self._pairs:
-            raise CatalogError(name[:150], "does not exist")
-        pair = self._pairs[name]
-        if room == "pictures":
-            return reader.picture(pair)
-        plan = str(pair.main["transfer_id"])
-        missions = {kind: f"../missions/{plan}/{kind}" for kind in ("brief", *FORMATS)}
-        released = pair.main.get("state") == "released"
-        known = Decisions(self.catalog).last(plan)
-        return pair_html(reader, pair, missions if released else {}, live=True, known=known)
+
+def _missions(pair: Pair) -> dict[str, str]:
+    """Addresses of the missions of a pair whose plan is released."""
+    plan = pair.main
+    kinds = ("brief", *FORMATS) if plan.get("state") == "released" else ()
+    return {kind: f"../missions/{plan['transfer_id']}/{kind}" for kind in kinds}

@@ -1,4 +1,4 @@
-"""What the studio's page asks for: a plan to draw, a change judged, planned again, stored, decided about."""
+"""The requests of the studio's page: draw a plan; judge, plan again, store and decide about a change."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from upplied.fleet.rechecking import place_breaches
 from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.outputs.along import profile
 from upplied.outputs.display import display_states, nearest_samples, packed, structure_data
+from upplied.outputs.labels import LABELS
 from upplied.outputs.pair_page import path_data
 from upplied.outputs.pairs import decision_words, number
 from upplied.outputs.reports import Reader
@@ -27,17 +28,11 @@ from upplied.outputs.verdicts import headline
 from upplied.proof.carried_edit import kept_edit
 from upplied.proof.edit import Asked, Edit
 from upplied.records import Ints
-from upplied.web.requests import Decisions, place_looked_from, signed
-from upplied.web.zone_requests import ZoneRequests
+from upplied.web.requests import Decisions, ZoneRequests, place_looked_from, signed
 
 _MOST_BASES = 50  # that were planned again and are held: a page goes back to them
-_MOST_OPEN = 8  # plans; of more, the one that was not asked for longest is closed
-_DIFFERENCES = (  # measure, words, unit, digits, and less than which it is no difference
-    ("coverage_inspected_pct", "inspected surface shown", " percentage points", 1, 0.05),
-    ("min_clearance_m", "minimum clearance", " m", 2, 0.005),
-    ("path_length_m", "path length", " m", 1, 0.05),
-    ("duration_s", "flight time", " s", 0, 0.5),
-)
+_MOST_OPEN = 8  # plans; of more, the least recently used is closed
+_DIFFERENCES = LABELS["differences"]
 
 
 class Sessions:
@@ -107,7 +102,7 @@ class Session:
         stage("Checking clearance along the path")
 
     def answer(self, what: str, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The answer to a request of the page; ``refused`` says in words why there is none."""
+        """The answer to a request of the page; ``refused`` is the reason why there is none."""
         answers: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
             "plan": self._plan, "judge": lambda _: self._judged(*self._read(request)),
             "replan": self._replan, "keep": self._keep,
@@ -203,7 +198,7 @@ class Session:
         place = (origin + reach * axis)[0].round(3).tolist() if np.isfinite(reach) else None
         return {"place": place}
 
-    # --- what the answers are made of ----------------------------------------------------------
+    # --- parts of the answers ------------------------------------------------------------------
 
     def _read(self, request: Mapping[str, Any]) -> tuple[Base, Edit, Asked]:
         at = request.get("base", 0)
@@ -227,7 +222,7 @@ class Session:
         return {
             "path": path_data(profile(path, self.editing.scene), self._origin),
             "states": self._states(judged),
-            "measures": {name: number(measures, name) for name, *_ in _DIFFERENCES},
+            "measures": {name: number(measures, name) for name in _DIFFERENCES},
             "verdict": {
                 "flyable": not faults,
                 "headline": headline(measures | standoff, self.editing.clearance_m(airspace)),
@@ -247,10 +242,10 @@ class Session:
             if row is None:
                 continue
             parts = []
-            for measure, words, unit, digits, least in _DIFFERENCES:
+            for measure, (words, form, least) in _DIFFERENCES.items():
                 now, then = number(measures, measure), number(row, measure)
                 if now is not None and then is not None and abs(now - then) >= least:
-                    parts.append(f"{words} {now - then:+.{digits}f}{unit}")
+                    parts.append(f"{words} {form.format(now - then)}")
             sentences.append(f"Compared with {name}: {', '.join(parts) or 'no difference'}.")
         return sentences
 

@@ -22,9 +22,9 @@ from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.plan import plan_transfer
 from upplied.records import Plan, Structure
-from upplied.samples.fleet import member
+from upplied.samples.fleet import member, shape_of
 from upplied.samples.pilot import fly
-from upplied.samples.ship import CRUISE, ship
+from upplied.samples.ship import ship
 from upplied.samples.surfaces import stamped
 
 SETTINGS: Settings = settings_for("recommended", clouds={"surface_samples": 2000})
@@ -73,7 +73,7 @@ def test_strangers_do_not(source: str, target: str, inspection: str) -> None:
 
 def test_another_superstructure_does_not_refuse_a_hull() -> None:
     bare = without("cruise-v1", ("funnel", "mast", "deck_4", "lifeboat"))
-    assert likely(ship(CRUISE, "liner").structure, bare, "hull") > 0.9
+    assert likely(ship(shape_of("cruise-v1"), "liner").structure, bare, "hull") > 0.9
 
 
 def test_an_engine_that_is_not_there_is_refused_in_words() -> None:

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from true_counterparts import true_counterparts
 
 from upplied.config import CorrespondenceSettings, settings_for
 from upplied.errors import SettingsError
@@ -16,7 +17,6 @@ from upplied.planning.correspondence.registration import register
 from upplied.planning.geometry.clouds import box_scale
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud, Correspondences, Registration
-from upplied.samples.correspondence import true_counterparts
 from upplied.samples.fleet import member
 from upplied.samples.turbine import TURBINE_1, turbine
 

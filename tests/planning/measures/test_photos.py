@@ -16,8 +16,8 @@ from upplied.outputs.missions import MissionOptions, missions_of
 from upplied.overlap import Frames
 from upplied.planning.plan import plan_transfer
 from upplied.records import Camera, Plan, Structure
-from upplied.samples.box import box
 from upplied.samples.pilot import fly
+from upplied.samples.surfaces import box
 
 SETTINGS = settings_for("recommended", clouds={"surface_samples": 600})
 CAMERA = Camera(75.0, 60.0, 2.0, 50.0, 4000, 3200, trigger_s=4.0, exposure_s=1 / 800)

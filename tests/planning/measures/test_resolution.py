@@ -18,8 +18,8 @@ from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import TRULY, views
 from upplied.records import Trajectory
-from upplied.samples.box import box
 from upplied.samples.pilot import fly
+from upplied.samples.surfaces import box
 
 SETTINGS = settings_for("recommended", clouds={"surface_samples": 400})
 

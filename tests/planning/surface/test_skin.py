@@ -10,7 +10,7 @@ from upplied.geometry.scene import Scene, scene_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
-from upplied.samples.box import box
+from upplied.samples.surfaces import box
 
 STEP = 0.25
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from upplied.geometry.scene import Scene
+from upplied.geometry.vectors import area_vectors, sphere
 from upplied.records import Floats, Ints
 
 _CREASE_COS = np.cos(np.radians(40.0))  # sharper edges stay edges
@@ -19,7 +20,7 @@ def corner_normals(vertices: Floats, triangles: Ints) -> Floats:
     with the sign that agrees with the face itself.
     """
     edges = vertices[triangles]
-    weighted = np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0])
+    weighted = area_vectors(edges)
     area = np.linalg.norm(weighted, axis=1, keepdims=True)
     face = weighted / np.maximum(area, 1e-300)
     if not 0 < len(triangles) <= _SMOOTHED_TRIANGLES:
@@ -92,7 +93,7 @@ def open_sky(scene: Scene, points: Floats, normals: Floats, reach_m: float, lift
 
     The same directions serve every point, so that the result carries no noise.
     """
-    directions = _sphere(2 * _AMBIENT_RAYS)
+    directions = sphere(2 * _AMBIENT_RAYS)
     blocked = np.zeros(len(points))
     weight = np.zeros(len(points))
     for direction in directions:
@@ -102,12 +103,3 @@ def open_sky(scene: Scene, points: Floats, normals: Floats, reach_m: float, lift
         weight[above] += cosine[above]
         blocked[above] += cosine[above] * scene.occluded(starts, starts + reach_m * direction, slack=0.0)
     return 1 - blocked / np.maximum(weight, 1e-12)
-
-
-def _sphere(count: int) -> Floats:
-    """Evenly spread unit vectors (count, 3): a Fibonacci lattice."""
-    index = np.arange(count) + 0.5
-    z = 1 - 2 * index / count
-    turn = np.pi * (1 + 5**0.5) * index
-    ring = np.sqrt(1 - z * z)
-    return np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)

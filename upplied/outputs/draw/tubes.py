@@ -8,6 +8,7 @@ import numpy as np
 
 from upplied.geometry.polylines import arc_length
 from upplied.geometry.poses import matrices
+from upplied.geometry.vectors import across
 from upplied.records import Camera, Floats, Ints
 
 _SIDES = 6
@@ -47,14 +48,8 @@ def tubes(starts: Floats, ends: Floats, radius_m: float, colour: tuple[float, fl
     along = ends - starts
     length = np.linalg.norm(along, axis=1, keepdims=True)
     long_enough = length[:, 0] > 1e-9
-    starts, ends, along = (
-        starts[long_enough],
-        ends[long_enough],
-        (along / np.maximum(length, 1e-9))[long_enough],
-    )
-    side = np.cross(along, np.where(np.abs(along[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    up = np.cross(along, side)
+    starts, ends, along = (each[long_enough] for each in (starts, ends, along / np.maximum(length, 1e-9)))
+    side, up = across(along)
     angle = np.arange(_SIDES) * 2 * np.pi / _SIDES
     rim = radius_m * (np.cos(angle)[:, None] * side[:, None] + np.sin(angle)[:, None] * up[:, None])
     tips = np.stack([starts - radius_m * along, ends + radius_m * along], axis=1)

@@ -11,12 +11,11 @@ import numpy as np
 from upplied.errors import SettingsError
 from upplied.outputs.files import replace_file
 from upplied.outputs.mission_options import MissionOptions
-from upplied.outputs.missions import dji_wpml, gate, litchi, mavlink
+from upplied.outputs.missions import dji_wpml, gate, kml, litchi, mavlink
 from upplied.outputs.missions.csv import csv_text
 from upplied.outputs.missions.fences import fence_text, fenced, rally_text
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.geojson import geojson_text
-from upplied.outputs.missions.kml import kml_text
 from upplied.outputs.missions.mcap import mcap_bytes
 from upplied.outputs.missions.mission import ANYTHING, missions_of
 from upplied.outputs.missions.photos import interval_of
@@ -33,7 +32,7 @@ _WRITERS: dict[str, tuple[str, Flying, Callable[[Mission, MissionOptions], bytes
     "mavlink": (".waypoints", mavlink.FLYING, mavlink.mavlink_text),
     "dji-wpml": (".kmz", dji_wpml.FLYING, dji_wpml.dji_kmz),
     "litchi": (".csv", litchi.FLYING, lambda mission, _: litchi.litchi_text(mission)),
-    "kml": (".kml", ANYTHING, lambda mission, _: kml_text(mission)),
+    "kml": (".kml", kml.FLYING, lambda mission, _: kml.kml_text(mission)),
     "geojson": (".geojson", ANYTHING, lambda mission, _: geojson_text(mission)),
     "csv": (".csv", ANYTHING, lambda mission, _: csv_text(mission)),
 }
@@ -79,9 +78,9 @@ def export(
     objections : sequence of Breach, optional
         Rules that the plan is known to break already, for instance that it is superseded.
     keep : callable, optional
-        Told which rules were overruled, before the first file is written.
+        Receives the rules that were overruled, before the first file is written.
     zones : callable, optional
-        What becomes of zones that must be seen, as notes; of the plan itself where there are no sorties.
+        Results of the required zones, as notes; of the plan itself where there are no sorties.
 
     Raises
     ------
@@ -157,9 +156,7 @@ def missions_for(
 
 
 def _waiting(format: str, mission: Mission, options: MissionOptions, interval_s: float) -> Mission:
-    """The mission, hovering before each photo that its file, with rounded speeds, holds and places, asks for
-    before the camera is ready.
-    """
+    """The mission, hovering before each photo that its file, with rounded figures, triggers too early."""
     if mission.photo.sum() < 2:
         return mission
     reading = read_mission(format, encoded(_WRITERS[format][2](mission, options)), mission)

@@ -13,8 +13,9 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from upplied.errors import RefusedError, SettingsError
+from upplied.errors import SettingsError
 from upplied.geometry.polylines import leg_lengths
+from upplied.outputs.labels import table
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.gate import written
@@ -26,28 +27,15 @@ FLYING = Flying(
     MAX_WAYPOINTS,
     stop_s=3.0,
     turning="evenly",
+    altitudes=("relative",),
+    altitude_rule="DJI files are written with heights above take-off",
     passes=True,
     zooms=True,
     zoom_note=", written as focal lengths for film 36 mm wide: check that the camera supports them",
 )
 _FILM_MM = 36.0
-#: Model -> drone type, sub type, and the payload that is built in (None: say which one hangs below).
-DRONES: dict[str, tuple[int, int, int | None]] = {
-    "m300": (60, 0, None),
-    "m350": (89, 0, None),
-    "m30": (67, 0, 52),
-    "m30t": (67, 1, 53),
-    "m3e": (77, 0, 66),
-    "m3t": (77, 1, 67),
-    "m3m": (77, 2, 68),
-    "m3d": (91, 0, 80),
-    "m3td": (91, 1, 81),
-    "m4e": (99, 0, 88),
-    "m4t": (99, 1, 89),
-    "m4d": (100, 0, 98),
-    "m4td": (100, 1, 99),
-    "m400": (103, 0, None),
-}
+#: Model -> drone type, sub type, and the payload that is built in, if one is.
+DRONES: dict[str, list[int]] = table("missions/drones.toml")
 _SAFE_HEIGHT_M = (2.0, 1500.0)
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <kml xmlns="http://www.opengis.net/kml/2.2" xmlns:wpml="http://www.dji.com/wpmz/1.0.2">
@@ -65,9 +53,6 @@ _STOPS, _PASSES = "toPointAndStopWithDiscontinuityCurvature", "toPointAndPassWit
 
 def dji_kmz(mission: Mission, options: MissionOptions) -> bytes:
     """The mission as KMZ bytes with `wpmz/template.kml` and `wpmz/waylines.wpml`."""
-    if mission.altitude != "relative":
-        fault = f"{mission.altitude} altitudes were requested"
-        raise RefusedError(mission.name, fault, "DJI files are written with heights above take-off")
     settings = _mission_config(mission, options)
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -83,8 +68,8 @@ def _mission_config(mission: Mission, options: MissionOptions) -> str:
     if options.drone not in DRONES:
         fault = f"is {options.drone!r}"
         raise SettingsError("mission option drone", fault, f"one of {known}", "set the model: --drone")
-    kind, sub_kind, built_in = DRONES[options.drone]
-    payload = built_in if options.payload is None else options.payload
+    kind, sub_kind, *built_in = DRONES[options.drone]
+    payload = next(iter(built_in), None) if options.payload is None else options.payload
     if payload is None:
         rule = "DJI's payload number, for instance 42 (H20), 43 (H20T), 61 (H20N), 82 (H30), 83 (H30T)"
         raise SettingsError("mission option payload", f"the {options.drone} has none built in", rule)
@@ -169,9 +154,7 @@ def _placemark(mission: Mission, number: int, stop: range, zooms: dict[int, floa
 
 
 def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]) -> list[dict[str, object]]:
-    """Photos at the waypoint, and turns on the spot; on the leg behind it the gimbal turns evenly to what the
-    next one wants, and photos by distance are taken.
-    """
+    """Turns and photos at the waypoint; even turns of the gimbal and photos by distance on the next leg."""
     actions: list[tuple[str, dict[str, object]]] = []
     for at in stop:
         if at > stop[0]:

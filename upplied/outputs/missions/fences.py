@@ -1,7 +1,7 @@
 """The fence and the rally points of a manifest in what an autopilot enforces and flies to.
 
 A fence is polygons on the ground, of any height. A keep-out box has a top, a fence has none: a box that the
-mission passes over is left out, and said. A vehicle that lost its link may fly to a rally point, not home.
+mission passes over is left out, with a note. A vehicle that lost its link may fly to a rally point, not home.
 """
 
 from __future__ import annotations

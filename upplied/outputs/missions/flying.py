@@ -1,4 +1,4 @@
-"""How the software behind a format flies what it is told: what a mission must allow for."""
+"""How the software behind a format flies a mission, and what the mission must allow for."""
 
 from __future__ import annotations
 
@@ -21,18 +21,20 @@ class Flying:
 
     max_waypoints: int | None = None  # of one file; None: as many as there are
     stop_s: float = 0.0  # that each stop at a waypoint of the inspection costs besides the way
-    passes: bool = False  # waypoints where nothing else asks for a stop are passed, see `corners`
+    passes: bool = False  # waypoints without another reason to stop are passed, see `corners`
     turning: Turning = "evenly"
-    zooms: bool = False  # whether the file tells the camera to zoom
+    altitudes: tuple[str, ...] = ("relative", "amsl", "ellipsoid")  # references that the format knows
+    altitude_rule: str = ""  # the same in words, where some are missing
+    zooms: bool = False  # whether the file can command the camera to zoom
     zooms_not_by: str = ""  # firmware that does not understand it
-    zoom_note: str = ""  # how the file says it, in words
+    zoom_note: str = ""  # how the file commands it, in words
     note: str = ""  # what the person who flies must set, as the file cannot say it
 
 
 def as_flown(path: Trajectory, t_s: Floats, turning: Turning) -> Trajectory:
     """Poses (N,) at times on a mission's path, the camera turned as the vehicle turns it.
 
-    When on a leg a camera zooms, no format says: of a leg the narrower field of view at its ends counts.
+    No format states when a camera zooms on a leg: the narrower field of view of its ends counts.
     """
     evenly = interpolate(path, t_s)
     if path.fov_deg is not None and len(path) > 1:

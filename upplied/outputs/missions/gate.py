@@ -8,28 +8,51 @@ has room for words.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
+from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.scene import Scene
 from upplied.geometry.supposed_scene import scene_for
+from upplied.outputs.labels import table
 from upplied.outputs.mission_options import DRAFTS, MissionOptions
-from upplied.outputs.missions.reading import Reading, planned
-from upplied.outputs.missions.rules import RULES
 from upplied.outputs.missions.ways import ground_z_m
 from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.planning.airspace.rules import Airspace, crosses_box
-from upplied.records import Floats, Plan, Structure, SupposedSurface, Surroundings, Trajectory
+from upplied.records import Floats, Plan, Record, Structure, SupposedSurface, Surroundings, Trajectory
 
-DRAFT = "DRAFT, NOT RELEASED:"  # what a mission says of itself that nobody released
-CUSTODY = "custody"  # how a note begins that says what the mission can be traced by
-ZONE = "zone"  # how a note begins that says what becomes of a zone that must be seen
+#: What every mission keeps, by name: why, and what to do where one does not.
+RULES: dict[str, list[str]] = table("missions/rules.toml")
+DRAFT = "DRAFT, NOT RELEASED:"  # how the note of a mission begins that nobody released
+CUSTODY = "custody"  # how the note begins that a mission is traced by
+ZONE = "zone"  # how the note about a required zone begins
 _EXACT_M = 0.02  # within which a clearance is known, and a file states a place
 _ROUNDING = 1.02  # of speeds: files round them
 _SOON_S = 1e-3
 _OVERLAP = 0.02  # within which an overlap is known
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reading(Record):
+    """The path of one file, m, structure frame."""
+
+    positions: Floats  # (N, 3) in the order of flight, with take-off, transit and return where it has them
+    speed_mps: Floats  # (N,) of the leg that ends at each; NaN where the file does not say
+    t_s: Floats = field(default_factory=lambda: np.empty(0))  # (N,) where the file is timed, else (0,)
+    fan_start: Floats = field(default_factory=lambda: np.empty((0, 3)))  # (L, 3) lines over the corners that
+    fan_end: Floats = field(default_factory=lambda: np.empty((0, 3)))  # (L, 3) are passed without a stop
+    photo_m: Floats = field(default_factory=lambda: np.empty((0, 3)))  # (K, 3) places of photos
+    photo_s: Floats = field(default_factory=lambda: np.empty(0))  # (K,) their times, where speeds are stated
+    every_s: float = np.inf  # least time between photos by distance
+
+
+def planned(positions: Floats, t_s: Floats) -> Reading:
+    """A path with time stamps, without take-off and return."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speeds = leg_lengths(positions) / np.diff(t_s)
+    return Reading(positions, np.concatenate([[0.0], speeds]), t_s)
 
 
 @dataclass(frozen=True)
@@ -41,7 +64,7 @@ class Limits:
     max_acceleration_mps2: float = 4.0  # 22 degrees of tilt, twice what `recommended` plans with
     max_height_m: float | None = None
     least_seen_pct: float = 95.0
-    trigger_s: float = 0.0  # least time between two photos; 0: it is not asked
+    trigger_s: float = 0.0  # least time between two photos; 0: no limit
 
 
 @dataclass(frozen=True)
@@ -78,7 +101,7 @@ def broken_by(plan: Plan, structure: Structure, clearance_m: float) -> list[Brea
 
 
 def limits_of(options: MissionOptions, trigger_s: float = 0.0) -> Limits:
-    """The limits that the person who exports asks for, and the least time between two photos."""
+    """The limits of the options, and the least time between two photos."""
     return Limits(
         trigger_s=trigger_s,
         clearance_m=options.clearance_m,
@@ -139,7 +162,7 @@ def coverage_breaches(share: float, limits: Limits) -> list[Breach]:
 
 
 def overlap_breaches(across: float, required: tuple[float, float] | None) -> list[Breach]:
-    """Whether photos of neighbouring passes overlap less than asked; along, the flight is slowed for it."""
+    """Whether photos of neighbouring passes overlap too little; along a pass the flight is slowed for it."""
     if required is None or not across < required[1] - _OVERLAP:
         return []
     allowed = f"limit {100 * required[1]:g} % (overlap)"
@@ -165,8 +188,8 @@ def pass_or_refuse(what: str, objections: Iterable[Breach], force: tuple[str, ..
         others = sorted({breach.rule for breach in left[1:]} - {left[0].rule})
         more = f"; also broken: {', '.join(others)}" if others else ""
         names = " ".join(dict.fromkeys(map(_overrule, left)))
-        remedy = f"{RULES[left[0].rule].remedy}, or use {names}"
-        raise RefusedError(what, f"{left[0]}{more}", RULES[left[0].rule].why, remedy)
+        why, remedy = RULES[left[0].rule]
+        raise RefusedError(what, f"{left[0]}{more}", why, f"{remedy}, or use {names}")
     return tuple(objections)
 
 
@@ -182,10 +205,7 @@ def notes_of(overruled: Iterable[Breach]) -> list[str]:
 
 
 def written(notes: Iterable[str]) -> list[str]:
-    """Of the notes of a mission, those that its file says where its format has little room for words.
-
-    That nobody released it, what it can be traced by, and what becomes of the zones that must be seen.
-    """
+    """The notes for files with little room for words: draft, traces of custody, and required zones."""
     return [note for note in notes if note.startswith((DRAFT, CUSTODY, ZONE))]
 
 
@@ -214,7 +234,7 @@ def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene
     highest = path[path[:, 2].argmax()]
     if around.ceiling_z_m is not None and highest[2] > around.ceiling_z_m + _EXACT_M:
         yield Breach("ceiling", f"z {highest[2]:.2f} m", f"{around.ceiling_z_m:g} m at most", tuple(highest))
-    # Take-off and landing stand where the person says; what is flown in between stays above the ground.
+    # The person chooses take-off and landing; the legs in between stay above the ground.
     flown = path if len(reading.t_s) else path[1:-1]
     lowest = flown[flown[:, 2].argmin()]
     if around.ground_z_m is not None and lowest[2] < around.ground_z_m - _EXACT_M:

@@ -11,7 +11,7 @@ from upplied.records import Floats, Placement, Structure
 
 
 def placement_of(structure: Structure) -> Placement:
-    """Where the structure stands; a mission for one that stands nowhere is refused."""
+    """The structure's place on the Earth; a mission for one without a place is refused."""
     if structure.placement is None:
         raise RefusedError(
             structure.structure_id,

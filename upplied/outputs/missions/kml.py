@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from xml.sax.saxutils import escape
 
-from upplied.errors import RefusedError
+from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.records import Mission
 
 _MODE = {"relative": "relativeToGround", "amsl": "absolute"}
+FLYING = Flying(altitudes=tuple(_MODE), altitude_rule="KML knows ground and mean sea level", zooms=True)
 _LINE = """ <Placemark><name>{name}</name><description>{about}</description>
   <Style><LineStyle><color>ffb27200</color><width>3</width></LineStyle></Style>
   <LineString><altitudeMode>{mode}</altitudeMode><coordinates>{coordinates}</coordinates></LineString>
@@ -21,12 +22,6 @@ _PHOTO = """ <Placemark><name>photo {number}</name>
 
 def kml_text(mission: Mission) -> str:
     """The mission as KML; absolute altitudes are above mean sea level there, relative ones above ground."""
-    if mission.altitude not in _MODE:
-        raise RefusedError(
-            mission.name,
-            "altitudes above the ellipsoid were requested",
-            "KML knows ground and mean sea level",
-        )
     mode = _MODE[mission.altitude]
     places = [
         f"{lon:.9f},{lat:.9f},{alt:.3f}"

@@ -12,7 +12,6 @@ import csv
 import io
 import math
 
-from upplied.errors import RefusedError
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 
@@ -21,6 +20,8 @@ MAX_WAYPOINTS = 99
 FLYING = Flying(
     MAX_WAYPOINTS,
     stop_s=2.0,
+    altitudes=("relative",),
+    altitude_rule="Litchi flies above take-off",
     note="in Litchi set heading mode to Custom (WD), path mode to straight lines, finish action to RTH: the "
     "file cannot set them",
 )
@@ -39,10 +40,6 @@ _TURNS = _ACTIONS // 4  # on the spot, of one row
 
 def litchi_text(mission: Mission) -> str:
     """The mission as Litchi's CSV."""
-    if mission.altitude != "relative":
-        raise RefusedError(
-            mission.name, f"{mission.altitude} altitudes were requested", "Litchi flies above take-off"
-        )
     buffer = io.StringIO()
     rows = csv.writer(buffer, lineterminator="\n")
     rows.writerow(COLUMNS)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from upplied.errors import RefusedError
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
@@ -22,10 +21,12 @@ _MOUNT_BY_ANGLES = 2
 _ZOOM_BY_FIELD_OF_VIEW = 4.0
 _NAN = float("nan")
 _SHORT_S = 0.3  # shorter than this nobody hovers, unless photos are taken
-_SLOWER = 0.03  # that a leg may be flown more slowly before the speed is told again
+_SLOWER = 0.03  # that a leg may be flown more slowly before the speed is commanded again
 #: Commands for the gimbal and the heading come into force when the leg to their waypoint begins.
 FLYING = Flying(
     turning="ahead",
+    altitudes=("relative", "amsl"),
+    altitude_rule="MAVLink knows take-off and mean sea level",
     zooms=True,
     zooms_not_by="ardupilot",
     zoom_note=", by MAV_CMD_SET_CAMERA_ZOOM with ZOOM_TYPE_HORIZONTAL_FOV: check that the camera supports it",
@@ -63,12 +64,6 @@ def items(mission: Mission, options: MissionOptions) -> list[Item]:
     The vehicle's yaw carries the camera's heading, the gimbal its pitch. PX4 reads the heading from the
     waypoint, ArduPilot's copters from a command of its own before it.
     """
-    if mission.altitude == "ellipsoid":
-        raise RefusedError(
-            mission.name,
-            "altitudes above the ellipsoid were requested",
-            "MAVLink knows take-off and mean sea level",
-        )
     frame = _RELATIVE_FRAME if mission.altitude == "relative" else _GLOBAL_FRAME
     alt = mission.written_alt_m
     home_lat, home_lon = mission.home[:2]

@@ -34,9 +34,8 @@ def mcap_bytes(
     path = plan if isinstance(plan, Trajectory) else plan.trajectory
     if path is None:
         assert isinstance(plan, Plan)
-        raise RefusedError(
-            plan.target_id, f"the plan is {plan.status}: {plan.reason}", "only a plan that is ok"
-        )
+        fault = f"the plan is {plan.status}: {plan.reason}"
+        raise RefusedError(plan.target_id, fault, "only a plan that is ok")
     buffer = io.BytesIO()
     writer = Writer(buffer)
     schemas = registered(writer, (_POSE, _LINKS, _LINE, _MARKERS))
@@ -72,11 +71,10 @@ def mcap_bytes(
 def _surface(plan: Plan | Trajectory, structure: Structure) -> dict[str, Any]:
     mesh = display_mesh(structure)
     vertices, triangles = mesh.vertices, mesh.triangles
-    kind, points = (
-        (_TRIANGLE_LIST, vertices[triangles].reshape(-1, 3)) if len(triangles) else (_POINTS, vertices)
-    )
-    size = 1.0 if len(triangles) else structure.diagonal_m / 300
-    marker = _marker("structure", kind, points, SURFACE, size)
+    if len(triangles):
+        marker = _marker("structure", _TRIANGLE_LIST, vertices[triangles].reshape(-1, 3), SURFACE, 1.0)
+    else:
+        marker = _marker("structure", _POINTS, vertices, SURFACE, structure.diagonal_m / 300)
     states = plan.surface if isinstance(plan, Plan) else None
     if states is not None:
         palette = [_colour(colour) for colour in STATES.values()]

@@ -1,4 +1,4 @@
-"""How a plan becomes missions: sorties, ways in and out, corners, photos, and the gate."""
+"""How a plan becomes missions: sorties, transit legs, corners, photos, and the gate."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import gate, geodesy
 from upplied.outputs.missions.corners import passing_m
 from upplied.outputs.missions.flying import Flying
+from upplied.outputs.missions.gate import planned
 from upplied.outputs.missions.photos import shots_of
-from upplied.outputs.missions.reading import planned
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.sorties import SLOWEST_MPS, Cutter, Sortie
 from upplied.outputs.missions.thinning import thinned
@@ -64,6 +64,8 @@ def missions_of(
     supposed = plan.supposed if isinstance(plan, Plan) else None
     placement = geodesy.placement_of(structure)
     check_altitude(options.altitude, placement, structure.structure_id)
+    if options.altitude not in flying.altitudes:
+        raise RefusedError(name, f"{options.altitude} altitudes were requested", flying.altitude_rule)
     limits = gate.limits_of(options)
     broken = [*objections, *gate.breaches(planned(path.positions, path.t_s), structure, limits, supposed)]
     zooms = flying.zooms and not (flying.zooms_not_by and options.firmware == flying.zooms_not_by)
@@ -139,7 +141,7 @@ def airspace_of(
 ) -> Airspace:
     """The rules for every leg of a mission round a path (N, 3), m, structure frame.
 
-    The clearance is the one asked for, or that of the plan where it is less: whether such a plan may
+    The clearance is the required one, or that of the plan where it is less: whether such a plan may
     leave is for the gate. The ceiling is the structure's, and the usual one unless the plan is higher.
     """
     scene = scene_for(structure, supposed)
@@ -169,8 +171,8 @@ def _notes(
     sorties: list[Sortie], options: MissionOptions, flying: Flying, transits: Transits, stops: int
 ) -> list[str]:
     """What the person who flies must know of heights, return and sorties."""
-    ways = [way for sortie in sorties for way in (sortie.way_in, sortie.way_out) if len(way)]
-    highest = max((float(way[:, 2].max()) for way in ways), default=float(transits.home[2]))
+    transit_legs = [leg for sortie in sorties for leg in (sortie.way_in, sortie.way_out) if len(leg)]
+    highest = max((float(leg[:, 2].max()) for leg in transit_legs), default=float(transits.home[2]))
     over_ground = max(highest, float(transits.inspection[:, 2].max())) - ground_z_m(transits.structure)
     heights = {
         "relative": "heights are metres above the take-off point: take off there, or set --home-m",
@@ -217,28 +219,23 @@ def _inspection(
         return plan, None, None, structure.structure_id
     name = pair_name(plan.demonstration_id, plan.target_id)
     if plan.status != "ok" or plan.trajectory is None:
-        raise RefusedError(
-            name, f"the plan is {plan.status}: {plan.reason}", "only a plan that is ok is flown"
-        )
+        fault = f"the plan is {plan.status}: {plan.reason}"
+        raise RefusedError(name, fault, "only a plan that is ok is flown")
     if plan.target_id != structure.structure_id:
-        raise RefusedError(
-            name, f"the structure given is {structure.structure_id}", f"the plan is for {plan.target_id}"
-        )
+        fault = f"the structure given is {structure.structure_id}"
+        raise RefusedError(name, fault, f"the plan is for {plan.target_id}")
     return plan.trajectory, plan.is_viewpoint, plan.surface, name
 
 
 def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) -> dict[str, Any]:
-    """Fields of a mission along the way in, the inspection and the way back.
-
-    On the ways the camera keeps its direction and its zoom.
-    """
+    """Fields of a mission; on its transit legs the camera keeps its direction and its zoom."""
     path, inside = cutter.path, slice(sortie.first, sortie.last + 1)
-    before, after = (np.full(len(way), cutter.options.transit_mps) for way in (sortie.way_in, sortie.way_out))
+    before, after = (np.full(len(leg), cutter.options.transit_mps) for leg in (sortie.way_in, sortie.way_out))
 
     def held(values: Floats) -> Floats:
         ends = (
-            values[[at]].repeat(len(way), axis=0)
-            for at, way in ((sortie.first, before), (sortie.last, after))
+            values[[at]].repeat(len(leg), axis=0)
+            for at, leg in ((sortie.first, before), (sortie.last, after))
         )
         return np.concatenate([next(ends), values[inside], next(ends)])
 

@@ -16,7 +16,7 @@ from upplied.outputs.missions.sorties import SLOWEST_MPS
 from upplied.photographed import MARGIN, photographed, share_shown
 from upplied.records import Bools, Camera, Cloud, Record, SurfaceStates, Trajectory
 
-_SLOWER_S = 1.0  # from which it is said
+_SLOWER_S = 1.0  # shorter delays are not noted
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -28,15 +28,14 @@ class Shots(Record):
     photo: Bools  # (N,)
     every_m: float  # between photos by distance; 0: at `photo` alone
     shown: float  # share of what the path shows that the photos show; NaN where that is not known
-    across: float  # overlap with another pass; NaN where it was not asked
+    across: float  # overlap with another pass; NaN where none is required
     notes: tuple[str, ...]
 
 
 def interval_of(options: MissionOptions, camera: Camera | None) -> tuple[float, str]:
     """Least time between two photos of a mission, s, and where it is known from, in words.
 
-    What is asked for counts first, then the camera that is named, that of the drone, and that of the
-    demonstration.
+    The option counts first, then the named camera, that of the drone, and that of the demonstration.
     """
     if options.trigger_s is not None:
         return options.trigger_s, "as set"

@@ -1,4 +1,4 @@
-"""What a mission file tells a vehicle, read from its bytes: the path in the structure frame again.
+"""The path that a mission file commands, read from its bytes, in the structure frame.
 
 The gate judges this, not what was meant to be written. Places on the Earth become metres by the placement
 of the structure, heights above take-off by the home of the mission.
@@ -21,8 +21,8 @@ from mcap_ros2.reader import read_ros2_messages
 from upplied.errors import RefusedError
 from upplied.geometry.polylines import cumulated, leg_lengths
 from upplied.outputs.missions.corners import triangle
+from upplied.outputs.missions.gate import Reading, planned
 from upplied.outputs.missions.geodesy import from_geodetic
-from upplied.outputs.missions.reading import Reading, planned
 from upplied.outputs.missions.records import Mission
 from upplied.records import Floats
 
@@ -213,7 +213,7 @@ def _litchi(content: bytes) -> _File:
 def _kml(content: bytes) -> _File:
     root = ElementTree.fromstring(content)
     line = root.find(f".//{_KML}LineString/{_KML}coordinates").text.split()
-    parsed = _unsaid(np.array([[float(v) for v in place.split(",")] for place in line])[:, [1, 0, 2]])
+    parsed = _unstated(np.array([[float(v) for v in place.split(",")] for place in line])[:, [1, 0, 2]])
     for mark in root.iter(f"{_KML}Placemark"):
         if (point := mark.find(f"{_KML}Point/{_KML}coordinates")) is not None:
             parsed.photos.append((line.index(point.text), 0.0))
@@ -223,14 +223,14 @@ def _kml(content: bytes) -> _File:
 
 def _geojson(content: bytes) -> _File:
     line, *points = json.loads(content)["features"]
-    parsed = _unsaid(np.array(line["geometry"]["coordinates"], float)[:, [1, 0, 2]])
+    parsed = _unstated(np.array(line["geometry"]["coordinates"], float)[:, [1, 0, 2]])
     return _stated(parsed, [point["properties"] for point in points])
 
 
 def _csv(content: bytes) -> _File:
     rows = list(csv.DictReader(io.StringIO(content.decode("utf-8"))))
     places = [[float(r["lat_deg"]), float(r["lon_deg"]), float(r["alt_m"])] for r in rows]
-    return _stated(_unsaid(_places(places)), rows)
+    return _stated(_unstated(_places(places)), rows)
 
 
 def _stated(content: _File, rows: Sequence[Mapping[str, Any]]) -> _File:
@@ -245,7 +245,7 @@ def _places(rows: list[list[float]]) -> Floats:
     return np.array(rows, float).reshape(-1, 3)
 
 
-def _unsaid(places: Floats) -> _File:
+def _unstated(places: Floats) -> _File:
     number = len(places)
     return _File(places, np.full(number, np.nan), np.zeros(number), np.zeros(number))
 

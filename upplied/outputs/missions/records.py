@@ -1,4 +1,4 @@
-"""A mission: what an autopilot is told, in degrees and metres on the Earth."""
+"""A mission: the commands of an autopilot, in degrees and metres on the Earth."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from upplied.outputs.missions import gate
 from upplied.records import Bools, Floats, Placement, Record
 
 _SAME_PLACE_M = 0.05
-SHORTEST_HOLD_S = 0.05  # no file says a hover that is not longer
-SAME_ZOOM = 0.02  # of the field of view, within which no camera is told to zoom
+SHORTEST_HOLD_S = 0.05  # shorter hovers are not written
+SAME_ZOOM = 0.02  # of the field of view: smaller changes are not commanded
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,7 +65,7 @@ class Mission(Record):
 
     @property
     def zooms_at(self) -> dict[int, float]:
-        """The waypoints for which the camera is told to zoom, with the horizontal field of view, deg."""
+        """The waypoints with a zoom command, and its horizontal field of view, deg."""
         angles: dict[int, float] = {}
         last = float("nan")
         for at, angle in enumerate([] if self.fov_deg is None else self.fov_deg[:, 0].tolist()):

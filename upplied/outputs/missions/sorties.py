@@ -18,7 +18,7 @@ SLOWEST_MPS, _FASTEST_MPS = 0.2, 15.0
 
 @dataclass(frozen=True)
 class Sortie:
-    """Waypoints first .. last of an inspection, and the ways (K, 3), m, from above home and back."""
+    """Waypoints first .. last of an inspection, and its transit legs (K, 3), m, from above home and back."""
 
     first: int
     last: int
@@ -35,8 +35,8 @@ class Cutter:
     transits: Transits
     options: MissionOptions
     most: int  # waypoints of one sortie
-    stop_s: Floats  # (N,) that each waypoint costs besides the way
-    ways: dict[int, Floats | None] = field(default_factory=dict)
+    stop_s: Floats  # (N,) that each waypoint costs besides its leg
+    legs_home: dict[int, Floats | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         legs, planned = leg_lengths(self.path.positions), np.diff(self.path.t_s)
@@ -55,7 +55,7 @@ class Cutter:
         return flights
 
     def _longest_from(self, first: int) -> Sortie:
-        there = self._way(first)
+        there = self._leg_home(first)
         if there is None:
             raise self._no_way(first)
         least = first if len(self.path) == 1 else first + 1
@@ -64,24 +64,24 @@ class Cutter:
         )
         farthest = min(len(self.path) - 1, int(reach), first + self.most - len(there) - 1)
         for last in range(farthest, least - 1, -1):
-            back = self._way(last)
+            back = self._leg_home(last)
             if back is None or last - first + len(there) + len(back) - 1 > self.most:
                 continue
             spent = self.elapsed_s[last] - self.elapsed_s[first] + self._transit_s(there)
             spent += self._transit_s(back) - _GROUND_S
             if spent <= self.budget_s:
                 return Sortie(first, last, there[:0:-1], back[1:], float(spent))
-        if farthest == len(self.path) - 1 and self._way(farthest) is None:
+        if farthest == len(self.path) - 1 and self._leg_home(farthest) is None:
             raise self._no_way(farthest)
         raise self._too_short(first)
 
-    def _way(self, at: int) -> Floats | None:
-        if at not in self.ways:
-            self.ways[at] = self.transits.way_out(at)
-        return self.ways[at]
+    def _leg_home(self, at: int) -> Floats | None:
+        if at not in self.legs_home:
+            self.legs_home[at] = self.transits.way_out(at)
+        return self.legs_home[at]
 
-    def _transit_s(self, way: Floats) -> float:
-        return length(np.concatenate([way, self.transits.home[None]])) / self.options.transit_mps + _GROUND_S
+    def _transit_s(self, leg: Floats) -> float:
+        return length(np.concatenate([leg, self.transits.home[None]])) / self.options.transit_mps + _GROUND_S
 
     def _no_way(self, at: int) -> RefusedError:
         place = self.path.positions[at].round(1).tolist()
@@ -94,12 +94,9 @@ class Cutter:
 
     def _too_short(self, at: int) -> RefusedError:
         given = self.options.endurance_s
-        limits = (
-            []
-            if given is None
-            else [f"an endurance of {given:g} s, {self.options.reserve_pct:g} % in reserve"]
-        )
-        limits += [f"at most {self.most} waypoints"] if self.most < 10**9 else []
+        limits = [f"at most {self.most} waypoints"] if self.most < 10**9 else []
+        if given is not None:
+            limits.insert(0, f"an endurance of {given:g} s, {self.options.reserve_pct:g} % in reserve")
         return RefusedError(
             f"mission from {self.path.positions[at].round(1).tolist()} m",
             "no part of the inspection fits into one flight with its transit legs",

@@ -59,21 +59,12 @@ def thinned(
         if not airspace.broken(coarse.positions).any() and (np.isnan(share) or share >= _LEAST_SEEN):
             clear = path_clearance(scene, coarse.positions).distance_m
             view = "" if np.isnan(share) else f", {100 * share:.1f} % of the planned view is retained"
-            return (
-                left,
-                (
-                    f"{len(left)} of {len(path)} waypoints remain within {metres:g} m and {degrees:g} deg: "
-                    f"clearance {clear:.2f} m (planned {planned:.2f} m){view}"
-                ),
-                share,
-            )
+            remaining = f"{len(left)} of {len(path)} waypoints remain within {metres:g} m and {degrees:g} deg"
+            return left, f"{remaining}: clearance {clear:.2f} m (planned {planned:.2f} m){view}", share
         metres, degrees = metres / 2, degrees / 2
     share = still_seen(path, flown, scene, *seen, turning)
-    return (
-        np.arange(len(path)),
-        f"all {len(path)} waypoints remain, because fewer would reduce clearance or coverage",
-        share,
-    )
+    note = f"all {len(path)} waypoints remain, because fewer would reduce clearance or coverage"
+    return np.arange(len(path)), note, share
 
 
 def still_seen(
@@ -142,10 +133,7 @@ def _zooms_otherwise(path: Trajectory, first: int, last: int) -> Floats:
 
 
 def _strays(path: Trajectory, first: int, last: int, metres: float, degrees: float) -> Floats:
-    """How far the waypoints between two others stray from the straight leg, in units of the tolerances.
-
-    Orientation is compared with a camera that turns evenly along the leg; what others lose is checked after.
-    """
+    """Distance and turn, in units of the tolerances, of the waypoints between two others from an even leg."""
     between = path.positions[first + 1 : last]
     leg = path.positions[last] - path.positions[first]
     along = (between - path.positions[first]) @ leg / max(float(leg @ leg), 1e-12)

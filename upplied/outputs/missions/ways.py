@@ -131,10 +131,8 @@ def default_home(
     ground = structure.surroundings.ground_z_m
     place[2] = ground_z_m(structure)
     source = "the lowest point of the structure" if ground is None else "the declared ground"
-    return (
-        place,
-        f"take-off assumed at {place.round(1).tolist()} m in the structure frame, at the height of {source}",
-    )
+    where = f"take-off assumed at {place.round(1).tolist()} m in the structure frame"
+    return place, f"{where}, at the height of {source}"
 
 
 def ground_z_m(structure: Structure) -> float:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import kendalltau
 
 from upplied.config import Settings
 from upplied.geometry.polylines import arc_length, interpolated
@@ -103,6 +102,8 @@ def order_kept(before_s: Floats, after_s: Floats) -> float:
     """Kendall's tau of the moments at which patches were and are looked at; NaN for fewer than two."""
     if len(before_s) < 2:
         return float("nan")
+    from scipy.stats import kendalltau  # a quarter of a second, which no page waits for
+
     chosen = np.linspace(0, len(before_s) - 1, min(_ORDERED, len(before_s))).astype(np.int64)
     return float(kendalltau(before_s[chosen], after_s[chosen]).statistic)
 

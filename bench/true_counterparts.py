@@ -20,8 +20,8 @@ OUTER_ENGINES = {
 
 def parts(structure: str | Member) -> tuple[tuple[str, ...], Ints]:
     """Names of the parts of a sample structure, and the part of each of its triangles."""
-    found = _member(structure)
-    return found.part_names, found.part_of_triangle
+    sample = _member(structure)
+    return sample.part_names, sample.part_of_triangle
 
 
 def true_counterparts(
