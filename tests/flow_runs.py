@@ -15,8 +15,8 @@ ROOT = Path(__file__).parents[1]
 
 
 def python(server: Server, place: Path, code: str) -> subprocess.CompletedProcess[str]:
-    """Run Python that knows the server, in the folder of the catalog."""
-    variables = server.environment | {"PREFECT_LOGGING_LEVEL": "WARNING"}
+    """Run Python that knows the server and the random members, in the folder of the catalog."""
+    variables = server.environment | {"PREFECT_LOGGING_LEVEL": "WARNING", "PYTHONPATH": str(ROOT / "bench")}
     return subprocess.run(
         [sys.executable, "-c", code], env=variables, cwd=place, capture_output=True, text=True, check=False
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from random_members import random_member
+from true_counterparts import true_counterparts
 
 from upplied.catalog import open_catalog
 from upplied.findings.adding import add_marks, on_surface
@@ -13,8 +15,6 @@ from upplied.findings.marks import Mark
 from upplied.findings.queries import by_reference, kind_map, photographed, study_kinds
 from upplied.geometry.scene import scene_of
 from upplied.geometry.vectors import points_on_triangles
-from upplied.samples.correspondence import true_counterparts
-from upplied.samples.fleet import random_member
 
 
 def spots_on(structure, count: int) -> list[Spot]:

@@ -17,8 +17,8 @@ from upplied.planning.correspondence.registration import register
 from upplied.planning.geometry.clouds import box_scale
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud, Correspondences, Registration
-from upplied.samples.fleet import member
-from upplied.samples.turbine import TURBINE_1, turbine
+from upplied.samples.fleet import member, shape_of
+from upplied.samples.turbine import turbine
 
 PAPER = settings_for("paper")
 
@@ -149,7 +149,7 @@ def test_moving_the_target_moves_the_counterparts() -> None:
 
 
 def test_blades_follow_a_turned_rotor() -> None:
-    shape = replace(TURBINE_1, azimuth_deg=40.0)
+    shape = replace(shape_of("turbine-1-v1"), azimuth_deg=40.0)
     turned = turbine(shape, "turned-v1").structure
     one = surface("turbine-1-v1")
     other = surface_samples(turned, scene_of(turned, 1), RECOMMENDED.clouds)

@@ -17,8 +17,8 @@ from upplied.planning.correspondence.registration import register
 from upplied.planning.geometry.clouds import box_scale, icp, mean_squared_nn_distance, rigid_fit
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud
-from upplied.samples.fleet import member
-from upplied.samples.turbine import TURBINE_2, turbine
+from upplied.samples.fleet import member, shape_of
+from upplied.samples.turbine import turbine
 
 PAPER = settings_for("paper").registration
 
@@ -176,7 +176,7 @@ def test_acceptance_is_free_of_density_scale_and_place() -> None:
 
 
 def test_where_the_rotor_stopped_does_not_matter() -> None:
-    shape = replace(TURBINE_2, azimuth_deg=35.0)
+    shape = replace(shape_of("turbine-2-v1"), azimuth_deg=35.0)
     stopped = turbine(shape, "stopped-v1").structure
     other = surface_samples(stopped, scene_of(stopped, 1), CloudSettings())
     assert register(surface("turbine-1-v1"), other, RECOMMENDED).accepted
