@@ -93,7 +93,7 @@ class Displacement(Record):
 
     matrix: Floats  # (C + 1, 3, 3) of each class: the part aligned with its counterpart
     offset_m: Floats  # (C + 1, 3)
-    smooth: Bools  # (C + 1,) whether the smooth field is added
+    smooth: Floats  # (C + 1,) how much of the smooth field is added, 0 to 1
     control_points: Floats  # (M, 3) m, source frame, after the maps
     control_class: Ints  # (M,) -1 where in none
     weights: Floats  # (M, 3) m

@@ -9,13 +9,17 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upplied.config import Settings, focal_px
+from upplied.geometry.vectors import with_normals
 from upplied.planning.carry.affine import registered_map
+from upplied.planning.constants import FACING
 from upplied.planning.demonstration.repetition import Take, look_limits
-from upplied.planning.geometry.clouds import spacing
+from upplied.planning.geometry.clouds import diagonal_of, spacing
+from upplied.planning.surface.parts import labels_of
 from upplied.planning.visibility.looks import Looks, sharp_looks
 from upplied.planning.visibility.observations import Views
 from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Ints, Record
 
+_ROUND = 6  # samples among which a counterpart is shared: a triangle and its neighbours
 _CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
 
 
@@ -83,14 +87,40 @@ def inspected_surface(
     share = share * demonstrated.total if weight is None else share * weight * demonstrated.total
     meant = share > 0
     paired = meant & (correspondences.target_index >= 0)
-    index, number = correspondences.target_index[paired], len(target)
-    need: Floats = np.bincount(index, weights=share[paired], minlength=number).astype(float)
     near, _ = demonstrated.nearest(source.points, carry=carry)
     if near_m is not None:
         near = np.where(np.isfinite(near_m), near_m, near)
+    index, number = correspondences.target_index[paired], len(target)
+    part = np.ones((len(index), 1))
+    if target.normals is None:
+        index = index[:, None]
+    elif len(index):
+        index, part = _spread(target, index, correspondences.target_points[paired])
+    parts = share[paired, None] * part
+    need: Floats = np.bincount(index.ravel(), parts.ravel(), number).astype(float)
     with np.errstate(invalid="ignore"):
-        standoff = np.bincount(index, weights=(share * near)[paired], minlength=number) / need
+        standoff = np.bincount(index.ravel(), (near[paired, None] * parts).ravel(), number) / need
     return InspectedSurface(target, need, standoff, float(share[meant & ~paired].sum()))
+
+
+def _spread(target: Cloud, index: Ints, points: Floats) -> tuple[Ints, Floats]:
+    """The target samples (P, K) round each counterpart, and the share that each has of it.
+
+    Counterparts (P, 3) lie between samples; one that was given to the nearest alone would go to another one
+    for a change of a millimetre. The share falls to nothing where the next sample beyond the K would be.
+    """
+    outward, weight = target.outward, FACING * diagonal_of(target.points)
+    count = min(_ROUND + 1, len(target))
+    tree = cKDTree(with_normals(target.points, outward, weight))
+    away, round_ = tree.query(with_normals(points, outward[index], weight), k=count)
+    away, round_ = away.reshape(len(index), count), round_.reshape(len(index), count)
+    beyond = np.maximum(away[:, -1:], 1e-12)
+    label = labels_of(target)
+    share = (1 - (away / beyond) ** 2) ** 2 * (label[round_] == label[index][:, None])
+    whole = share.sum(axis=1, keepdims=True)
+    alone = whole[:, 0] <= 0
+    round_[alone, 0], share[alone, 0] = index[alone], 1.0
+    return round_, share / np.where(whole > 0, whole, 1.0)
 
 
 def demonstrated_looks(take: Take, limits: tuple[float, float]) -> Looks:

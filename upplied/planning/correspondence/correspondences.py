@@ -22,7 +22,6 @@ from upplied.planning.correspondence.coherent_point_drift import (
     Drift,
     Patch,
     drift,
-    farthest_points,
 )
 from upplied.planning.correspondence.naming import Landmarks, pinned_parts, summary_of
 from upplied.planning.correspondence.part_alignment import aligned, alignments, matched, patches
@@ -156,17 +155,21 @@ def _displacement(moving: Patch, fixed: Patch, source: Cloud, registered: Cloud)
     )
 
 
-def _smooth_field(there: Patch, fixed: Patch, diagonal: float) -> tuple[Drift, Bools]:
-    """The drift of aligned parts, and of which classes (C + 1,) it brings the surfaces clearly nearer."""
-    control = there.rows(farthest_points(there.points, CONTROLS))
-    field = drift(control, fixed.rows(farthest_points(fixed.points, ANCHORS)), diagonal)
+def _smooth_field(there: Patch, fixed: Patch, diagonal: float) -> tuple[Drift, Floats]:
+    """The drift of aligned parts, and how much of it each class (C + 1,) takes, 0 to 1.
+
+    All of it where it brings the surfaces much nearer, nothing where it brings them no nearer: in between a
+    share, so that no small change of a mesh decides.
+    """
+    field = drift(there.rows(slice(CONTROLS)), fixed.rows(slice(ANCHORS)), diagonal)
     drifted = replace(there, points=there.points + field.at(there.points, there.label))
-    smooth = np.zeros(int(there.label.max(initial=-1)) + 2, bool)
+    smooth = np.zeros(int(there.label.max(initial=-1)) + 2)
     for label in np.unique(there.label):
         mine = np.flatnonzero(there.label == label)
         tried = mine[:: max(1, len(mine) // _TRIED)]
         before = _off(there.rows(tried), fixed, diagonal)
-        smooth[label] = _off(drifted.rows(tried), fixed, diagonal) < CLEARLY_BETTER * before
+        gain = 1 - _off(drifted.rows(tried), fixed, diagonal) / max(before, 1e-12)
+        smooth[label] = np.clip(gain / (2 * (1 - CLEARLY_BETTER)), 0, 1)
     return field, smooth
 
 
