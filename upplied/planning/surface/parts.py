@@ -19,6 +19,8 @@ from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY, SAME_FACE,
 from upplied.planning.geometry.clouds import spacing
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 
+_WELDED_M = 5e-3  # what is nearer was drawn as one place: no structure has joints as narrow
+_WELDS = 8  # vertices, at most, to which one is welded
 _SMALLEST = 0.003  # share of the surface below which a piece joins its neighbour
 _MANY = 40  # pieces; a mesh of fewer keeps small ones too, down to this many samples
 _LEAST_SAMPLES = 6
@@ -82,14 +84,15 @@ def sides(low: Floats, high: Floats, whole_low: Floats, whole_high: Floats) -> F
 
 
 def mesh_pieces(structure: Structure) -> Ints:
-    """The connected piece of each triangle (T,), vertices welded at 1e-5 of the diagonal."""
-    grid = np.round(structure.vertices / (1e-5 * max(structure.diagonal_m, 1e-9)))
-    welded = np.unique(grid, axis=0, return_inverse=True)[1].reshape(-1)
-    corners = welded[structure.triangles]
-    edges = np.concatenate([corners[:, :2], corners[:, 1:]])
-    size = int(welded.max()) + 1
-    graph = coo_matrix((np.ones(len(edges), bool), (edges[:, 0], edges[:, 1])), shape=(size, size))
-    return np.asarray(connected_components(graph, directed=False)[1][corners[:, 0]], np.int64)
+    """The connected piece of each triangle (T,); vertices that lie within `_WELDED_M` are one."""
+    places, corners = np.unique(structure.vertices, axis=0, return_inverse=True)
+    triangles = corners.reshape(-1)[structure.triangles]
+    near = cKDTree(places).query(places, k=min(_WELDS + 1, len(places)), distance_upper_bound=_WELDED_M)[1]
+    near = near.reshape(len(places), -1)
+    one, other = np.nonzero(near < len(places))
+    edges = np.concatenate([triangles[:, :2], triangles[:, 1:], np.column_stack([one, near[one, other]])])
+    graph = coo_matrix((np.ones(len(edges), bool), tuple(edges.T)), shape=(len(places),) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1][triangles[:, 0]], np.int64)
 
 
 def part_labels(points: Floats, area: Floats, piece: Ints) -> Ints:
