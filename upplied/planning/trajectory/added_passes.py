@@ -7,10 +7,12 @@ after the flight, back along it, or out and back within it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from upplied.errors import RefusedError
 from upplied.geometry.polylines import arc_length, cumulated, interpolated, leg_lengths
 from upplied.geometry.poses import wrapped
 from upplied.planning.airspace.detours import Ways
@@ -24,19 +26,9 @@ from upplied.records import Bools, Floats, Ints, Record
 _NEEDED = 600  # samples, at most, that stand for all that is needed
 _LEAST = 0.02  # share of the need, that a pass must show
 _TURN_S = 2.0  # to slow down and turn at each end of a pass
-_PRICES = (0.8, 0.27, 0.09, 0.03)  # of what a second shows in the mean, that a second must: few passes first
-_SHARES = (
-    np.inf,
-    1.0,
-    0.9,
-    0.8,
-    0.7,
-    0.6,
-    0.5,
-    0.4,
-    0.3,
-    0.2,
-)  # of the time that is left, in which a part of a pass is flown
+PRICES = (0.8, 0.27, 0.09, 0.03)  # of what a second shows in the mean, that a second must: few passes first
+_AS_GOOD = 0.9  # of what the best of the prices shows: the first of them that shows as much is taken
+_HALVINGS = 6  # by which the longest part of a pass is sought for which there is time
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,12 +42,10 @@ class Extended(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Pace(Record):
-    """How fast a path is flown, and in how much time."""
+    """How fast a path is flown."""
 
     speed_mps: Floats  # (M,) at its stations
     pan_radps: float
-    allowed_s: float
-    most: int  # passes to each side
 
     def seconds(self, path: Flown, origin: Ints) -> Floats:
         """About how long each leg (M - 1,) takes."""
@@ -64,60 +54,90 @@ class Pace(Record):
         return np.maximum(leg_lengths(path.positions) / speed, turned / self.pan_radps)
 
 
-def with_added_passes(path: Flown, view: View, ways: Ways, pace: Pace, half_rad: float) -> Extended | None:
-    """The path with passes beside it, as many as show what is needed; None where it is enough alone.
+@dataclass(frozen=True, eq=False, repr=False)
+class Beside(Record):
+    """What passes beside a path can show of what is needed, and how long they take."""
 
-    Parameters
-    ----------
-    path : Flown
-        M stations.
-    view : View
-    ways : Ways
-        Of the target: transits to a pass and on from it lead round what stands in their way.
-    pace : Pace
-    half_rad : float
-        See `lanes.lanes_beside`.
-    """
-    needed = np.flatnonzero(view.need > 0)
-    few = needed[:: max(1, len(needed) // _NEEDED)]
-    lanes = lanes_beside(path, view, ways.planning, half_rad, few) if len(few) else None
-    if lanes is None or len(lanes.station) < 2:
-        return None
-    cover = Cover.of(lanes, view.need[few] / view.need[few].sum())
-    spent = cumulated(pace.seconds(path, np.arange(len(path))))
-    seconds, spare_s = np.gradient(spent[lanes.station]), pace.allowed_s - float(spent[-1])
-    best, most = None, 0.0
-    for times in _PRICES if spare_s > 0 else ():
-        passes = arranged(cover, seconds, times / pace.allowed_s, pace.most)
-        tour = _Tour(path, lanes, ways, pace)
-        worth = _put_in(tour, passes, cover, seconds, spare_s)
-        if worth > most:
-            best, most = tour, worth
-    return None if best is None else best.flown()
+    path: Flown
+    lanes: Lanes
+    cover: Cover
+    seconds: Floats  # (S,) that one pass takes beside each station of the lanes
+    own_s: float  # of the path alone
+    ways: Ways
+    pace: Pace
 
+    @classmethod
+    def of(cls, path: Flown, view: View, ways: Ways, pace: Pace, half_rad: float) -> Beside | None:
+        """The lanes beside a path; None where nothing is to be shown from them.
 
-def _put_in(tour: _Tour, passes: list[Pass], cover: Cover, seconds: Floats, spare_s: float) -> float:
-    """Put passes into a tour, those first that show most a second; what they show more than they must."""
-    worth = 0.0
-    flown = np.zeros((cover.stations, 2 * STEPS + 1), bool)
-    flown[:, STEPS] = True
-    while passes:
-        before = cover.before(flown)
-        gains = [cover.before(one.flown_with(flown)) - before for one in passes]
-        rates = [
-            gain.sum() / max(seconds[one.rows].sum(), 1e-9) for gain, one in zip(gains, passes, strict=True)
-        ]
-        best = int(np.argmax(rates))
-        one, gain = passes.pop(best), gains[best]
-        for share in _SHARES:
-            part = one.within(gain, seconds, share * spare_s)
+        Parameters
+        ----------
+        path : Flown
+            M stations.
+        view : View
+        ways : Ways
+            Of the target: transits to a pass and on from it lead round what stands in their way.
+        pace : Pace
+        half_rad : float
+            See `lanes.lanes_beside`.
+        """
+        few = np.flatnonzero(view.need > 0)[:_NEEDED]  # every beginning of samples is spread evenly
+        lanes = lanes_beside(path, view, ways.planning, half_rad, few) if len(few) else None
+        if lanes is None or len(lanes.station) < 2:
+            return None
+        cover = Cover.of(lanes, view.need[few] / view.need[few].sum())
+        spent = cumulated(pace.seconds(path, np.arange(len(path))))
+        return cls(path, lanes, cover, np.gradient(spent[lanes.station]), float(spent[-1]), ways, pace)
+
+    def with_passes(
+        self, allowed_s: float, most: int, prices: Sequence[float] = PRICES
+    ) -> tuple[Extended, Sequence[float]]:
+        """The path with as many passes as show what is needed in the time, at most `most` to each side.
+
+        `prices` are tried, and the one that was taken is returned.
+
+        Raises
+        ------
+        RefusedError
+            If the path is enough alone, or there is no time.
+        """
+        tours, spare_s = [], allowed_s - self.own_s
+        for times in prices if spare_s > 0 else ():
+            passes = arranged(self.cover, self.seconds, times / allowed_s, most)
+            tour = _Tour(self.path, self.lanes, self.ways, self.pace)
+            tours.append((self._put_in(tour, passes, spare_s), tour, times))
+        best = max((worth for worth, *_ in tours), default=0.0)
+        if best <= 0:
+            raise RefusedError("added passes", "show nothing more in the time", "some must", "plan without")
+        _, tour, price = next(one for one in tours if one[0] >= _AS_GOOD * best)
+        return tour.flown(), (price,)
+
+    @property
+    def alone(self) -> tuple[Flown, Ints, Bools]:
+        """The path without passes."""
+        number = len(self.path)
+        return self.path, np.arange(number), np.zeros(number, bool)
+
+    def _put_in(self, tour: _Tour, passes: list[Pass], spare_s: float) -> float:
+        """Put passes into a tour, those first that show most a second; what they show more than they must."""
+        cover, seconds, worth = self.cover, self.seconds, 0.0
+        flown = np.zeros((cover.stations, 2 * STEPS + 1), bool)
+        flown[:, STEPS] = True
+        while passes:
+            before = cover.before(flown)
+            gains = [cover.before(one.flown_with(flown)) - before for one in passes]
+            spent = [max(float(seconds[one.rows].sum()), 1e-9) for one in passes]
+            best = int(np.argmax([gain.sum() / each for gain, each in zip(gains, spent, strict=True)]))
+            one, gain = passes.pop(best), gains[best]
+            part = tour.longest(one, gain, seconds, spare_s)
+            if part is None:
+                continue
             more = float((cover.before(part.flown_with(flown)) - before).sum())
             if more < _LEAST:
-                break
-            if (taken_s := tour.put_in(part, spare_s)) > 0:
-                flown, worth, spare_s = part.flown_with(flown), worth + more - _LEAST, spare_s - taken_s
-                break
-    return worth
+                continue
+            spare_s -= tour.put_in(part)
+            flown, worth = part.flown_with(flown), worth + more - _LEAST
+        return worth
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,6 +154,18 @@ class _Piece(Record):
         return _Piece(path, self.origin[part], self.added)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class _Insertion(Record):
+    """A pass as it would be put into a tour."""
+
+    path: Flown
+    origin: Ints
+    piece: int  # that it is put into
+    before: _Piece  # what of that is flown before it
+    rest: Sequence[_Piece]  # and after it
+    seconds: float  # that it takes, with the way to it; inf where it cannot be put in
+
+
 class _Tour:
     """A path, and the passes that are put into it."""
 
@@ -143,13 +175,34 @@ class _Tour:
         self.pieces = [_Piece(path, np.arange(len(path)), False)]
         self.own = np.full(len(lanes.station), STEPS)  # the lane of the demonstrated pass
 
-    def put_in(self, one: Pass, spare_s: float) -> float:
-        """Seconds that a pass takes, put where it makes the way least longer; 0 where it is not put in."""
+    def longest(self, whole: Pass, gains: Floats, seconds: Floats, spare_s: float) -> Pass | None:
+        """A pass or the longest part of it that can be put in (`Pass.within`); None where there is none."""
+        if self._insertion(whole).seconds <= spare_s:
+            return whole
+        low, high, part = 0.0, 1.0, None
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            tried = whole.within(gains, seconds, middle * spare_s)
+            if self._insertion(tried).seconds <= spare_s:
+                low, part = middle, tried
+            else:
+                high = middle
+        return part
+
+    def put_in(self, one: Pass) -> float:
+        """Seconds that a pass takes, put where it makes the way least longer."""
+        found = self._insertion(one)
+        added = _spaced(_Piece(found.path, found.origin, True), self.step_m)
+        self.pieces[found.piece : found.piece + 1] = [found.before, added, *found.rest]
+        self.own[one.rows] = one.own
+        return found.seconds
+
+    def _insertion(self, one: Pass) -> _Insertion:
         free = self.lanes.free[one.rows, one.lane]
-        if free.sum() < 2:
-            return 0.0
         poses = self.lanes.poses[one.rows[free], one.lane[free]]
         origin = self.lanes.station[one.rows[free]]
+        if len(poses) < 2:
+            return _Insertion(self.pieces[0].path, origin, 0, self.pieces[0], [], np.inf)
         piece, at, turned, way_m = self._cheapest(poses[[0, -1], :3])
         if turned:
             poses, origin = poses[::-1], origin[::-1]
@@ -161,11 +214,9 @@ class _Tour:
         following = (rest or self.pieces[piece + 1 : piece + 2])[:1]
         legs = [(before.path.positions[-1], path.positions[0])]
         legs += [(path.positions[-1], one.path.positions[0]) for one in following]
-        if seconds > spare_s or any(self._transit(*leg) is None for leg in legs):
-            return 0.0
-        self.pieces[piece : piece + 1] = [before, _spaced(_Piece(path, origin, True), self.step_m), *rest]
-        self.own[one.rows] = one.own
-        return seconds
+        if any(self._transit(*leg) is None for leg in legs):
+            seconds = np.inf
+        return _Insertion(path, origin, piece, before, rest, seconds)
 
     def _cheapest(self, ends: Floats) -> tuple[int, int, bool, float]:
         """Piece, and station of it, after which a pass between two ends (2, 3) makes the way least longer.

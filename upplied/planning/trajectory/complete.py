@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from upplied.planning.airspace.detours import Ways, airspace_of, safe_positions
 from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.demonstration.repetition import Take, steady_radps
 from upplied.planning.geometry.frechet import frechet_floored
-from upplied.planning.trajectory.added_passes import Pace, with_added_passes
+from upplied.planning.trajectory.added_passes import PRICES, Beside, Extended, Pace
 from upplied.planning.trajectory.optimise import Optimised, Problem, Start, optimise
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import demonstrated_speed
@@ -32,8 +32,8 @@ _LEAST_TURN_RAD = (
 )  # that a demonstration counts as having turned, so that little turning is not dear
 _HALVINGS = 20  # of the way to the demonstrated shape
 _WORTHWHILE = 0.01  # share of the need, that added passes must show more: as near as coverage is known
-_LESS = 0.95  # of the time, beside what the last try took too long
-_TRIES = 4  # of adding passes: fewer, where they took too long
+_LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
+_TRIES = 4  # of adding passes: fewer, where they take too long
 
 
 def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
@@ -93,15 +93,14 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     best = optimise(problem, shape, settings.optimise)
     if goal.standoff.in_metres and goal.height_m is None and settings.refine.added_passes:
         timer = _Timer(carried, goal, settings)
-        limit_s = timer.allowed_s(view)
-        pace = timer.pace(problem, limit_s)
-        for _ in range(_TRIES):
-            longer = with_added_passes(starts[0].safe, view, ways, pace, _half_rad(take, settings))
-            if longer is None:
-                break
+        limit_s, pace = timer.allowed_s(view), Pace(problem.speed_mps, problem.pan_radps)
+        beside = Beside.of(starts[0].safe, view, ways, pace, _half_rad(take, settings))
+        prices, most_s = PRICES, _LESS * limit_s
+        for _ in range(_TRIES if beside is not None else 0):
             try:
-                path = replace(longer.path, positions=safe(longer.path.positions))
-                result = optimise(problem.along(path, longer.origin, longer.added), shape, settings.optimise)
+                longer, prices = _longer(beside, prices, most_s, timer, safe, settings.refine.added_passes)
+                asked = problem.along(longer.path, longer.origin, longer.added)
+                result = optimise(asked, shape, settings.optimise)
                 if result.shown < best.shown + _WORTHWHILE:
                     break
                 waypoints = _finished(result, longer.origin, longer.added, carried, goal, settings, safe)
@@ -109,7 +108,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
                 break
             if (taken_s := timer.seconds(waypoints)) <= limit_s:
                 return waypoints
-            pace = replace(pace, allowed_s=pace.allowed_s * _LESS * limit_s / taken_s)
+            most_s -= taken_s - _LESS * limit_s
     alone = np.arange(len(flown)), np.zeros(len(flown), bool)
     return _finished(best, *alone, carried, goal, settings, safe)
 
@@ -140,6 +139,34 @@ def _finished(
     )
 
 
+def _longer(
+    beside: Beside,
+    prices: Sequence[float],
+    most_s: float,
+    timer: _Timer,
+    safe: Callable[[Floats], Floats],
+    most: int,
+) -> tuple[Extended, Sequence[float]]:
+    """The carried flight with passes that are flown in about so much time, and their price.
+
+    The pace knows neither bends nor sharp pictures: what it allows is set until the time is right.
+
+    Raises
+    ------
+    RefusedError
+        If it is enough alone, or its passes cannot be made safe.
+    """
+    allowed_s = most_s * beside.own_s / max(timer.seconds_of(*beside.alone), 1e-3)
+    for _ in range(_TRIES):
+        longer, prices = beside.with_passes(allowed_s, most, prices)
+        longer = replace(longer, path=replace(longer.path, positions=safe(longer.path.positions)))
+        over_s = timer.seconds_of(longer.path, longer.origin, longer.added) - most_s
+        if over_s <= 0:
+            break
+        allowed_s -= over_s
+    return longer, prices
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class _Timer(Record):
     """How long paths of a take are flown, and may be."""
@@ -155,14 +182,11 @@ class _Timer(Record):
         ratio = max(self.goal.area_ratio, 1.0) * max(zones, 1.0)
         return self.settings.refine.longer * ratio * float(flight.t_s[-1] - flight.t_s[0])
 
-    def pace(self, problem: Problem, limit_s: float) -> Pace:
-        """The pace of the carried flight: it is slower than that for bends and sharp pictures."""
-        path, origin, carried = problem.starts[0].safe, np.arange(len(problem.speed_mps)), self.carried.path
-        most = self.settings.refine.added_passes
-        pace = Pace(problem.speed_mps, problem.pan_radps, limit_s, most)
-        poses = from_yaw_pitch(path.yaw, path.pitch)
-        flown_s = self.seconds(replace(carried, positions=path.positions, quat_xyzw=poses))
-        return replace(pace, allowed_s=limit_s * float(pace.seconds(path, origin).sum()) / max(flown_s, 1e-3))
+    def seconds_of(self, path: Flown, origin: Ints, added: Bools) -> float:
+        """The time of a path as it will be flown, by the station of the carried one that each belongs to."""
+        poses, own = from_yaw_pitch(path.yaw, path.pitch), self.carried.path
+        viewed = own.is_viewpoint[origin] & ~added
+        return self.seconds(Waypoints(path.positions, poses, own.t_s[origin], viewed, added))
 
     def seconds(self, path: Waypoints) -> float:
         """The time of a path as it will be flown."""

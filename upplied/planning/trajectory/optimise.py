@@ -48,7 +48,7 @@ class Start(Record):
 class Problem(Record):
     """What is asked of a path, at M stations."""
 
-    starts: Sequence[Start]  # the first is the carried flight
+    starts: Sequence[Start]  # the first may be flown as it is
     demonstrated: Shape
     view: View
     standoff: Standoff
@@ -58,7 +58,6 @@ class Problem(Record):
     pan_radps: float  # at which a turning camera is still sharp
     aside_rad: Floats  # (M,) of the expert's optical axis from what was inspected; NaN where none was seen
     level: bool = False  # the path stays in its plane
-    carried: bool = True  # the first start is a flight that may be flown as it is
 
     def along(self, path: Flown, origin: Ints, added: Bools) -> Problem:
         """The same asked of a path with stations added to its own; `origin` is the one each belongs to."""
@@ -67,7 +66,6 @@ class Problem(Record):
         return replace(
             self,
             starts=[Start(path, path)],
-            carried=False,
             demonstrated=replace(shape, station=own if shape.station is None else own[shape.station]),
             view=self.view if fov_deg is None else replace(self.view, fov_deg=fov_deg[origin]),
             standoff=replace(self.standoff, station=own[self.standoff.station]),
@@ -111,11 +109,9 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
         return Optimised(searches[0].state, searches[0].first, 0.0)
     first = [search.worth(search.first) for search in searches]
     ranked = np.argsort(-np.array(first), kind="stable")[: weights.starts].tolist()
-    results, least = [], 0.0
-    if problem.carried:
-        results.append((first[0], searches[0], searches[0].first))
-        if searches[0].near(searches[0].first) == 0:
-            least = searches[0].shown(searches[0].first) - _LOST
+    results, least = [(first[0], searches[0], searches[0].first)], 0.0
+    if searches[0].near(searches[0].first) == 0:
+        least = searches[0].shown(searches[0].first) - _LOST
     for number in ranked:
         worth, variables = searches[number].improved()
         if searches[number].shown(variables) >= least:
