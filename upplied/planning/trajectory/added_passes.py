@@ -25,10 +25,10 @@ from upplied.records import Bools, Floats, Ints, Record
 
 _NEEDED = 600  # samples, at most, that stand for all that is needed
 _LEAST = 0.02  # share of the need, that a pass must show
+_PIECES = 8  # of a pass, of which as many are flown as there is time for: a second more or less moves no end
 _TURN_S = 2.0  # to slow down and turn at each end of a pass
 PRICES = (0.8, 0.27, 0.09, 0.03)  # of what a second shows in the mean, that a second must: few passes first
 _AS_GOOD = 0.9  # of what the best of the prices shows: the first of them that shows as much is taken
-_HALVINGS = 6  # by which the longest part of a pass is sought for which there is time
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,7 +105,7 @@ class Beside(Record):
         for times in prices if spare_s > 0 else ():
             passes = arranged(self.cover, self.seconds, times / allowed_s, most)
             tour = _Tour(self.path, self.lanes, self.ways, self.pace)
-            tours.append((self._put_in(tour, passes, spare_s), tour, times))
+            tours.append((self._flown_after(tour, passes, spare_s), tour, times))
         best = max((worth for worth, *_ in tours), default=0.0)
         if best <= 0:
             raise RefusedError("added passes", "show nothing more in the time", "some must", "plan without")
@@ -118,24 +118,22 @@ class Beside(Record):
         number = len(self.path)
         return self.path, np.arange(number), np.zeros(number, bool)
 
-    def _put_in(self, tour: _Tour, passes: list[Pass], spare_s: float) -> float:
-        """Put passes into a tour, those first that show most a second; what they show more than they must."""
-        cover, seconds, worth = self.cover, self.seconds, 0.0
+    def _flown_after(self, tour: _Tour, passes: list[Pass], spare_s: float) -> float:
+        """What passes flown after a tour show beyond what they must; those first that show most a second."""
+        cover, worth = self.cover, 0.0
         flown = np.zeros((cover.stations, 2 * STEPS + 1), bool)
         flown[:, STEPS] = True
         while passes:
             before = cover.before(flown)
-            gains = [cover.before(one.flown_with(flown)) - before for one in passes]
-            spent = [max(float(seconds[one.rows].sum()), 1e-9) for one in passes]
-            best = int(np.argmax([gain.sum() / each for gain, each in zip(gains, spent, strict=True)]))
-            one, gain = passes.pop(best), gains[best]
-            part = tour.longest(one, gain, seconds, spare_s)
-            if part is None:
-                continue
+            gains = [(cover.before(one.flown_with(flown)) - before).sum() for one in passes]
+            spent = [max(float(self.seconds[one.rows].sum()), 1e-9) for one in passes]
+            one = passes.pop(int(np.argmax(np.array(gains) / spent)))
+            part, taken_s = tour.longest(one, spare_s)
             more = float((cover.before(part.flown_with(flown)) - before).sum())
-            if more < _LEAST:
+            if taken_s > spare_s or more < _LEAST:
                 continue
-            spare_s -= tour.put_in(part)
+            tour.append(part)
+            spare_s -= taken_s
             flown, worth = part.flown_with(flown), worth + more - _LEAST
         return worth
 
@@ -148,23 +146,6 @@ class _Piece(Record):
     origin: Ints  # of each of its stations
     added: bool
 
-    def cut(self, first: int, stop: int | None) -> _Piece:
-        part = slice(first, stop)
-        path = Flown(self.path.positions[part], self.path.yaw[part], self.path.pitch[part])
-        return _Piece(path, self.origin[part], self.added)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class _Insertion(Record):
-    """A pass as it would be put into a tour."""
-
-    path: Flown
-    origin: Ints
-    piece: int  # that it is put into
-    before: _Piece  # what of that is flown before it
-    rest: Sequence[_Piece]  # and after it
-    seconds: float  # that it takes, with the way to it; inf where it cannot be put in
-
 
 class _Tour:
     """A path, and the passes that are put into it."""
@@ -175,75 +156,47 @@ class _Tour:
         self.pieces = [_Piece(path, np.arange(len(path)), False)]
         self.own = np.full(len(lanes.station), STEPS)  # the lane of the demonstrated pass
 
-    def longest(self, whole: Pass, gains: Floats, seconds: Floats, spare_s: float) -> Pass | None:
-        """A pass or the longest part of it that can be put in (`Pass.within`); None where there is none."""
-        if self._insertion(whole).seconds <= spare_s:
-            return whole
-        low, high, part = 0.0, 1.0, None
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2
-            tried = whole.within(gains, seconds, middle * spare_s)
-            if self._insertion(tried).seconds <= spare_s:
-                low, part = middle, tried
-            else:
-                high = middle
-        return part
+    def longest(self, whole: Pass, spare_s: float) -> tuple[Pass, float]:
+        """A pass from where it begins, as far as there is time for it, and the seconds that it takes."""
+        whole = self._onward(whole)
+        for eighths in range(_PIECES, 0, -1):
+            part = whole.to(len(whole.rows) * eighths // _PIECES)
+            taken_s = self._seconds(part)
+            if taken_s <= spare_s:
+                break
+        return part, taken_s
 
-    def put_in(self, one: Pass) -> float:
-        """Seconds that a pass takes, put where it makes the way least longer."""
-        found = self._insertion(one)
-        added = _spaced(_Piece(found.path, found.origin, True), self.step_m)
-        self.pieces[found.piece : found.piece + 1] = [found.before, added, *found.rest]
+    def append(self, one: Pass) -> None:
+        """Fly a pass after what is there."""
+        self.pieces.append(_spaced(self._flown_piece(one), self.step_m))
         self.own[one.rows] = one.own
-        return found.seconds
 
-    def _insertion(self, one: Pass) -> _Insertion:
+    def _onward(self, one: Pass) -> Pass:
+        """A pass the way the flight goes, or back where it begins much nearer so."""
         free = self.lanes.free[one.rows, one.lane]
-        poses = self.lanes.poses[one.rows[free], one.lane[free]]
-        origin = self.lanes.station[one.rows[free]]
-        if len(poses) < 2:
-            return _Insertion(self.pieces[0].path, origin, 0, self.pieces[0], [], np.inf)
-        piece, at, turned, way_m = self._cheapest(poses[[0, -1], :3])
-        if turned:
-            poses, origin = poses[::-1], origin[::-1]
-        path = Flown(poses[:, :3], np.unwrap(poses[:, 3]), poses[:, 4])
-        speed = max(float(np.median(self.pace.speed_mps[origin])), 0.1)
-        seconds = float(self.pace.seconds(path, origin).sum()) + way_m / speed + 2 * _TURN_S
-        before, after = self.pieces[piece].cut(0, at + 1), self.pieces[piece].cut(at + 1, None)
-        rest = [after] if len(after.path) else []
-        following = (rest or self.pieces[piece + 1 : piece + 2])[:1]
-        legs = [(before.path.positions[-1], path.positions[0])]
-        legs += [(path.positions[-1], one.path.positions[0]) for one in following]
-        if any(self._transit(*leg) is None for leg in legs):
-            seconds = np.inf
-        return _Insertion(path, origin, piece, before, rest, seconds)
+        one = Pass(one.rows[free], one.lane[free], one.own[free])
+        if len(one.rows) < 2:
+            return one
+        ends = self.lanes.poses[one.rows[[0, -1]], one.lane[[0, -1]], :3]
+        ahead_m, back_m = np.linalg.norm(ends - self.pieces[-1].path.positions[-1], axis=1)
+        nearer = back_m < ahead_m - 0.5 * np.linalg.norm(ends[1] - ends[0])
+        return Pass(one.rows[::-1], one.lane[::-1], one.own[::-1]) if nearer else one
 
-    def _cheapest(self, ends: Floats) -> tuple[int, int, bool, float]:
-        """Piece, and station of it, after which a pass between two ends (2, 3) makes the way least longer.
+    def _flown_piece(self, one: Pass) -> _Piece:
+        poses, origin = self.lanes.poses[one.rows, one.lane], self.lanes.station[one.rows]
+        return _Piece(Flown(poses[:, :3], np.unwrap(poses[:, 3]), poses[:, 4]), origin, True)
 
-        Also whether it is flown the other way round, and by how much longer, m. Nothing follows on the last.
-        """
-        start, stop, place = [], [], []
-        for number, piece in enumerate(self.pieces):
-            after = (
-                self.pieces[number + 1].path.positions[:1] if number + 1 < len(self.pieces) else ends * np.nan
-            )
-            at = np.arange(len(piece.path))[-1 if piece.added else 0 :]
-            start.append(piece.path.positions[at])
-            stop.append(np.concatenate([piece.path.positions, after[:1]])[at + 1])
-            place += [(number, int(one)) for one in at]
-        starts, stops = np.concatenate(start), np.concatenate(stop)
-        costs = np.stack(
-            [
-                np.linalg.norm(ends[a] - starts, axis=1)
-                + np.nan_to_num(
-                    np.linalg.norm(stops - ends[b], axis=1) - np.linalg.norm(stops - starts, axis=1)
-                )
-                for a, b in ((0, 1), (1, 0))
-            ]
-        )
-        turned, row = divmod(int(costs.argmin()), len(place))
-        return *place[row], bool(turned), float(costs[turned, row])
+    def _seconds(self, one: Pass) -> float:
+        """How long a pass takes, with the way to it; infinite where there is none."""
+        if len(one.rows) < 2:
+            return np.inf
+        piece = self._flown_piece(one)
+        line = self._transit(self.pieces[-1].path.positions[-1], piece.path.positions[0])
+        if line is None:
+            return np.inf
+        speed = max(float(np.median(self.pace.speed_mps[piece.origin])), 0.1)
+        flown_s = float(self.pace.seconds(piece.path, piece.origin).sum())
+        return flown_s + float(leg_lengths(line).sum()) / speed + 2 * _TURN_S
 
     def _transit(self, start: Floats, stop: Floats) -> Floats | None:
         """A safe way (K, 3) from one place to another, both included."""
@@ -254,7 +207,6 @@ class _Tour:
         """The path, moved aside where passes are flown beside it, with those and the transits."""
         parts = [self._aside(self.pieces[0])]
         for piece in self.pieces[1:]:
-            piece = piece if piece.added else self._aside(piece)
             parts += [self._between(parts[-1], piece), piece]
         positions, yaw, pitch = (
             np.concatenate([getattr(part.path, name) for part in parts])
@@ -286,7 +238,8 @@ class _Tour:
         pitch = np.array([before.path.pitch[-1], after.path.pitch[0]])
         poses = Flown(line, np.interp(share, [0, 1], yaw), np.interp(share, [0, 1], pitch))
         whole = _spaced(_Piece(poses, np.full(len(line), before.origin[-1]), True), self.step_m)
-        return whole.cut(1, -1)
+        path = Flown(whole.path.positions[1:-1], whole.path.yaw[1:-1], whole.path.pitch[1:-1])
+        return _Piece(path, whole.origin[1:-1], True)
 
 
 def _spaced(piece: _Piece, step_m: float) -> _Piece:

@@ -11,14 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upplied.geometry.polylines import cumulated
 from upplied.planning.trajectory.lanes import STEPS, Lanes
 from upplied.records import Bools, Floats, Ints, Record
 
 _APART = (3, 2)  # steps, from one pass to the next: side by side, or with a third of a swath in common
 _ASIDE = 1  # steps, by which the demonstrated pass may be moved where others are flown
 _END_S = 10.0  # that beginning a pass takes, and ending it: to fly there, slow down and turn
-_ABOUT = 0.9  # of the most that a part of a pass can show
 _WINDOW = 3  # stations to each side, from which a sample is shown
 _NEARER = 0.25  # of a step, by which a lane must be nearer to a sample than the next one to the path
 
@@ -31,19 +29,9 @@ class Pass(Record):
     lane: Ints  # (R,)
     own: Ints  # (R,) the lane of the demonstrated pass
 
-    def within(self, gains: Floats, seconds: Floats, most_s: float) -> Pass:
-        """The last part of it, without a gap, that shows about most in so much time.
-
-        `gains` and `seconds` (S,) are of all stations. The last is the nearest to where the flight ends.
-        """
-        spent, shown = cumulated(seconds[self.rows]), cumulated(gains[self.rows])
-        if spent[-1] <= most_s:
-            return self
-        last = np.searchsorted(spent, spent[:-1] + most_s, side="right") - 1
-        more = shown[last] - shown[:-1]
-        first = int(np.flatnonzero(more >= _ABOUT * more.max())[-1])
-        part = slice(first, int(last[first]))
-        return Pass(self.rows[part], self.lane[part], self.own[part])
+    def to(self, stop: int) -> Pass:
+        """Its beginning."""
+        return Pass(self.rows[:stop], self.lane[:stop], self.own[:stop])
 
     def flown_with(self, flown: Bools) -> Bools:
         """The lanes that are flown (S, K), with this pass."""

@@ -33,7 +33,8 @@ _LEAST_TURN_RAD = (
 _HALVINGS = 20  # of the way to the demonstrated shape
 _WORTHWHILE = 0.01  # share of the need, that added passes must show more: as near as coverage is known
 _LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
-_TRIES = 4  # of adding passes: fewer, where they take too long
+_NEARLY = 0.01  # of the time there is, that may be left
+_TRIES = 5  # of adding passes: fewer, where they take too long
 
 
 def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
@@ -95,8 +96,9 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         timer = _Timer(carried, goal, settings)
         limit_s, pace = timer.allowed_s(view), Pace(problem.speed_mps, problem.pan_radps)
         beside = Beside.of(starts[0].safe, view, ways, pace, _half_rad(take, settings))
-        prices, most_s = PRICES, _LESS * limit_s
-        for _ in range(_TRIES if beside is not None else 0):
+        prices: Sequence[float] = PRICES
+        most_s = _LESS * limit_s
+        while beside is not None:
             try:
                 longer, prices = _longer(beside, prices, most_s, timer, safe, settings.refine.added_passes)
                 asked = problem.along(longer.path, longer.origin, longer.added)
@@ -157,14 +159,21 @@ def _longer(
         If it is enough alone, or its passes cannot be made safe.
     """
     allowed_s = most_s * beside.own_s / max(timer.seconds_of(*beside.alone), 1e-3)
+    low_s, high_s, longest = beside.own_s, np.inf, None
     for _ in range(_TRIES):
         longer, prices = beside.with_passes(allowed_s, most, prices)
         longer = replace(longer, path=replace(longer.path, positions=safe(longer.path.positions)))
-        over_s = timer.seconds_of(longer.path, longer.origin, longer.added) - most_s
-        if over_s <= 0:
-            break
-        allowed_s -= over_s
-    return longer, prices
+        left_s = most_s - timer.seconds_of(longer.path, longer.origin, longer.added)
+        if left_s >= 0:
+            low_s, longest = allowed_s, longer
+            if left_s < _NEARLY * most_s or not np.isfinite(high_s):
+                break
+        else:
+            high_s = allowed_s
+        allowed_s = float(np.clip(allowed_s + left_s, low_s, min(high_s, allowed_s + abs(left_s))))
+    if longest is None:
+        raise RefusedError("added passes", "take too long however few", "some do not", "plan without")
+    return longest, prices
 
 
 @dataclass(frozen=True, eq=False, repr=False)
