@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
@@ -24,6 +26,7 @@ _LONG_S = 2.0  # an interval, between whose photos a path shows more than at a f
 _POINTS = 1500  # of the surface, that are to stay in view
 _AS_FINE = 1.25  # times the finest that the path shows a sample, by distance and incidence
 _EDGE_ON = 0.1  # cosine of the incidence, below which it counts as that
+_CLOCK_S, _BRAKING_S = 0.1, 1.0  # steps of the time that is stretched for photos, and how long braking takes
 _HALVINGS = 7  # of the time between two places, for an overlap that was asked for
 _SAME_S = 1e-6
 
@@ -230,11 +233,24 @@ def _with_photos(path: Trajectory, photo_s: Floats, least_s: float) -> tuple[Tra
     keep: Ints = np.flatnonzero(np.isin(every, photo_s) | (_apart(every, photo_s) > 1e-4))
     every = every[keep]
     posed = interpolate(path, every)
-    gaps = np.diff(photo_s)
-    new = photo_s[0] + np.concatenate([[0.0], np.cumsum(np.maximum(gaps, least_s))])
-    late = np.interp(every, photo_s, new)
-    late += np.minimum(every - photo_s[0], 0.0) + np.maximum(every - photo_s[-1], 0.0)
+    if len(path) > 2:  # a pose close to another, on a chord, would make the bend there look twice as hard
+        smooth = CubicHermiteSpline(path.t_s, path.positions, np.gradient(path.positions, path.t_s, axis=0))
+        posed = replace(posed, positions=smooth(every))
+    times = np.maximum(least_s / np.maximum(np.diff(photo_s), 1e-9), 1.0)
+    late = every if (times <= 1).all() else _slowed(every, photo_s, times)
     return replace(posed, t_s=late), np.isin(every, photo_s), every
+
+
+def _slowed(every: Floats, photo_s: Floats, times: Floats) -> Floats:
+    """Moments (N,) of a flight so many times slower between photos (K - 1,), braking before and after."""
+    clock = np.linspace(every[0], every[-1], int((every[-1] - every[0]) / _CLOCK_S) + 2)
+    gap = np.searchsorted(photo_s, (clock[1:] + clock[:-1]) / 2) - 1
+    rate = np.where((gap >= 0) & (gap < len(times)), times[np.clip(gap, 0, len(times) - 1)], 1.0)
+    brake = 2 * round(_BRAKING_S / _CLOCK_S) + 1
+    # The mean of the slowest round about is nowhere faster than what it is the mean of.
+    rate = uniform_filter1d(maximum_filter1d(rate, brake, mode="nearest"), brake, mode="nearest")
+    late = np.concatenate([[0.0], np.cumsum(rate * np.diff(clock))])
+    return every[0] + np.interp(every, clock, late)
 
 
 def _apart(times: Floats, photo_s: Floats) -> Floats:

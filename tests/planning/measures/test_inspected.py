@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from upplied.config import settings_for
 from upplied.geometry.poses import interpolate, look_at
 from upplied.planning.carry.inspected_surface import inspected_by
+from upplied.planning.constants import FACING
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, look_limits, takes_of
 from upplied.planning.measures.fidelity import bent_rad, fidelity, order_kept, patches_of, turned_rad
@@ -144,10 +145,18 @@ def test_what_is_asked_for_is_the_best_sharp_look_of_the_demonstration(take: Tak
         near = np.where(seen[row] & (moved <= sharp), np.minimum(near, fine), near)
     weight = inspection.attention.weight * fit.source.area_m2
     need, distance = np.zeros(len(fit.target)), np.zeros(len(fit.target))
-    for sample, index in enumerate(fit.correspondences.target_index):
+    match, cloud = fit.correspondences, fit.target
+    turned = FACING * np.linalg.norm(np.ptp(cloud.points, axis=0))
+    for sample, index in enumerate(match.target_index):
         if index >= 0 and weight[sample] > 0 and np.isfinite(near[sample]):
-            need[index] += weight[sample]
-            distance[index] += weight[sample] * near[sample]
+            off = np.linalg.norm(cloud.points - match.target_points[sample], axis=1)
+            off = np.maximum(
+                np.hypot(off, turned * np.linalg.norm(cloud.normals - cloud.normals[index], axis=1)), 1e-9
+            )
+            round_ = np.argsort(off, kind="stable")[:7]
+            share = (1 / off[round_] - 1 / off[round_[-1]]) ** 2 * (cloud.part[round_] == cloud.part[index])
+            need[round_] += weight[sample] * share / share.sum()
+            distance[round_] += weight[sample] * near[sample] * share / share.sum()
     known = need > 0
     assert asked.need.sum() == pytest.approx(need.sum(), rel=0.01)
     off = np.abs(asked.standoff_m[known] / (distance[known] / need[known]) - 1)

@@ -39,8 +39,9 @@ def ring(radius: float, number: int = 60, turns: float = 1.0, start: float = 0.0
     return Trajectory(np.linspace(0, 60.0, number), at, look_at(at, np.zeros_like(at)))
 
 
-def identity(number: int) -> Correspondences:
-    return Correspondences(np.arange(number), np.zeros(number), np.zeros((number, 3)))
+def identity(cloud: Cloud) -> Correspondences:
+    number = len(cloud)
+    return Correspondences(np.arange(number), np.zeros(number), cloud.points)
 
 
 def judged(
@@ -51,7 +52,7 @@ def judged(
 ):
     """Measures of a plan on the cube itself."""
     scene, cloud = cube()
-    match = identity(600)
+    match = identity(cloud)
     voxels = Cloud(cloud.points)
     paper = inspected_surface(voxels, voxels, match, views(demonstrated, voxels, Camera(), BY_FRUSTUM))
     true = inspected_surface(cloud, cloud, match, views(demonstrated, cloud, Camera(), TRULY, scene), carry)
@@ -96,7 +97,7 @@ def test_points_without_counterpart_are_reported_and_in_no_coverage() -> None:
     demonstrated = views(ring(20), cloud, Camera(), TRULY, scene)
     index = np.arange(600)
     index[cloud.points[:, 0] == 5.0] = -1
-    match = replace(identity(600), target_index=index)
+    match = replace(identity(cloud), target_index=index)
     needed = inspected_surface(cloud, cloud, match, demonstrated)
     assert needed.without_pct == pytest.approx(25.0)
     assert needed.need.sum() == 300

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from upplied.config import RetimeSettings, VisibilitySettings
+from upplied.errors import RefusedError
 from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.geometry.scene import Scene
 from upplied.planning.airspace.detours import Ways
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.geometry.frechet import frechet
-from upplied.planning.trajectory.added_passes import Extended, Pace, with_added_passes
+from upplied.planning.trajectory.added_passes import Beside, Extended, Pace
 from upplied.planning.trajectory.lanes import STEPS, lanes_beside
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
@@ -26,6 +27,7 @@ def wall(high: float, needed_from: float = -20.0) -> View:
     step = 0.5
     x, z = np.meshgrid(np.arange(-20 + step / 2, 20, step), np.arange(step / 2, high, step), indexing="ij")
     points = np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
+    points = np.random.default_rng(0).permutation(points)  # every beginning is spread evenly
     corners = np.array([[-20.0, 0, 0], [20, 0, 0], [20, 0, high], [-20, 0, high]])
     need = (points[:, 0] >= needed_from).astype(float)
     return View(
@@ -51,8 +53,12 @@ def along(high: float) -> Flown:
 
 def extended(view: View, path: Flown, allowed_s: float = 1000.0, most: int = 3) -> Extended | None:
     airspace = Airspace(view.scene, 2.0, Surroundings())
-    pace = Pace(np.ones(len(path)), 1.0, allowed_s, most)
-    return with_added_passes(path, view, Ways(airspace, view.cloud), pace, HALF)
+    pace = Pace(np.ones(len(path)), 1.0)
+    beside = Beside.of(path, view, Ways(airspace, view.cloud), pace, HALF)
+    try:
+        return None if beside is None else beside.with_passes(allowed_s, most)[0]
+    except RefusedError:
+        return None
 
 
 def shown(view: View, path: Flown) -> float:

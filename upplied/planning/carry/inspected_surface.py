@@ -107,20 +107,21 @@ def _spread(target: Cloud, index: Ints, points: Floats) -> tuple[Ints, Floats]:
     """The target samples (P, K) round each counterpart, and the share that each has of it.
 
     Counterparts (P, 3) lie between samples; one that was given to the nearest alone would go to another one
-    for a change of a millimetre. The share falls to nothing where the next sample beyond the K would be.
+    for a change of a millimetre. The share is whole at a sample, and falls to nothing where the next sample
+    beyond the K would be (Franke and Little's weights).
     """
     outward, weight = target.outward, FACING * diagonal_of(target.points)
     count = min(_ROUND + 1, len(target))
     tree = cKDTree(with_normals(target.points, outward, weight))
-    away, round_ = tree.query(with_normals(points, outward[index], weight), k=count)
-    away, round_ = away.reshape(len(index), count), round_.reshape(len(index), count)
-    beyond = np.maximum(away[:, -1:], 1e-12)
-    label = labels_of(target)
-    share = (1 - (away / beyond) ** 2) ** 2 * (label[round_] == label[index][:, None])
+    away, near = tree.query(with_normals(points, outward[index], weight), k=count)
+    away, near = away.reshape(len(index), count), near.reshape(len(index), count)
+    away = np.maximum(away, 1e-9)
+    part = labels_of(target)
+    share = (1 / away - 1 / away[:, -1:]) ** 2 * (part[near] == part[index][:, None])
     whole = share.sum(axis=1, keepdims=True)
     alone = whole[:, 0] <= 0
-    round_[alone, 0], share[alone, 0] = index[alone], 1.0
-    return round_, share / np.where(whole > 0, whole, 1.0)
+    near[alone, 0], share[alone, 0] = index[alone], 1.0
+    return near, share / np.where(whole > 0, whole, 1.0)
 
 
 def demonstrated_looks(take: Take, limits: tuple[float, float]) -> Looks:
