@@ -26,6 +26,7 @@ _LONG_S = 2.0  # an interval, between whose photos a path shows more than at a f
 _POINTS = 1500  # of the surface, that are to stay in view
 _AS_FINE = 1.25  # times the finest that the path shows a sample, by distance and incidence
 _EDGE_ON = 0.1  # cosine of the incidence, below which it counts as that
+_ONE_S = 0.1  # a pose of the path that is nearer in time to a photo is left out: the photo stands for it
 _CLOCK_S, _BRAKING_S = 0.1, 1.0  # steps of the time that is stretched for photos, and how long braking takes
 _HALVINGS = 7  # of the time between two places, for an overlap that was asked for
 _SAME_S = 1e-6
@@ -230,7 +231,7 @@ def _reach(frames: Frames, at: int, surface: Cloud) -> Floats:
 def _with_photos(path: Trajectory, photo_s: Floats, least_s: float) -> tuple[Trajectory, Bools, Floats]:
     """The path with a pose at each photo, more slowly where photos were nearer in time; which, and when."""
     every = np.union1d(path.t_s, photo_s)
-    keep: Ints = np.flatnonzero(np.isin(every, photo_s) | (_apart(every, photo_s) > 1e-4))
+    keep: Ints = np.flatnonzero(np.isin(every, photo_s) | (_apart(every, photo_s) > _ONE_S))
     every = every[keep]
     posed = interpolate(path, every)
     if len(path) > 2:  # a pose close to another, on a chord, would make the bend there look twice as hard
@@ -244,8 +245,8 @@ def _with_photos(path: Trajectory, photo_s: Floats, least_s: float) -> tuple[Tra
 def _slowed(every: Floats, photo_s: Floats, times: Floats) -> Floats:
     """Moments (N,) of a flight so many times slower between photos (K - 1,), braking before and after."""
     clock = np.linspace(every[0], every[-1], int((every[-1] - every[0]) / _CLOCK_S) + 2)
-    gap = np.searchsorted(photo_s, (clock[1:] + clock[:-1]) / 2) - 1
-    rate = np.where((gap >= 0) & (gap < len(times)), times[np.clip(gap, 0, len(times) - 1)], 1.0)
+    slower = np.concatenate([[1.0], times, [1.0]])[np.searchsorted(photo_s, clock)]
+    rate = np.maximum(slower[1:], slower[:-1])
     brake = 2 * round(_BRAKING_S / _CLOCK_S) + 1
     # The mean of the slowest round about is nowhere faster than what it is the mean of.
     rate = uniform_filter1d(maximum_filter1d(rate, brake, mode="nearest"), brake, mode="nearest")
