@@ -56,7 +56,7 @@ def extended(view: View, path: Flown, allowed_s: float = 1000.0, most: int = 3) 
     pace = Pace(np.ones(len(path)), 1.0)
     beside = Beside.of(path, view, Ways(airspace, view.cloud), pace, HALF)
     try:
-        return None if beside is None else beside.with_passes(allowed_s, most)[0]
+        return None if beside is None else beside.with_passes(allowed_s - beside.own_s, most)[0]
     except RefusedError:
         return None
 

@@ -38,6 +38,7 @@ class Extended(Record):
     path: Flown
     origin: Ints  # (M',) the station of the path before, whose moment of the demonstration each has
     added: Bools  # (M',)
+    passes_s: float  # that the passes take at the pace of the flight
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,9 +91,9 @@ class Beside(Record):
         return cls(path, lanes, cover, np.gradient(spent[lanes.station]), float(spent[-1]), ways, pace)
 
     def with_passes(
-        self, allowed_s: float, most: int, prices: Sequence[float] = PRICES
+        self, spare_s: float, most: int, prices: Sequence[float] = PRICES
     ) -> tuple[Extended, Sequence[float]]:
-        """The path with as many passes as show what is needed in the time, at most `most` to each side.
+        """The path with as many passes as show what is needed in a time, at most `most` to each side.
 
         `prices` are tried, and the one that was taken is returned.
 
@@ -101,9 +102,9 @@ class Beside(Record):
         RefusedError
             If the path is enough alone, or there is no time.
         """
-        tours, spare_s = [], allowed_s - self.own_s
+        tours = []
         for times in prices if spare_s > 0 else ():
-            passes = arranged(self.cover, self.seconds, times / allowed_s, most)
+            passes = arranged(self.cover, self.seconds, times / (self.own_s + spare_s), most)
             tour = _Tour(self.path, self.lanes, self.ways, self.pace)
             tours.append((self._flown_after(tour, passes, spare_s), tour, times))
         best = max((worth for worth, *_ in tours), default=0.0)
@@ -132,7 +133,7 @@ class Beside(Record):
             more = float((cover.before(part.flown_with(flown)) - before).sum())
             if taken_s > spare_s or more < _LEAST:
                 continue
-            tour.append(part)
+            tour.append(part, taken_s)
             spare_s -= taken_s
             flown, worth = part.flown_with(flown), worth + more - _LEAST
         return worth
@@ -155,6 +156,7 @@ class _Tour:
         self.step_m = max(float(np.median(leg_lengths(path.positions))), 0.05)
         self.pieces = [_Piece(path, np.arange(len(path)), False)]
         self.own = np.full(len(lanes.station), STEPS)  # the lane of the demonstrated pass
+        self.passes_s = 0.0
 
     def longest(self, whole: Pass, spare_s: float) -> tuple[Pass, float]:
         """A pass from where it begins, as far as there is time for it, and the seconds that it takes."""
@@ -166,8 +168,9 @@ class _Tour:
                 break
         return part, taken_s
 
-    def append(self, one: Pass) -> None:
+    def append(self, one: Pass, taken_s: float) -> None:
         """Fly a pass after what is there."""
+        self.passes_s += taken_s
         self.pieces.append(_spaced(self._flown_piece(one), self.step_m))
         self.own[one.rows] = one.own
 
@@ -214,7 +217,7 @@ class _Tour:
         )
         added = np.concatenate([np.full(len(part.path), part.added) for part in parts])
         origin = np.concatenate([part.origin for part in parts])
-        return Extended(Flown(positions, np.unwrap(yaw), pitch), origin, added)
+        return Extended(Flown(positions, np.unwrap(yaw), pitch), origin, added, self.passes_s)
 
     def _aside(self, piece: _Piece) -> _Piece:
         """A piece of the demonstrated pass on the lane that it is flown on."""

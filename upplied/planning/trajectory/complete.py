@@ -33,7 +33,6 @@ _LEAST_TURN_RAD = (
 _HALVINGS = 20  # of the way to the demonstrated shape
 _WORTHWHILE = 0.01  # share of the need, that added passes must show more: as near as coverage is known
 _LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
-_NEARLY = 0.01  # of the time there is, that may be left
 _TRIES = 5  # of adding passes: fewer, where they take too long
 
 
@@ -158,22 +157,16 @@ def _longer(
     RefusedError
         If it is enough alone, or its passes cannot be made safe.
     """
-    allowed_s = most_s * beside.own_s / max(timer.seconds_of(*beside.alone), 1e-3)
-    low_s, high_s, longest = beside.own_s, np.inf, None
+    alone_s = timer.seconds_of(*beside.alone)
+    spare_s = (most_s - alone_s) * beside.own_s / max(alone_s, 1e-3)
     for _ in range(_TRIES):
-        longer, prices = beside.with_passes(allowed_s, most, prices)
+        longer, prices = beside.with_passes(spare_s, most, prices)
         longer = replace(longer, path=replace(longer.path, positions=safe(longer.path.positions)))
-        left_s = most_s - timer.seconds_of(longer.path, longer.origin, longer.added)
-        if left_s >= 0:
-            low_s, longest = allowed_s, longer
-            if left_s < _NEARLY * most_s or not np.isfinite(high_s):
-                break
-        else:
-            high_s = allowed_s
-        allowed_s = float(np.clip(allowed_s + left_s, low_s, min(high_s, allowed_s + abs(left_s))))
-    if longest is None:
-        raise RefusedError("added passes", "take too long however few", "some do not", "plan without")
-    return longest, prices
+        taken_s = timer.seconds_of(longer.path, longer.origin, longer.added)
+        if taken_s <= most_s:
+            return longer, prices
+        spare_s = longer.passes_s * (most_s - alone_s) / (taken_s - alone_s)
+    raise RefusedError("added passes", "take too long however few", "some do not", "plan without")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
