@@ -79,7 +79,7 @@ def test_a_sound_catalog_has_no_findings(catalog):
 @pytest.mark.parametrize(
     ("table", "change", "words"),
     [
-        ("waypoints", lambda rows: rows.iloc[1:], "59 steps, the row says 60"),
+        ("waypoints", lambda rows: rows.iloc[1:], "59 steps are stored, the row says 60"),
         (
             "waypoints",
             lambda rows: rows.assign(x_m=rows["x_m"].where(rows.index != 7, 0.0)),

@@ -11,7 +11,7 @@ from catalog_records import demonstration, key_of, plan, structure
 from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
-from upplied.catalog.store.errors import remedy_of
+from upplied.catalog.store.files import remedy_of
 from upplied.checks import pair_name
 from upplied.cli import main
 from upplied.errors import CatalogError, InputError

@@ -18,8 +18,7 @@ from upplied.config import Settings
 from upplied.errors import CatalogError, RefusedError, UppliedError
 from upplied.findings.looks import Spot, off_surface, plane_axes
 from upplied.findings.sampled import Carried, Near, about, carried_samples
-from upplied.fleet.decisions import PlanRequest, SettingsOf
-from upplied.fleet.siblings import SiblingsOf
+from upplied.fleet.decisions import PlanRequest, SettingsOf, SiblingsOf
 from upplied.planning.correspondence.memo import content_key
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.correspondence.siblings import study

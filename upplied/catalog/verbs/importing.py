@@ -184,9 +184,9 @@ def _by_owner(steps: pa.Table) -> dict[tuple[str, str], pa.Table]:
 def _steps(place: Path, found: dict[tuple[str, str], pa.Table], name: str, row: Row) -> pa.Table:
     """The steps of a row, checked against it."""
     key = TABLES[name].names[0]
-    steps = found.get((row[key], row["commit_id"]))
-    hashes = {(row[key], row["commit_id"]): row[f"{name}_sha256"]}
-    if steps is None or len(steps) != row[f"n_{name}"] or any(unlike(name, steps, hashes)):
+    owner = (row[key], row["commit_id"])
+    steps = found.get(owner, TABLES[name].schema.empty_table())
+    if any(unlike(name, steps, {owner: (row[f"n_{name}"], row[f"{name}_sha256"])})):
         raise CatalogError(f"{place}: {name} of {row[key]}", "do not match their row")
     return steps
 

@@ -13,7 +13,7 @@ import pyarrow.dataset as ds
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.store.errors import explained
+from upplied.catalog.store.files import explained
 from upplied.records import Ints
 
 PAIR = ["demonstration_id", "target_id", "preset"]

@@ -142,11 +142,9 @@ def steps(table: StoredTable, row: Row) -> pa.Table:
     own = (pc.field("commit_id") == row["commit_id"]) & (pc.field(name) == row[name])
     found = table.read(own, commits=[row["commit_id"]])
     found = found.take(pc.sort_indices(found["seq"]))
-    what, remedy = f"{declared.name} of {row[name]}", "take the damaged files from a backup"
-    if len(found) != count:
-        raise CatalogError(what, f"{len(found)} steps are stored, the row says {count}", "", remedy)
-    hashes = {(row[name], row["commit_id"]): row[f"{declared.name}_sha256"]}
-    for _, wrong in unlike(declared.name, found, hashes):
+    stated = {(row[name], row["commit_id"]): (count, row[f"{declared.name}_sha256"])}
+    for _, wrong in unlike(declared.name, found, stated):
+        what, remedy = f"{declared.name} of {row[name]}", "take the damaged files from a backup"
         raise CatalogError(what, wrong, "", remedy)
     return found
 

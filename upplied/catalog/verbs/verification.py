@@ -15,9 +15,8 @@ from upplied.catalog.schema.tables import ROW_SHA256, STEPS, TABLES, Column
 from upplied.catalog.store.chain import breaks
 from upplied.catalog.store.contents import NAMED_CONTENTS
 from upplied.catalog.store.data_files import encoded
-from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.delta import HASHED_KEY, StoredTable
 from upplied.catalog.store.files import FileStore
-from upplied.catalog.store.log import HASHED_KEY
 from upplied.catalog.store.log_hashes import rows_added
 from upplied.catalog.verbs.byte_checks import Fault, Folder, changed_files, fault_of, stored_contents
 from upplied.catalog.verbs.custody import alterations
