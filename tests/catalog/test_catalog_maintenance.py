@@ -19,8 +19,8 @@ from upplied.catalog.database import Catalog
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store import delta, merging
+from upplied.catalog.store.data_files import decoded
 from upplied.catalog.verbs import verification
-from upplied.catalog.verbs.queries import decoded
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Cloud
 

@@ -21,9 +21,9 @@ import pyarrow.parquet as pq
 
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import TABLES, Table
+from upplied.catalog.store.data_files import decoded
 from upplied.catalog.verbs import owned, queries
 from upplied.catalog.verbs.generations import Before
-from upplied.catalog.verbs.queries import decoded
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.records import Floats, Ints

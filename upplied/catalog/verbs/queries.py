@@ -21,6 +21,7 @@ import pyarrow.dataset as ds
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
+from upplied.catalog.store.data_files import decoded
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs.ordering import NEWEST
 from upplied.errors import CatalogError, SettingsError
@@ -46,15 +47,6 @@ def frame(table: pa.Table) -> pd.DataFrame:
     units = {field.name: field.metadata[b"unit"].decode() for field in table.schema if field.metadata}
     rows.attrs["units"] = Units(units)
     return rows
-
-
-def decoded(table: pa.Table) -> pa.Table:
-    """A table whose dictionaries are plain columns again."""
-    for at, field in enumerate(table.schema):
-        if pa.types.is_dictionary(field.type):
-            plain = field.with_type(field.type.value_type)
-            table = table.set_column(at, plain, table.column(at).cast(plain.type))
-    return table
 
 
 def moment(when: When) -> pd.Timestamp:
