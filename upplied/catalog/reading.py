@@ -157,7 +157,7 @@ class Reading:
                 used["demonstrations"] = "demonstration_id"
             for name, column in used.items():
                 gone = ordering.retired(tables[name], until("added_at", as_of))
-                plans = plans[~plans[column].isin(gone)]
+                plans = plans[~plans[column].isin(gone)] if gone else plans
         if status is not None:
             plans = plans[plans["status"] == status]
         if since is not None:

@@ -62,7 +62,8 @@ def step_files(name: str, owners: pd.DataFrame) -> Parted:
     """The files of `waypoints` or `poses`, of these owners, each with its `kind` and `target_id`."""
     key = TABLES[name].names[0]
     names = [key, "commit_id", f"{name}_sha256", f"n_{name}"]
-    owners = owners[[*names, "kind", "target_id"]].sort_values(key)  # of each one row
+    order = pc.sort_indices(pa.array(owners[key], pa.string())).to_numpy()  # of each there is one row
+    owners = owners[[*names, "kind", "target_id"]].iloc[order]
     return _files(name, owners, names, owners[f"n_{name}"].to_numpy(), _STEPS)
 
 

@@ -140,11 +140,10 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
             if not now.has_same(name, before) or not was.linked(draft, f"{name}.parquet", now):
                 _put_frame(was, draft, name, frame(), now)
         for name, files in parts.items():
-            now.parts |= dict.fromkeys(files.files, "")
             new = files.of([file for file in sorted(files.files) if not was.linked(draft, file, now)])
             for file, rows in parted.rows_of(catalog, was, name, new):
                 write(draft / file, TABLES[name], iter([rows]))
-        if before is None or (before.parts, before.catalog) != (now.parts, now.catalog):
+        if not was.is_as(now, [file for files in parts.values() for file in files.files]):
             switch(place, draft, now)
     except OSError as error:
         remedy = "free space or rights; what was there still is"

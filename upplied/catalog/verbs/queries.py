@@ -25,7 +25,7 @@ from upplied.catalog.store.data_files import decoded
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs.ordering import NEWEST
 from upplied.errors import CatalogError, SettingsError
-from upplied.records import Floats, Trajectory
+from upplied.records import Bools, Floats, Trajectory
 
 When = datetime | str
 
@@ -160,11 +160,15 @@ def versions(
     return found.reset_index(drop=True)
 
 
-def _repeated(ordered: pd.DataFrame) -> pd.Series:
-    """Which rows say the same as the one before, apart from when and by which commit they were added."""
+def _repeated(ordered: pd.DataFrame) -> Bools:
+    """Which rows (N,) say the same as the one before, apart from when and by which commit they were added."""
+    names = ordered.iloc[:, 0]
+    again = np.flatnonzero(names == names.shift())  # versions of one id, which are few
     said = ordered.drop(columns=list(rows.ADDED))
-    before = said.shift()
-    return ((said == before) | (said.isna() & before.isna())).all(axis=1)
+    now, before = (said.iloc[at].reset_index(drop=True) for at in (again, again - 1))
+    repeated = np.zeros(len(ordered), bool)
+    repeated[again] = ((now == before) | (now.isna() & before.isna())).all(axis=1)
+    return repeated
 
 
 def moment_of(table: StoredTable, version: int) -> When | None:
