@@ -114,7 +114,7 @@ def unlike(
     `stated` is how many the row of each owner (id and commit) says, and their hash.
     """
     key = TABLES[name].names[0]
-    starts = _starts(steps, (key, "commit_id"))
+    starts = run_starts(steps, (key, "commit_id"))
     firsts = steps.select([key, "commit_id"]).take(pa.array(starts))
     names = list(zip(*(column.to_pylist() for column in firsts.columns), strict=True))
     stops = np.append(starts[1:], len(steps))
@@ -152,8 +152,8 @@ def unlike(
                 yield owner[0], "the steps do not match the hash in their row"
 
 
-def _starts(rows: pa.Table, names: tuple[str, ...]) -> Ints:
-    """Where one of these texts is another one than in the row before."""
+def run_starts(rows: pa.Table, names: tuple[str, ...]) -> Ints:
+    """Where one of these texts is another one than in the row before: rows of one owner lie together."""
     if not len(rows):
         return np.empty(0, np.int64)
     differs = np.zeros(len(rows), bool)

@@ -10,7 +10,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from upplied.catalog.schema.steps import unlike
+from upplied.catalog.schema.steps import run_starts, unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.errors import CatalogError
 
@@ -53,14 +53,18 @@ def stored_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> pa.Table:
     key = TABLES[name].names[0]
     if not len(owners):
         return TABLES[name].schema.empty_table()
-    ids = pa.array(list(owners[key]), pa.string())
-    ends = pc.min_max(ids).as_py()
-    where = (pc.field(key) >= ends["min"]) & (pc.field(key) <= ends["max"]) & pc.field(key).isin(ids)
-    commits = owners["commit_id"].unique()
-    stored = pa.concat_tables(catalog.tables[name].batches(TABLES[name].names, where, commits=commits))
-    place = pc.index_in(named(stored, key), named(owners, key)).fill_null(-1).to_numpy()
-    order = np.lexsort((stored["seq"].to_numpy(), place))
-    return stored.take(pa.array(order[np.count_nonzero(place < 0) :]))
+    table, commits, where = catalog.tables[name], owners["commit_id"].unique(), None
+    dataset = table.dataset(commits=commits)
+    if dataset is not None and 2 * owners[f"n_{name}"].sum() < dataset.count_rows():  # else most are wanted
+        ids = pa.array(list(owners[key]), pa.string())
+        ends = pc.min_max(ids).as_py()
+        where = (pc.field(key) >= ends["min"]) & (pc.field(key) <= ends["max"]) & pc.field(key).isin(ids)
+    stored = pa.concat_tables(table.batches(TABLES[name].names, where, commits=commits))
+    starts = run_starts(stored, (key, "commit_id"))
+    place = pc.index_in(named(stored.take(pa.array(starts)), key), named(owners, key)).fill_null(-1)
+    place = np.repeat(place.to_numpy(), np.diff(starts, append=len(stored)))
+    order = np.lexsort((stored["seq"].to_numpy(), place))[np.count_nonzero(place < 0) :]
+    return stored if np.array_equal(order, np.arange(len(stored))) else stored.take(pa.array(order))
 
 
 def named(rows: pa.Table | pd.DataFrame, key: str) -> pa.Array:
