@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta
 from io import BytesIO
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -65,7 +66,7 @@ def encoded(rows: pa.Table) -> pa.Table:
     for at, field in enumerate(rows.schema):
         if pa.types.is_string(field.type) and field.name not in _NAMES:
             rows = rows.set_column(at, field.name, rows.column(at).dictionary_encode())
-    return rows.take(pa.array(range(len(rows)), pa.int64()))
+    return rows.take(pa.array(np.arange(len(rows))))
 
 
 def decoded(rows: pa.Table) -> pa.Table:

@@ -112,8 +112,8 @@ def switch(place: Path, draft: Path, now: Generation) -> None:
         json.dump(asdict(now), sink, indent=0, sort_keys=True)
         sink.flush()
         os.fsync(sink.fileno())
-    for folder in [path for path in draft.rglob("*") if path.is_dir()] + [draft]:
-        sync_path(folder)
+    for folder, _, _ in os.walk(draft):
+        sync_path(Path(folder))
     name = f"g{max([int(path.name[1:]) for path in _generations(tables)], default=0) + 1:06d}"
     os.replace(draft, tables / name)
     _link(tables / "current", name)

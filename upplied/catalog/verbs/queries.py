@@ -164,10 +164,11 @@ def _repeated(ordered: pd.DataFrame) -> Bools:
     """Which rows (N,) say the same as the one before, apart from when and by which commit they were added."""
     names = ordered.iloc[:, 0]
     again = np.flatnonzero(names == names.shift())  # versions of one id, which are few
-    said = ordered.drop(columns=list(rows.ADDED))
-    now, before = (said.iloc[at].reset_index(drop=True) for at in (again, again - 1))
     repeated = np.zeros(len(ordered), bool)
-    repeated[again] = ((now == before) | (now.isna() & before.isna())).all(axis=1)
+    if len(again):
+        said = (ordered.iloc[at].drop(columns=list(rows.ADDED)) for at in (again, again - 1))
+        now, before = (each.reset_index(drop=True) for each in said)
+        repeated[again] = ((now == before) | (now.isna() & before.isna())).all(axis=1)
     return repeated
 
 
