@@ -120,5 +120,5 @@ def _row_bytes(table: StoredTable, delta: DeltaTable, files: list[File]) -> floa
     """What a row takes in memory, bytes, estimated from some."""
     if not files:
         return 0.0
-    some = table.rows_in(delta, [files[0]["path"]]).head(_ROWS_WEIGHED)
+    some = table.rows_in(delta, [files[0]["path"]]).head(_ROWS_WEIGHED, use_threads=False)
     return some.nbytes / max(len(some), 1)
