@@ -56,8 +56,8 @@ class Parted:
 
 def plan_files(plans: pd.DataFrame) -> Parted:
     """The files of `transfers`."""
-    told = [*NAMED[:3], *DERIVED]  # all else that a row says follows from its commit
-    return _files("transfers", plans, told, np.ones(len(plans)), _PLANS)
+    columns = [*NAMED[:3], *DERIVED]  # all else that a row says follows from its commit
+    return _files("transfers", plans, columns, np.ones(len(plans)), _PLANS)
 
 
 def step_files(name: str, owners: pd.DataFrame) -> Parted:
@@ -69,11 +69,11 @@ def step_files(name: str, owners: pd.DataFrame) -> Parted:
     return _files(name, owners, names[:2], owners[f"n_{name}"].to_numpy(), _STEPS)
 
 
-def _files(name: str, rows: pd.DataFrame, told: list[str], weight: Floats, most: int) -> Parted:
+def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, most: int) -> Parted:
     """Rows by file, so that each file has about so much weight; it is named by some columns of its rows."""
     rows.attrs.clear()  # which pandas copies with every choice of rows
     made_of = digest([SCHEMA_VERSION, TABLES[name].names])
-    texts = _texts(rows[told])
+    texts = _texts(rows[columns])
     found: dict[str, Ints] = {}
     for kind, at in rows.groupby("kind").indices.items():
         folder = f"{name}.parquet/{check_id(str(kind), 'kind')}"

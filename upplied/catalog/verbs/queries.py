@@ -166,8 +166,8 @@ def _repeated(ordered: pd.DataFrame) -> Bools:
     again = np.flatnonzero(names == names.shift())  # versions of one id, which are few
     repeated = np.zeros(len(ordered), bool)
     if len(again):
-        said = (ordered.iloc[at].drop(columns=list(rows.ADDED)) for at in (again, again - 1))
-        now, before = (each.reset_index(drop=True) for each in said)
+        pairs = (ordered.iloc[at].drop(columns=list(rows.ADDED)) for at in (again, again - 1))
+        now, before = (each.reset_index(drop=True) for each in pairs)
         repeated[again] = ((now == before) | (now.isna() & before.isna())).all(axis=1)
     return repeated
 
