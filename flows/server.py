@@ -190,9 +190,12 @@ def stop(
         except subprocess.TimeoutExpired:
             continue
     _signal_group(process, signal.SIGKILL)  # a child that outlived its parent
-    for left in psutil.wait_procs(seen, patience_s)[1]:
+    deadline = time.monotonic() + patience_s
+    while (left := [*filter(_lives, seen)]) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    for each in left:
         with suppress(psutil.Error):
-            left.kill()
+            each.kill()
 
 
 def offspring(pid: int) -> list[psutil.Process]:
@@ -200,6 +203,13 @@ def offspring(pid: int) -> list[psutil.Process]:
     with suppress(psutil.Error):
         return list(psutil.Process(pid).children(recursive=True))
     return []
+
+
+def _lives(process: psutil.Process) -> bool:
+    """Whether a process goes on; one that has ended may wait for a parent that is gone to ask how."""
+    with suppress(psutil.Error):
+        return bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
+    return False
 
 
 def _signal_group(process: subprocess.Popen[bytes], sign: signal.Signals) -> None:
