@@ -29,7 +29,8 @@ from upplied.fleet import manifest as shards
 
 from . import pool
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 RECALLED = "upplied.plan.recalled"  # the event of a plan in force that is not safe any more
 RUNS: dict[str, fleet.Run] = {}  # of this process, by run id
