@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from upplied.geometry.poses import from_yaw_pitch, look_at, yaw_pitch
 from upplied.planning.airspace.roadmap import Roadmap, links
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.observations import TRULY
+from upplied.proof.inspected import narrowed
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 
 _TILTS_DEG = (0.0, 4.0, 8.0, 14.0, 20.0, 28.0, 36.0, 45.0, 55.0, 65.0)  # from the wanted direction
@@ -78,12 +79,7 @@ def best_look(
 
 def shows(poses: Trajectory, spot: Spot, camera: Camera, graph: Roadmap, mm_px: float) -> Bools:
     """Which poses (P,) show a spot well inside the picture, at that ground sample distance at most."""
-    narrow = replace(
-        camera,
-        hfov_deg=max(camera.hfov_deg - 2 * _MARGIN_DEG, camera.hfov_deg / 2),
-        vfov_deg=max(camera.vfov_deg - 2 * _MARGIN_DEG, camera.vfov_deg / 2),
-    )
-    cloud = Cloud(spot.place[None], spot.normal[None])
+    cloud, narrow = Cloud(spot.place[None], spot.normal[None]), narrowed(camera, _MARGIN_DEG)
     seen = visible(poses.positions, poses.quat_xyzw, cloud, narrow, TRULY, graph.airspace.scene).seen[:, 0]
     for at in np.flatnonzero(seen):
         pose = poses.positions[at], poses.quat_xyzw[at]
