@@ -16,7 +16,7 @@ from upplied.errors import RefusedError
 from upplied.findings.adding import on_surface
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, spot_of
-from upplied.findings.rays import footprint_m
+from upplied.findings.rays import footprint_m, size_px
 from upplied.findings.viewing import Wanted, best_look, shows
 from upplied.fleet.decisions import PlanRequest, SettingsOf
 from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
@@ -44,7 +44,8 @@ from upplied.records import (
 )
 
 _SHOWN = 1  # of SURFACE_STATES
-_FINDING = ("finding_id", "x_m", "y_m", "z_m", "normal_json", "outline_json", "camera_json", "place_error_m")
+_FINDING = ("finding_id", "x_m", "y_m", "z_m", "normal_json", "outline_json", "camera_json", "place_error_m",
+            "width_px", "height_px")  # fmt: skip
 _ALIKE_DEG = 5.0  # between looks at a place: one pose may then show several findings
 _AS_WANTED_DEG, _AS_NEAR = 1.0, 1.02  # off the reference view, that is not worth a word
 
@@ -110,15 +111,22 @@ def plan_reshoot(catalog: Catalog, rows: Sequence[dict[str, Any]], structure_id:
 def depends_on(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_px: float) -> list[Any]:
     """All that a mission depends on; parameters as those of `mission`."""
     target_id = base.target.structure_id
-    findings = [[row[name] if row[name] == row[name] else None for name in _FINDING] for row in rows]
+    findings = [[_plain(row[name]) for name in _FINDING] for row in rows]
     sources = sorted({str(row["target_id"]) for row in rows} - {target_id})
     pairs = [carrying.pair_key(source, target_id) for source in sources]
     return [findings, pairs, mm_px, method(), base.settings.sha256, *base.sha256, base.of_plan]
 
 
+def _plain(value: Any) -> Any:
+    """A value of a row as JSON has it; none where it is missing."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return value if value == value else None
+
+
 def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_px: float) -> Reshot:
     """A mission that shows the places of findings on a structure; parameters as those of `plan_reshoot`."""
     structure_id = base.target.structure_id
+    base, words = _sized(base, rows)
     wanted, refused = wanted_looks(carrying, rows, base.target)
     supposed = base.about["supposed"]
     route = base.settings.route
@@ -151,7 +159,7 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
             f"a mission to {structure_id}", "; ".join(broken), "a safe flight", "ask for fewer"
         )
     headline = f"shows {len(reachable)} of {len(rows)} findings on {tour.length_m:.0f} m"
-    words = [f"{headline} (by known safe legs at least {tour.bound_m:.0f} m)"]
+    words = [f"{headline} (by known safe legs at least {tour.bound_m:.0f} m)", *words]
     words += [_words(one, look, base.camera) for one, look in looks.items()]
     words += refused
     ids = sorted(one.finding_id for one in reachable)
@@ -209,6 +217,18 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
     about = {"demonstration_id": demonstration.demonstration_id, "target_id": structure_id, **ends}
     hashes = demonstration.sha256, source_sha256, target.sha256
     return Base(target, demonstration.camera, settings, pace, about, hashes, of_plan)
+
+
+def _sized(base: Base, rows: Sequence[dict[str, Any]]) -> tuple[Base, list[str]]:
+    """The base with a camera whose pixels are known: else those of a finding's photo, which is said."""
+    if base.camera.width_px:
+        return base, []
+    stated = ([row.get(name) for name in ("width_px", "height_px")] for row in rows)
+    known = [tuple(map(int, size)) for size in stated if all(value and value == value for value in size)]
+    width, height = known[0] if known else size_px(base.camera)
+    whose = "as a photo of a finding" if known else "as cameras usually have"
+    text = f"the pixels of the camera are not known: {width} x {height} px, {whose}"
+    return replace(base, camera=replace(base.camera, width_px=width, height_px=height)), [text]
 
 
 def wanted_looks(
