@@ -223,8 +223,8 @@ def _sized(base: Base, rows: Sequence[dict[str, Any]]) -> tuple[Base, list[str]]
     """The base with a camera whose pixels are known: else those of a finding's photo, which is said."""
     if base.camera.width_px:
         return base, []
-    stated = ([row.get(name) for name in ("width_px", "height_px")] for row in rows)
-    known = [tuple(map(int, size)) for size in stated if all(value and value == value for value in size)]
+    stated = [(row["width_px"] or np.nan, row["height_px"] or np.nan) for row in rows]
+    known = [(int(width), int(height)) for width, height in stated if np.isfinite([width, height]).all()]
     width, height = known[0] if known else size_px(base.camera)
     whose = "as a photo of a finding" if known else "as cameras usually have"
     text = f"the pixels of the camera are not known: {width} x {height} px, {whose}"

@@ -167,7 +167,8 @@ def toured(
         If no safe way joins the poses.
     """
     apart = safe_lengths(graph, poses.positions)
-    seen = seen & np.isfinite(apart[np.isfinite(apart).sum(axis=1).argmax()])[:, None]
+    joined = np.isfinite(apart) & seen.any(axis=1)  # of poses that see something, as many as can be
+    seen = seen & joined[joined.sum(axis=1).argmax()][:, None]
     covered = np.asarray(seen.any(axis=0), bool)
     chosen = short_tour(apart, seen[:, covered])
     line, at = _way_by(poses, chosen, graph)
