@@ -16,7 +16,7 @@ app = App(
     name="findings", help="Place findings on structures, see them again, and find the same place elsewhere."
 )
 LISTED = LABELS["findings"]
-SPARE = ("note", "severity", "by", "doubt")
+SPARE = ("note", "severity", "by")
 PhotoOption = Annotated[str, Parameter(help="Name or path of a registered photo.")]
 TimeOption = Annotated[float | None, Parameter(help="Seconds from its first pose, in place of a photo.")]
 PixelOption = Annotated[tuple[float, float] | None, Parameter(help="X and Y, px from the upper left.")]
@@ -226,6 +226,8 @@ def carry(
         carrying = Carrying(store, status.update)
         spots = photographed(store, row, to, mm_px, since, every=every, carrying=carrying)
     results.show_frame(f"finding {row['finding_id']} elsewhere", spots, LABELS["carried"], SPARE)
+    for name, part, doubt in spots.loc[spots["doubt"] != "", ["structure_id", "part", "doubt"]].to_numpy():
+        results.say(f"{name}, part {part}: {doubt}")
     return 0
 
 

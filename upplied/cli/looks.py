@@ -27,10 +27,10 @@ class LookResults(Results):
 
     def show_looks(self, store: Catalog, title: str, spot: Spot) -> int:
         """Print the looks at a place, and write the crops; 1 where a photo is missing."""
-        from upplied.findings.looks import looks_at_spot, looks_frame
+        from upplied.findings.looks import FLOWN, looks_at_spot, looks_frame
 
         with errors.status("casting rays"):
-            looks = looks_at_spot(store, spot, self.simulated)
+            looks = looks_at_spot(store, spot, (*FLOWN, *["simulated"] * self.simulated))
         frame = looks_frame(looks)
         sides = frame[["left_px", "top_px", "right_px", "bottom_px"]].round(0)
         frame["box"] = [" ".join(f"{side:.0f}" for side in row) for row in sides.to_numpy()]

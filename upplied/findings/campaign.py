@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Sequence
 from typing import Any
@@ -78,7 +79,8 @@ def plan_campaign(
         status, words = catalog.settled([job.key]).get(job.key, ("failed", "its inputs changed"))
         if status == "ok":
             plan = plans[id_of(job.key)]
-            shown = next((text for text in plan["warnings"] if text.startswith("finding ")), "")
+            texts = json.loads(plan["warnings"] or "[]")
+            shown = next((text for text in texts if text.startswith("finding ")), "")
             status = str(plan["state"])
             words = f"{plan['transfer_id']}; {'planned before' if job.key in before else shown}"
         results.append({"structure_id": job.target_id, "status": status, "words": words})

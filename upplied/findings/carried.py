@@ -313,23 +313,14 @@ def _nowhere(count: int) -> Counterparts:
 def _turn(spots: Floats, ring: Floats, carried: Floats, normal: Floats, known: Bools) -> Floats:
     """The orthogonal matrices (N, 3, 3) that turn directions about spots into those about their counterparts.
 
-    In the plane they are the orthogonal factor of the linear map of the ring of samples about a spot; of a
-    matrix of 2 by 2 it is the sum with its cofactors, or the difference where it mirrors, but for its length.
+    In the plane they are the orthogonal factor of the linear map of the ring of samples about a spot.
     """
     here, there = (np.stack([*plane_axes(up), up], axis=-1) for up in (spots[:, 3:], normal))
     flat, moved = (np.einsum("nki,nij->nkj", each[:, 1:], axes)[..., :2] * known[..., None]
                    for each, axes in ((ring, here), (carried, there)))  # fmt: skip
-    spread = _cofactors(np.einsum("nki,nkj->nij", flat, flat))  # as its inverse, but for a positive factor
-    linear = np.einsum("nki,nkj->nij", moved, flat) @ spread
-    factor = linear + np.sign(np.linalg.det(linear))[:, None, None] * _cofactors(linear)
-    length = np.hypot(factor[:, 0, 0], factor[:, 1, 0])
+    inverse = np.linalg.pinv(np.einsum("nki,nkj->nij", flat, flat), hermitian=True)
+    left, size, right = np.linalg.svd(np.einsum("nki,nkj->nij", moved, flat) @ inverse)
     plane = np.repeat(np.eye(3)[None], len(spots), axis=0)
-    enough = (known.sum(axis=1) >= 3) & (length > 0)
-    plane[enough, :2, :2] = factor[enough] / length[enough, None, None]
+    enough = (known.sum(axis=1) >= 3) & (size[:, 1] > 0)
+    plane[enough, :2, :2] = (left @ right)[enough]
     return np.asarray(there @ plane @ here.transpose(0, 2, 1))
-
-
-def _cofactors(matrices: Floats) -> Floats:
-    """Of matrices (N, 2, 2)."""
-    (a, b), (c, d) = matrices.transpose(1, 2, 0)
-    return np.array([[d, -c], [-b, a]]).transpose(2, 0, 1)

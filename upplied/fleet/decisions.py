@@ -19,7 +19,7 @@ import pandas as pd
 import pyarrow as pa
 
 from upplied.catalog import Catalog
-from upplied.catalog.schema.plan_rows import transfer_id
+from upplied.catalog.schema.plan_rows import is_foreign, transfer_id
 from upplied.catalog.schema.rows import json_text
 from upplied.catalog.verbs import belonging, required
 from upplied.checks import check_id, suggested
@@ -260,7 +260,8 @@ class Past:
     @cached_property
     def _rows(self) -> pa.Table:
         """The newest plan of each demonstration, target and preset; a quiet night never asks."""
-        return self._catalog.newest_plans([*_SLOT, *_CHANGES.values(), *_PROGRAM]).combine_chunks()
+        columns = [*_SLOT, *_CHANGES.values(), *_PROGRAM, "imported_from"]
+        return self._catalog.newest_plans(columns).combine_chunks()
 
     @cached_property
     def _places(self) -> dict[tuple[str, ...], int]:
@@ -277,7 +278,7 @@ class Past:
         # Texts are missing in rows of before there was such a column.
         before = {name: self._rows[name][place].as_py() or "" for name in self._rows.column_names}
         if before["transfer_id"] == transfer_id(key):
-            return "failed before"
+            return "imported, not measured here" if is_foreign(before) else "failed before"
         others = json_text([list(one) for one in siblings]) if siblings else ""
         now = (demonstration.sha256, source.sha256, target.sha256, settings.sha256, others)
         compared = zip(_CHANGES.items(), now, strict=True)

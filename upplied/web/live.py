@@ -22,7 +22,7 @@ from upplied.outputs.publish import PAGES
 from upplied.outputs.render import brief_transfer, export_transfer
 from upplied.outputs.site import Site
 from upplied.planning.surface.samples import surface_samples
-from upplied.proof.pictured import pictured
+from upplied.proof.inspected import pictured
 from upplied.records import Camera, Cloud, Structure, Trajectory
 from upplied.web.requests import Decisions
 
