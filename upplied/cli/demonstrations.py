@@ -60,6 +60,8 @@ def add(
         structure_id=structure, points=_points(register), start_s=start, stop_s=stop,
         kind=kind, unit_m=unit_m,
     )  # fmt: skip
+    if dry_run and where.opened().identity.id is None:
+        say(f"no catalog at {where.location} yet: no structure is known to check a flight against")
     with progress("reading flights", len(find_logs(logs))) as advance:
         ingested = fleet.ingest_demonstrations(
             where.opened(), logs, workers, lambda _: advance(), options=options, dry_run=dry_run

@@ -23,8 +23,8 @@ from upplied.fleet.zone_gaps import zones_left_out
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.scene import Scene, scene_of
 from upplied.geometry.supposed_scene import scene_for
+from upplied.inputs.columns import photo_times
 from upplied.inputs.flight.clean import STEPPED
-from upplied.inputs.photos import photo_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.align import Alignment

@@ -5,8 +5,6 @@ that stand for fractions are not scaled, a child of a camera loses its place, an
 twice is placed once.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -174,10 +172,8 @@ def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
         for primitive in surfaces:
             named = [primitive["attributes"]["POSITION"]]
             named += [primitive["indices"]] if "indices" in primitive else []
-            if (
-                any(not 0 <= number < len(accessors) for number in named)
-                or accessors[named[0]]["type"] != "VEC3"
-            ):
+            known = all(0 <= number < len(accessors) for number in named)
+            if not known or accessors[named[0]]["type"] != "VEC3":
                 raise source.error("a primitive has no positions", "a complete file")
             if any("sparse" in accessors[n] or "bufferView" not in accessors[n] for n in named):
                 raise source.error("uses sparse accessors", "plain accessors", "export it without sparse")
