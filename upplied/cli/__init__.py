@@ -25,15 +25,13 @@ from upplied.cli import (
     flights,
     fly,
     keys,
-    looks,
+    pages,
     quickstart,
     recommend,
     render,
-    report,
     review,
     serve,
     structures,
-    studio,
     transfer,
 )
 from upplied.cli.terminal import console, errors
@@ -66,11 +64,11 @@ _GROUPS = {  # of the help, in the order in which a newcomer needs them
         *(declared.set_, declared.settings, declared.require, declared.zones),
     ),
     "Review": (
-        *(studio.studio, report.report, render.app),
+        *(pages.studio, pages.report, render.app),
         *(review.review, review.release, review.reject, review.edit),
     ),
     "Fly": (fly.fly, export.export, export.brief, flights.app),
-    "Findings": (findings.app, looks.looks, findings.reshoot),
+    "Findings": (findings.app, findings.looks, findings.reshoot),
     "Fleet": (review.in_force, serve.fleet, keys.app),
     "Service": (quickstart.quickstart, serve.serve, serve.deploy, serve.watch, doctor.doctor),
 }

@@ -35,11 +35,11 @@ def doctor(*, results: Results = PRINTED) -> int:
 
 def _tried(check: Callable[[], str]) -> dict[str, str]:
     try:
-        return {"result": "good", "found": check()}
+        return {"result": "good", "details": check()}
     except ModuleNotFoundError as error:  # a package's metadata is missing with the same error
-        return {"result": "bad", "found": f"{error.name} is not installed: {_INSTALL}"}
+        return {"result": "bad", "details": f"{error.name} is not installed: {_INSTALL}"}
     except Exception as error:
-        return {"result": "bad", "found": f"{error}"}
+        return {"result": "bad", "details": f"{error}"}
 
 
 def _system() -> str:

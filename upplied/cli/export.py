@@ -9,7 +9,6 @@ from cyclopts import Parameter
 
 from upplied.cli.options import PlanArgument
 from upplied.cli.terminal import HERE, Where, beside, errors, hint, say
-from upplied.outputs.labels import LABELS
 from upplied.outputs.mission_options import MissionOptions
 
 Format = Literal["qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"]
@@ -32,6 +31,7 @@ def export(
     Each flight is a file. Vehicle and clearance come from the parameters of the plan (`upplied settings`)
     unless an option overrides them.
     """
+    from upplied.outputs.missions.flying import OPENED_IN
     from upplied.outputs.render import export_transfer
 
     with errors.status("writing the mission"):
@@ -40,7 +40,7 @@ def export(
         say(path)
     for note in written.notes:
         say(f"note: {note}")
-    hint(f"Next: read the notes, then open the mission in {LABELS['opened_in'][to]}")
+    hint(f"Next: read the notes, then open the mission in {OPENED_IN[to]}")
     return 0
 
 

@@ -7,6 +7,11 @@ from typing import Annotated
 from cyclopts import Parameter
 
 WorkersOption = Annotated[int, Parameter(help="Number of processes; 0 uses one per core.")]
+XArgument = Annotated[float, Parameter(help="X of the point, m, in the frame of the structure.")]
+YArgument = Annotated[float, Parameter(help="Y of the point, m.")]
+ZArgument = Annotated[float, Parameter(help="Z of the point, m.")]
+DemonstrationArgument = Annotated[str, Parameter(help="ID of the demonstration.")]
+PersonArgument = Annotated[str, Parameter(help="Name of the person.")]
 ByOption = Annotated[str, Parameter(help="Your name, stored with the decision.")]
 NoteOption = Annotated[str, Parameter(help="Reason, shown on the page of the plan.")]
 AllowOption = Annotated[tuple[str, ...], Parameter(help="Name of a rule to overrule; repeatable.")]

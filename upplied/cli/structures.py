@@ -99,7 +99,7 @@ def show_(structure: StructureArgument, /, *, results: Results = PRINTED) -> int
     if results.json:
         results.show("", [facts | {"size_m": size, "verdicts": [asdict(one) for one in verdicts]}])
         return 0
-    results.show(structure, [{"what": name, "found": value} for name, value in facts.items() if value])
+    results.show(structure, [{"what": name, "value": value} for name, value in facts.items() if value])
     for verdict in verdicts:
         say(f"{verdict.severity}: {verdict}. {verdict.remedy}")
     return 0

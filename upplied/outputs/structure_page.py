@@ -34,7 +34,7 @@ def structure_facts(
                 f"{len(structure.triangles):,} triangles" if len(structure.triangles) else "point cloud",
             ],
             ["Landmarks", ", ".join(sorted(structure.landmarks))],
-            ["Place", "" if place is None else f"{place.lat_deg:.5f}, {place.lon_deg:.5f}"],
+            ["Latitude, longitude", "" if place is None else f"{place.lat_deg:.5f}, {place.lon_deg:.5f}"],
             ["Heading of +X", "" if place is None else f"{place.heading_deg:.0f}° from true north"],
         ],
         "findings": [str(finding) for finding in from_json(structure.verdicts_json)],

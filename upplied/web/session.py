@@ -22,7 +22,7 @@ from upplied.outputs.along import profile
 from upplied.outputs.display import display_states, nearest_samples, packed, structure_data
 from upplied.outputs.labels import LABELS
 from upplied.outputs.pair_page import path_data
-from upplied.outputs.pairs import decision_words, number
+from upplied.outputs.pairs import decision_words, number, sentence
 from upplied.outputs.reports import Reader
 from upplied.outputs.verdicts import headline
 from upplied.proof.carried_edit import kept_edit
@@ -226,7 +226,7 @@ class Session:
             "verdict": {
                 "flyable": not faults,
                 "headline": headline(measures | standoff, self.editing.clearance_m(airspace)),
-                "look": [*faults, *judged.plan.warnings],
+                "look": [sentence(each) for each in (*faults, *judged.plan.warnings)],
             },
             "differences": self._differences(measures),
             "words": ", ".join(

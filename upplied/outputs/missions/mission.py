@@ -35,7 +35,7 @@ from upplied.records import (
     Trajectory,
 )
 
-ANYTHING = Flying(zooms=True)
+ANYTHING = Flying(zooms=True)  # a reader of the plan itself
 _SAME_PLACE_M = 0.05
 _HOVER_S = 0.05  # shorter than this nobody hovers
 _EXACT_M = 0.02  # within which a clearance is known
