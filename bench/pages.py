@@ -2,9 +2,9 @@
 
     python bench/pages.py [--waypoints N]
 
-A plan of N waypoints round a cube is published. Chromium opens its page and waits until it answers to a click
-on a tab. Other programs lengthen the time; the CPU of all processes of the browser is printed too, and that of
-the main thread of the page.
+A plan of N waypoints round a cube is published. Chromium opens its page and waits until it answers to a
+click on a tab. Other programs lengthen the time; the CPU of all processes of the browser is printed too, and
+that of the main thread of the page.
 """
 
 from __future__ import annotations

@@ -115,15 +115,7 @@ _ON_THE_SPOT_S = 0.1  # that a turn of the camera is taken to last: nothing is j
 
 @dataclass(frozen=True, eq=False)
 class MissionZones:
-    """The zones of a structure, judged for the missions that one plan becomes.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    plan : Plan
-    structure : Structure
-    camera : Camera
-    """
+    """The zones of a structure, judged for the missions that one plan becomes."""
 
     catalog: Catalog
     plan: Plan

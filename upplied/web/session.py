@@ -36,12 +36,7 @@ _DIFFERENCES = LABELS["differences"]
 
 
 class Sessions:
-    """The plans that are open in the studio, by their ids.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    """
+    """The plans that are open in the studio, by their ids."""
 
     def __init__(self, catalog: Catalog) -> None:
         self._catalog, self._lock = catalog, threading.Lock()
@@ -74,12 +69,7 @@ class Sessions:
 class Session:
     """One plan of a catalog, opened; requests come from any thread and are answered one by one.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    transfer_id : str
-    stage : callable
-        Receives what is done now, in words, while the plan opens.
+    While the plan opens, `stage` receives the current step in words.
     """
 
     def __init__(
