@@ -115,7 +115,7 @@ def add(
     stated = [value is not None and value != "" for value in (pixel, box, outline, at)]
     if (file is None) != (sum(stated) == 1):
         raise SettingsError(
-            "a finding", "has no source, or several", "FILE, --pixel, --box, --outline or --at"
+            "a finding", "has no source, or several", "one of FILE, --pixel, --box, --outline, --at"
         )
     if file is not None:
         marks = read_marks(file)
@@ -192,7 +192,7 @@ def list_findings(
     if out is not None and not reference:
         from upplied.errors import SettingsError
 
-        raise SettingsError("--out", "has no structure to show findings on", "say --reference STRUCTURE")
+        raise SettingsError("--out", "has no structure to show findings on", "", "add --reference STRUCTURE")
     if not reference:
         rows = store.findings(structure=structure, kind=kind, state=state, class_name=class_name)
         results.show_frame("findings", rows, LISTED, SPARE)

@@ -50,7 +50,7 @@ def dji_kmz(mission: Mission, options: MissionOptions) -> bytes:
 def _mission_config(mission: Mission, options: MissionOptions) -> str:
     known = ", ".join(DRONES)
     if options.drone not in DRONES:
-        fault = f"is {options.drone!r}"
+        fault = f"is {options.drone!r}" if options.drone else "is missing"
         raise SettingsError("mission option drone", fault, f"one of {known}", "set the model: --drone")
     kind, sub_kind, *built_in = DRONES[options.drone]
     payload = next(iter(built_in), None) if options.payload is None else options.payload
