@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import AllowOption, DemonstrationArgument, RuleOption, StrictOption, WorkersOption
+from upplied.cli.options import USUAL_RULES, DemonstrationArgument, RuleFlags, WorkersOption
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, ingested_report, progress, rows_of, say
 from upplied.outputs.labels import LABELS
 
@@ -30,9 +30,7 @@ PublisherOption = Annotated[str, Parameter(help="Body to read: the name of its f
 @app.command
 def add(
     *logs: Path,
-    allow: AllowOption = (),
-    strict: StrictOption = False,
-    set_: RuleOption = (),
+    flags: RuleFlags = USUAL_RULES,
     publisher: PublisherOption = "",
     structure: StructureOption = "",
     register: RegisterOption = (),
@@ -57,7 +55,7 @@ def add(
     from upplied.inputs.sidecar import LogOptions
 
     options = LogOptions(
-        allow=tuple(allow), strict=strict, passport=changed(set_), publisher=publisher,
+        allow=flags.allow, strict=flags.strict, passport=changed(flags.set_), publisher=publisher,
         structure_id=structure, points=_points(register), start_s=start, stop_s=stop,
         kind=kind, unit_m=unit_m,
     )  # fmt: skip
