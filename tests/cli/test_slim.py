@@ -62,7 +62,7 @@ def slim(place: Path, plan: str, words: str) -> subprocess.CompletedProcess[str]
     [
         ("catalog transfers --json", "box-random-1"),
         ("catalog history", "transfers"),
-        ("catalog verify", "no faults"),
+        ("catalog verify", "no findings"),
         ("plan --dry-run --preset paper", "new pair"),
         ("demonstrations add flight.mcap --workers 1", "1 "),
         ("demonstrations list", "cube-sides-v1"),

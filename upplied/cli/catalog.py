@@ -148,7 +148,8 @@ def verify(*, head: HeadOption = (), results: Results = PRINTED) -> int:
     for finding in faults:
         say(finding)
     remedy = "take the damaged files from a backup"
-    say(f"{len(faults)} faults: {remedy}" if faults else "no faults")
+    count = f"{len(faults)} finding{'s' * (len(faults) > 1)}"
+    say(f"{count}: {remedy}" if faults else "no findings")
     return int(bool(faults))
 
 
