@@ -119,7 +119,7 @@ def test_why_it_is_not_certain() -> None:
     assert _doubt(take(), "wing", 0.5, side(SOURCE), 0.6, least) == ""
     assert _doubt(take(), "wing", 0.523, side(SOURCE), 0.594, least) == (
         "wing, 52 % of what was inspected, has its counterpart on there with probability 0.59, 0.6 is "
-        "asked for (correspondence.least_probability)"
+        "required (correspondence.least_probability)"
     )
     for pieces, why in ((True, "no part of it was matched"), (False, "its surface is one piece")):
         assert _doubt(take(), "wing", 0.5, side(SOURCE, pieces=pieces), None, least) == (
