@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property, partial
 from typing import Any
 
@@ -47,7 +47,8 @@ class Decisions:
         by, note = signed(request)
         decision, plan = request.get("decision"), self.catalog.find_transfer(str(request.get("id", "")))
         release = partial(self.catalog.release, after=str(request.get("known", "")))
-        acts = {"reviewed": self.catalog.review, "released": release, "rejected": self.catalog.reject}
+        review, reject = self.catalog.review, self.catalog.reject
+        acts: dict[str, Callable[..., object]] = {"reviewed": review, "released": release, "rejected": reject}
         if not isinstance(decision, str) or decision not in acts:
             raise InputError("the decision", f"is {str(decision)[:40]!r}", "reviewed, released or rejected")
         acts[decision](plan, by, note)
