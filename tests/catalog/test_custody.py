@@ -201,9 +201,7 @@ def test_a_row_that_was_rewritten_is_not_what_was_released(catalog):
     catalog.release(FIRST, "Grace")
     changed = rewritten(catalog, "transfers", lambda row: {**row, "min_clearance_m": 9.0})
     assert rules(changed) == ["altered"]
-    assert list(changed.in_force()["altered"]) == [
-        "what its row says is not what it said when it was released"
-    ]
+    assert list(changed.in_force()["altered"]) == ["its row differs from the one that was released"]
 
 
 def test_a_row_that_was_rewritten_is_not_released(catalog):

@@ -152,6 +152,6 @@ def test_errors_of_a_store_say_bucket_endpoint_and_what_is_not_set(monkeypatch):
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "hidden")
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://someone:hidden@127.0.0.1:9")
     told = remedy_of("s3://fleet/catalog/transfers", "connection refused")
-    assert "bucket fleet was asked for at http://127.0.0.1:9" in told
+    assert "bucket fleet was requested at http://127.0.0.1:9" in told
     assert "not set in the environment: AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ALLOW_HTTP=true" in told
     assert "hidden" not in told

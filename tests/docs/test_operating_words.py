@@ -155,7 +155,7 @@ PORT = inspect.signature(serve_command).parameters["port"].default
         f"work pool `{pool.POOL}`",
         f"results up to {NUMBERS[int(runs.EVERY_S)]} seconds before are stored",
         f"| `{states.TROUBLED}` |",
-        "kept for thirty days (`PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD`)",
+        "stored for thirty days (`PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD`)",
         "are more than `resources.most_lost` (half)",
         f"younger than {NUMBERS[int(KEEP_DAYS)]} days",
         "every Sunday at 05:00 UTC",

@@ -133,7 +133,7 @@ def campaign_jobs(
     if not names:
         raise RefusedError(f"finding {row['finding_id']}", "is on the only structure of its kind", "others")
     if not mm_px > 0:
-        raise RefusedError("a campaign", f"was asked for {mm_px:g} mm a pixel", "more than 0")
+        raise RefusedError("a campaign", f"was requested with {mm_px:g} mm a pixel", "more than 0")
     for there in photographed(catalog, row, names, mm_px, since, carrying=carrying).to_dict("records"):
         name = str(there["structure_id"])
         one = {"structure_id": name, "status": "seen"}

@@ -57,7 +57,11 @@ class Counterparts(Rows):
         if not self.doubtful[at]:
             return ""
         sure = self.probability[at]
-        part = "parts are not told apart" if np.isnan(sure) else f"the right part with probability {sure:.2f}"
+        part = (
+            "parts cannot be distinguished"
+            if np.isnan(sure)
+            else f"the right part with probability {sure:.2f}"
+        )
         return f"doubtful: {part}, may be {self.error_m[at]:.2f} m off"
 
     @property

@@ -210,7 +210,7 @@ def _surveyed(logs: Iterable[str | Path]) -> list[FileKind]:
         for one in survey(names)
     ]
     if not any(one.status in _LISTED for one in entries):
-        raise InputError(", ".join(map(str, names)) or "logs", "no flight was found", "at least one log")
+        raise InputError(", ".join(map(str, names)) or "logs", "contain no flight", "at least one log")
     return entries
 
 

@@ -39,7 +39,7 @@ def read_face_labels(path: Path, faces: int, what: str) -> list[str]:
     except (ValueError, TypeError, EOFError, KeyError, OSError, pa.ArrowException) as error:
         raise InputError(str(path), f"cannot be read: {str(error)[:200]}", _RULE) from None
     if len(labels) != faces:
-        remedy = "write the mesh as it is kept, and label that: upplied zones ID --mesh FILE.ply"
+        remedy = "write the stored mesh, and label that: upplied zones ID --mesh FILE.ply"
         raise InputError(str(path), f"has {len(labels)} labels, {what} has {faces} faces", _RULE, remedy)
     if (count := len(set(labels))) > _MOST:
         raise InputError(str(path), f"has {count} different labels", f"at most {_MOST}")

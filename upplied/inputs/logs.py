@@ -145,7 +145,7 @@ def _demonstration(
             since_s = (flown.t_ns - flown.t_ns[0]) * 1e-9
             inside = (since_s >= parts.start_s) & (since_s <= parts.stop_s)
             track, flown = track.take(np.isin(track.t_ns, flown.t_ns[inside])), flown.take(inside)
-            cut = [f"the inspection was found in the log: {parts}"]
+            cut = [f"the inspection within the log: {parts}"]
     check_dropped(flown, facts, where)
     _check_length(flown, facts, what)
     gap_s = silence_s(flown, facts.gap_s)

@@ -38,12 +38,7 @@ def warm() -> None:
 
 
 class LivePages:
-    """Answers the requests of browsers one by one; what was read is cached until the catalog changes.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    """
+    """Answers the requests of browsers one by one; what was read is cached until the catalog changes."""
 
     def __init__(self, catalog: Catalog) -> None:
         self.catalog = catalog

@@ -241,4 +241,4 @@ def _remedy_of_store(uri: str) -> str:
     if endpoint.startswith("http://") and os.environ.get("AWS_ALLOW_HTTP", "").lower() != "true":
         missing.append("AWS_ALLOW_HTTP=true (the endpoint is http)")
     lacking = f"; not set in the environment: {', '.join(missing)}" if missing else ""
-    return f"bucket {bucket} was asked for at {where}{lacking}; nothing was changed"
+    return f"bucket {bucket} was requested at {where}{lacking}; nothing was changed"

@@ -53,7 +53,7 @@ def alterations(catalog: Reading, transfer_ids: Collection[str], now: Standing) 
         elif decision["plan_sha256"] != row["waypoints_sha256"]:
             found[plan] = "its waypoints are not those that were released"
         elif decision["plan_row_sha256"] and decision["plan_row_sha256"] != hashes[plan]:
-            found[plan] = "what its row says is not what it said when it was released"
+            found[plan] = "its row differs from the one that was released"
     return found
 
 

@@ -245,7 +245,7 @@ def _meshes(held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[
         wrong = rows[rows[_COUNTS].ne(counts).any(axis=1)] if counts else rows[:0]
         if len(wrong):
             named = _some(wrong["structure_id"])
-            yield Finding(f"mesh {sha256}", f"has {counts} parts, not as said of {named}")
+            yield Finding(f"mesh {sha256}", f"has {counts} parts, other than stated of {named}")
 
 
 def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:

@@ -67,7 +67,7 @@ class _Reader:
             elif child.tag in ("instance_geometry", "instance_node", "instance_controller"):
                 children.append(self._target(child))
             elif child.tag in ("skin", "morph") and element.tag == "controller":
-                self._counts["skinned meshes taken in their pose of rest"] += 1
+                self._counts["skinned meshes in their pose of rest"] += 1
                 children.append(self._target(child, "source"))
         return [(child, self._placed(child)) for child in children]
 

@@ -50,7 +50,7 @@ def read_gltf(source: Source) -> RawMesh:
             assembly.add(vertices, np.asarray(piece["faces"], np.int64), matrix, name)
     remarks = counted(
         (skipped, "primitives of lines and points left aside"),
-        (skinned, "skinned meshes taken in their pose of rest"),
+        (skinned, "skinned meshes in their pose of rest"),
     )
     return assembly.mesh(unit_m=1.0, up="y", remarks=remarks)
 

@@ -100,7 +100,7 @@ def converted(track: Track, name: str, of_camera: bool = False) -> Track:
     good = are_unit(track.quat_xyzw)
     positions, quats = track.positions.copy(), track.quat_xyzw.copy()
     positions[good], quats[good] = NAMED[name].change(positions[good], quats[good])
-    note = f"poses converted as asked: {NAMED[name].words}"
+    note = f"poses converted as requested: {NAMED[name].words}"
     return replace(track, positions=positions, quat_xyzw=quats, notes=(*track.notes, note))
 
 

@@ -53,7 +53,7 @@ def _ratio(value: float) -> float:
 
 
 def _ned(m: Measured) -> list[str]:
-    converted = any("converted as asked" in note for note in m.frames)
+    converted = any("converted as requested" in note for note in m.frames)
     return [] if converted else [name for name in (m.frame, m.child) if _NED.search(name)]
 
 
