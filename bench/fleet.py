@@ -26,8 +26,8 @@ from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
 from upplied.config import settings_for
 from upplied.fleet import planner
-from upplied.fleet.keeping import Keeper
 from upplied.fleet.planner import Outcome
+from upplied.fleet.run import Keeper
 from upplied.fleet.workers import Workers
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.correspondence.pair import study_pair

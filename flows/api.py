@@ -13,7 +13,7 @@ def create_app() -> Guard:
     """Prefect's application with the guard before it."""
     from prefect.server.api import server
 
-    from . import notices  # noqa: F401  the server sends by our own kind of block, too
+    from . import automations  # noqa: F401  the server sends by our own kind of block, too
 
     # Around it and not in it: its own services ask the same application, by a name of theirs.
     return Guard(server.create_app(final=True), allowed_names())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections import Counter
 from collections.abc import Sequence
 from html import escape
 from itertools import islice
@@ -20,20 +21,25 @@ from upplied.checks import pair_name
 from .environment import home
 
 ADDRESS = "UPPLIED_REPORTS_URL"  # of the pages, where a server shows them
+_OUTCOMES = ("added", "unchanged", "retired", "failed", "passed over")  # of a file
 MOST_ROWS = 500  # an artifact is for reading; the published table holds them all
 
 
-def ingested_artifacts(key: str, ingested: Sequence[dict[str, str]]) -> str:
-    """What became of each file; returns the same in one line."""
-    counts = dict.fromkeys(("added", "unchanged", "retired", "failed", "passed over"), 0)
-    for item in ingested:
-        counts[item["status"]] += 1
-    summary = ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "nothing"
-    troubles = [item for item in ingested if item["status"] == "failed"]
-    rows = [{name: _readable(value) for name, value in item.items()} for item in ingested[:MOST_ROWS]]
+def ingested_artifacts(
+    key: str, ingested: Sequence[fleet.Ingested | dict[str, str]]
+) -> tuple[str, list[dict[str, str]]]:
+    """What became of each file; returns the same in one line, and as texts."""
+    files = [
+        item if isinstance(item, dict) else {**vars(item), "findings": "; ".join(item.findings)}
+        for item in ingested
+    ]
+    counts = Counter(item["status"] for item in files)
+    summary = ", ".join(f"{counts[status]} {status}" for status in _OUTCOMES if counts[status]) or "nothing"
+    troubles = [item for item in files if item["status"] == "failed"]
+    rows = [{name: _readable(value) for name, value in item.items()} for item in files[:MOST_ROWS]]
     create_table_artifact(rows, key=f"{key}-files")
     create_markdown_artifact(f"## {key}\n\n{summary}\n\n{_listed(troubles)}", key=key)
-    return summary
+    return summary, files
 
 
 def transfer_artifacts(catalog: Catalog, decision: fleet.Decision, result: fleet.Result, reports: str) -> str:

@@ -5,26 +5,38 @@ All of it is somebody else's engine. What is kept is the same, byte for byte, wh
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import threading
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import copy_context
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
-from prefect import Task, get_run_logger, runtime
+import httpx
+from prefect import Task, flow, get_run_logger, runtime
+from prefect.artifacts import create_progress_artifact, update_progress_artifact
 from prefect.futures import PrefectFuture
+from prefect.states import Completed, State
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from upplied import fleet
 from upplied.catalog import Catalog, open_catalog
+from upplied.cli.terminal import progress
 from upplied.extras import extra
 from upplied.findings import campaign
 from upplied.fleet import manifest
 
-from . import pool, tasks
-from .parameters import Resources
-from .progress import advancing
+from . import pool, states, tasks
+from .parameters import ALL_CORES, Location, Resources
+from .roots import check_roots
 
 FEW = 5  # of what was lost, in a state's message
 ELSEWHERE = 8  # processes of a cluster that shards are cut for, where nothing is said
+EVERY_S = 5.0  # progress is told
+KEY = "transfer-fleet-progress"
+
+Shard = TypeVar("Shard")
 
 
 @dataclass
@@ -161,3 +173,61 @@ def _cluster(resources: Resources) -> TaskRunner[Any]:
             return RayTaskRunner(address=resources.address)
         alone = {"num_cpus": processes, "include_dashboard": False, "_node_ip_address": "127.0.0.1"}
         return RayTaskRunner(init_kwargs=alone)
+
+
+def advancing(shards: Sequence[Shard]) -> Iterator[Shard]:
+    """Shards that are being planned, one after the other; the bar moves as each has been waited for."""
+    done = 0
+    with progress("shards", len(shards)) as advance, _logged(lambda: done, len(shards)):
+        for shard in shards:
+            yield shard
+            done += 1
+            advance()
+
+
+@contextmanager
+def _logged(done: Callable[[], int], of: int) -> Iterator[None]:
+    """Tell Prefect every few seconds, from a thread of its own: planning never waits for the server."""
+    ended = threading.Event()
+    tell = partial(copy_context().run, _tell, lambda: 100.0 * done() / of if of else 100.0, ended)
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        teller.join(EVERY_S)
+
+
+def _tell(percent: Callable[[], float], ended: threading.Event) -> None:
+    artifact, last = None, False
+    while True:
+        with suppress(httpx.HTTPError):  # the server is away: the next look tells as well
+            if artifact is None:
+                artifact = create_progress_artifact(percent(), key=KEY)
+            else:
+                update_progress_artifact(artifact, percent())
+        if last:
+            return
+        last = ended.wait(EVERY_S)
+
+
+@flow(name="plan-shard")
+@states.errors_in_words
+def plan_shard(catalog: Location, run_id: str, shard: str, resources: Resources = ALL_CORES) -> State:
+    """Plan those pairs of a shard that the catalog has no plan for yet.
+
+    The catalog says what is missing: a shard that is started twice is planned once.
+
+    Args:
+        catalog: Folder or object-store URI that all machines reach.
+        run_id: Of the run over the fleet, kept with every plan.
+        shard: Name of the shard, which lies beside the catalog's tables.
+        resources: Processes, time and memory on this machine.
+    """
+    check_roots(catalog=catalog)
+    jobs, worker = manifest.read_shard(catalog, shard), tasks.worker_of("pool")
+    _, missing = fleet.known_outcomes(open_catalog(catalog), jobs, run_id)
+    with manifest.attempt(catalog, shard, worker):
+        result = here(catalog, missing, resources, run_id, worker)
+    return Completed(message=str(result))

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from prefect import flow, runtime
 from prefect.states import State
 
-from . import tasks
+from upplied import fleet
+from upplied.catalog import open_catalog
+from upplied.fleet.flight_logs import add_flight_logs
+from upplied.fleet.gaps import plan_gaps
+from upplied.fleet.ingest import passed_over
+from upplied.inputs import structure_rules
+from upplied.inputs.passport import settings as passport
+from upplied.inputs.sidecar import LogOptions
+
 from .artifacts import ingested_artifacts
-from .lineage import asset, making, source
 from .parameters import FlightBounds, FlightRule, Location, StructureBounds, StructureRule, bound_options
 from .roots import check_roots
 from .states import ended, errors_in_words, ingested
+from .tasks import asset, publish, source, stored
 
 
 def run_name() -> str:
@@ -42,9 +52,11 @@ def ingest_structures(
         bounds: Of the rules, where they differ from the defaults.
     """
     check_roots(catalog=catalog, manifest=manifest)
-    read = making(tasks.ingest_structures, asset(catalog, "structures"), [source(manifest)])
-    files = read(catalog, manifest, workers, prune, allow, strict, bound_options(bounds))
-    return ingested(ingested_artifacts("ingest-structures", files), files)
+    rules = fleet.RuleOptions(tuple(allow), strict, structure_rules.changed(bound_options(bounds)))
+    makes = asset(catalog, "structures"), [source(manifest)]
+    read = stored("ingest-structures", fleet.ingest_structures, *makes)
+    files = read(open_catalog(catalog), manifest, workers, prune=prune, rules=rules)
+    return ingested(*ingested_artifacts("ingest-structures", files))
 
 
 @flow(name="ingest-demonstrations", flow_run_name=run_name)
@@ -68,9 +80,16 @@ def ingest_demonstrations(
         bounds: Of the rules, where they differ from the defaults.
     """
     check_roots(catalog=catalog, logs=logs)
-    read = making(tasks.ingest_demonstrations, asset(catalog, "demonstrations"), [*map(source, logs)])
-    files = read(catalog, logs, workers, allow, strict, bound_options(bounds))
-    return ingested(ingested_artifacts("ingest-demonstrations", files), files)
+    options = log_options(allow, strict, bound_options(bounds))
+    makes = asset(catalog, "demonstrations"), [*map(source, logs)]
+    read = stored("ingest-demonstrations", fleet.ingest_demonstrations, *makes)
+    files = read(open_catalog(catalog), logs, workers, options=options)
+    return ingested(*ingested_artifacts("ingest-demonstrations", [*files, *passed_over(logs)]))
+
+
+def log_options(allow: Sequence[str], strict: bool, bounds: Sequence[str]) -> LogOptions:
+    """What a run says of all its logs: rules that are overruled, whether oddities are refused, and bounds."""
+    return LogOptions(allow=tuple(allow), strict=strict, passport=passport.changed(tuple(bounds)))
 
 
 @flow(name="ingest-flights", flow_run_name=run_name)
@@ -87,15 +106,16 @@ def ingest_flights(
         gaps: Plan the flight for what a flight left out of what its plan shows; it is a draft.
     """
     check_roots(catalog=catalog, logs=logs, reports=reports)
-    read = making(tasks.ingest_flights, asset(catalog, "flights"), [*map(source, logs)])
-    files = read(catalog, logs)
+    store, makes = open_catalog(catalog), (asset(catalog, "flights"), [*map(source, logs)])
+    summary, files = ingested_artifacts(
+        "ingest-flights", stored("ingest-flights", add_flight_logs, *makes)(store, logs)
+    )
     problems = [item["reason"] for item in files if item["status"] == "failed"]
     lost = bool(problems) and len(problems) == len(files)
     short = [item for item in files if item["status"] == "added" and item["left_out"]]
     problems += [f"{item['name']} left out {item['left_out']}" for item in short]
     if gaps and short:
-        problems += tasks.plan_gaps(catalog, [item["flight"] for item in short])
+        problems += stored("plan-gaps", plan_gaps)(store, [item["flight"] for item in short])
     if reports:
-        publish = making(tasks.publish_reports, asset(reports, "reports"), [asset(catalog, "flights")])
-        problems += publish(catalog, reports)
-    return ended(ingested_artifacts("ingest-flights", files), problems, lost)
+        problems += publish(catalog, reports, "flights")
+    return ended(summary, problems, lost)

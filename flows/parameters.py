@@ -88,3 +88,6 @@ class Resources(BaseModel):
     def of_fleet(self) -> fleet.Resources:
         """The same for `upplied.fleet`."""
         return fleet.Resources(self.workers, fleet.Limits(self.timeout_s, self.memory_gib))
+
+
+ALL_CORES = Resources()

@@ -16,6 +16,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Literal
 
+import psutil
+
 from . import server as service
 from .artifacts import ADDRESS
 from .environment import PASSWORD, ROOTS, carried, environment, home, prefect_home, profile, sign_in
@@ -49,7 +51,7 @@ def serve(port: int, roots: Sequence[str] = ()) -> int:
             address = f"http://127.0.0.1:{own}"
             of_worker = server.environment | {ADDRESS: address, ROOTS: ",".join(declared(roots))}
             worker = start("prefect", "worker", "start", "--pool", POOLS[0], environment=of_worker)
-            runs: dict[int, str] = {}
+            runs: list[psutil.Process] = []
             stack.callback(stop, worker, known=runs)
             say(f"Fleet:    {address}")
             say(f"Prefect:  http://127.0.0.1:{port}   (user {server.password.partition(':')[0]})")
@@ -134,7 +136,7 @@ def deploy(variables: dict[str, str]) -> None:
             raise ServerError(f"{' '.join(command)} failed:\n{done.stdout}{done.stderr}")
 
 
-def attend(processes: Mapping[str, subprocess.Popen[bytes]], log: Path, runs: dict[int, str]) -> None:
+def attend(processes: Mapping[str, subprocess.Popen[bytes]], log: Path, runs: list[psutil.Process]) -> None:
     """Wait until one of the processes, by name, ends; the others are stopped by whoever started them.
 
     `log` is the server's; `runs` receives the processes that the worker started, which cannot be found once
@@ -152,8 +154,7 @@ def attend(processes: Mapping[str, subprocess.Popen[bytes]], log: Path, runs: di
                 where = f"; its log is {log}" if name == "server" else ""
                 raise ServerError(f"the {name} ended with code {code}{where}")
         if now := service.offspring(processes["worker"].pid):
-            runs.clear()
-            runs.update(now)
+            runs[:] = now
         time.sleep(0.5)
 
 

@@ -11,10 +11,12 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TypeVar
+
+import psutil
 
 from .environment import environment, home, sign_in
 
@@ -169,7 +171,7 @@ def listening(port: int) -> bool:
 
 
 def stop(
-    process: subprocess.Popen[bytes], patience_s: float = 15.0, known: dict[int, str] | None = None
+    process: subprocess.Popen[bytes], patience_s: float = 15.0, known: Sequence[psutil.Process] = ()
 ) -> None:
     """End a process we started together with all that came of it: politely first.
 
@@ -177,11 +179,11 @@ def stop(
     server how it ended would try for minutes. Those of a process that has ended are told by `known`, as
     `offspring` saw them before.
     """
-    seen = dict(known or {})
+    seen = {*known}
     for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         if process.poll() is not None:
             break
-        seen |= offspring(process.pid)
+        seen |= {*offspring(process.pid)}
         _signal_group(process, sign)
         try:
             process.wait(patience_s)
@@ -189,33 +191,25 @@ def stop(
             continue
     _signal_group(process, signal.SIGKILL)  # a child that outlived its parent
     deadline = time.monotonic() + patience_s
-    while (left := _alive(seen)) and time.monotonic() < deadline:
+    while (left := [*filter(_lives, seen)]) and time.monotonic() < deadline:
         time.sleep(0.1)
-    for pid in left:
-        with suppress(ProcessLookupError, PermissionError):
-            os.kill(pid, signal.SIGKILL)
+    for each in left:
+        with suppress(psutil.Error):
+            each.kill()
 
 
-def offspring(pid: int) -> dict[int, str]:
-    """What came of a process, each with its start, by which it is known; nothing where no /proc tells."""
-    parents: dict[int, str] = {}
-    with suppress(OSError):
-        for task in Path(f"/proc/{pid}/task").iterdir():
-            for child in map(int, (task / "children").read_text().split()):
-                parents |= {child: _began(child)} | offspring(child)
-    return parents
+def offspring(pid: int) -> list[psutil.Process]:
+    """What came of a process."""
+    with suppress(psutil.Error):
+        return list(psutil.Process(pid).children(recursive=True))
+    return []
 
 
-def _began(pid: int) -> str:
-    """When a process started; empty where it has ended."""
-    with suppress(OSError):
-        state, *facts = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-        return "" if state == "Z" else facts[18]
-    return ""
-
-
-def _alive(known: dict[int, str]) -> list[int]:
-    return [pid for pid, began in known.items() if began and _began(pid) == began]
+def _lives(process: psutil.Process) -> bool:
+    """Whether a process goes on; one that has ended may wait for a parent that is gone to ask how."""
+    with suppress(psutil.Error):
+        return bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
+    return False
 
 
 def _signal_group(process: subprocess.Popen[bytes], sign: signal.Signals) -> None:

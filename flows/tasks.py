@@ -1,4 +1,4 @@
-"""The tasks: each calls one function of `upplied.fleet` and hands on nothing but names and counts.
+"""Functions of the library as tasks of Prefect's, and what is made of what as its assets.
 
 Data lives in the catalog and its cache. Prefect keeps no results of ours (`NO_CACHE`), and its task
 table is not the record of what is done: the catalog is.
@@ -8,35 +8,39 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from operator import attrgetter
-from typing import Any
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+from urllib.parse import quote
 
-from prefect import task
-from prefect.assets import add_asset_metadata, materialize
+from prefect import Task, task
+from prefect.assets import Asset, AssetProperties, add_asset_metadata
 from prefect.cache_policies import NO_CACHE
 from prefect.events import emit_event
 from prefect.states import State
-from prefect.tasks import exponential_backoff
+from prefect.tasks import MaterializingTask, exponential_backoff
 
 from upplied import fleet
-from upplied.catalog import open_catalog
-from upplied.catalog.verbs import maintenance, verification
+from upplied.catalog import Catalog, open_catalog
 from upplied.errors import CatalogError
 from upplied.findings import campaign, queries
-from upplied.fleet import edits, flights, gaps
 from upplied.fleet import manifest as shards
-from upplied.fleet.flight_logs import add_flight_logs
-from upplied.fleet.ingest import passed_over
-from upplied.inputs import structure_rules
-from upplied.inputs.passport import settings as passport
-from upplied.inputs.sidecar import LogOptions
 
 from . import pool
-from .lineage import SOMEWHERE, asset
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 RECALLED = "upplied.plan.recalled"  # the event of a plan in force that is not safe any more
 RUNS: dict[str, fleet.Run] = {}  # of this process, by run id
+MEANING = {
+    "structures": "The structures of a fleet, with their meshes.",
+    "demonstrations": "The flights of experts.",
+    "flights": "Flights of the plans, and what they showed.",
+    "transfers": "The plans: every demonstration to every structure of its kind.",
+    "reports": "Plain Parquet, pages and pictures for people.",
+}
 
 
 def store_failed(task: Any, run: Any, state: State[Any]) -> bool:
@@ -60,65 +64,53 @@ STORED: dict[str, Any] = {
 }
 
 
-@materialize(SOMEWHERE, name="ingest-structures", task_run_name="ingest structures", **STORED)
-def ingest_structures(
-    catalog: str,
-    manifest: str,
-    workers: int,
-    prune: bool,
-    allow: Sequence[str] = (),
-    strict: bool = False,
-    limits: Sequence[str] = (),
-) -> list[dict[str, str]]:
-    """Every structure of a manifest into the catalog; a bad file stops itself alone."""
-    rules = fleet.RuleOptions(tuple(allow), strict, structure_rules.changed(limits))
-    ingested = fleet.ingest_structures(open_catalog(catalog), manifest, workers, prune=prune, rules=rules)
-    return [_plain(item) for item in ingested]
+def stored(
+    name: str, act: Callable[P, R], makes: Asset | None = None, of: Sequence[Asset | str] = ()
+) -> Callable[P, R]:
+    """A function that reads and writes stores, as a task; with `makes`, one that tells what it makes `of`."""
+    options = {**STORED, "name": name, "task_run_name": name.replace("-", " ")}
+    if makes is None:
+        return Task(act, **options)
+    return MaterializingTask(act, assets=[makes], asset_deps=list(of), **options)
 
 
-@materialize(SOMEWHERE, name="ingest-demonstrations", task_run_name="ingest demonstrations", **STORED)
-def ingest_demonstrations(
-    catalog: str,
-    logs: list[str],
-    workers: int,
-    allow: Sequence[str] = (),
-    strict: bool = False,
-    limits: Sequence[str] = (),
-) -> list[dict[str, str]]:
-    """Every log into the catalog; a bad log stops itself alone."""
-    options = LogOptions(allow=tuple(allow), strict=strict, passport=passport.changed(tuple(limits)))
-    ingested = fleet.ingest_demonstrations(open_catalog(catalog), logs, workers, options=options)
-    return [_plain(item) for item in (*ingested, *passed_over(logs))]
+def asset(location: str, name: str) -> Asset:
+    """A table of the catalog at a location, or the publication there, by its name in `MEANING`."""
+    place = source(location)
+    key = place if name == "reports" else f"{place.rstrip('/')}/{name}"
+    return Asset(key=key, properties=AssetProperties(name=name, description=MEANING[name]))
 
 
-@materialize(SOMEWHERE, name="ingest-flights", task_run_name="ingest flights", **STORED)
-def ingest_flights(catalog: str, logs: list[str]) -> list[dict[str, str]]:
-    """Every log of a flight into the catalog; a bad log stops itself alone."""
-    return add_flight_logs(open_catalog(catalog), logs)
+def source(location: str) -> str:
+    """The key of a file or folder that is read."""
+    return location if "://" in location else f"file://{quote(str(Path(location).absolute()))}"
 
 
-@task(name="plan-gaps", task_run_name="plan gaps", **STORED)
-def plan_gaps(catalog: str, flights: list[str]) -> list[str]:
-    """A draft for what each flight left out; why there is none, in words."""
-    return gaps.plan_gaps(open_catalog(catalog), flights)
-
-
-@materialize(SOMEWHERE, name="record-plans", task_run_name="record plans", cache_policy=NO_CACHE)
-def record_plans(catalog: str, run_id: str, result: fleet.Result) -> None:
+def record_plans(plans: Asset, run_id: str, result: fleet.Result) -> None:
     """Tell Prefect what of the catalog's plans a run made."""
     counts = {"ok": result.ok, "refused": result.refused, "failed": result.failed}
-    add_asset_metadata(asset(catalog, "transfers"), {"run_id": run_id, **counts})
+    add_asset_metadata(plans, {"run_id": run_id, **counts})
 
 
-@task(name="recheck-plans", task_run_name="recheck plans in force", **STORED)
-def recheck_plans(catalog: str, timeout_s: float) -> list[str]:
+def recheck_plans(catalog: Catalog, timeout_s: float) -> list[str]:
     """Judge plans in force whose structure changed; what a person should look at, in words."""
-    rechecked = fleet.recheck(open_catalog(catalog), fleet.Limits(timeout_s))
+    rechecked = fleet.recheck(catalog, fleet.Limits(timeout_s))
     for each in filter(attrgetter("recalled"), rechecked):
         names = {"id": f"upplied.plan.{each.transfer_id}", "name": each.target_id}
         resource = {f"prefect.resource.{key}": name for key, name in names.items()}
         emit_event(RECALLED, resource, payload={"transfer_id": each.transfer_id, "why": each.note})
     return [str(each) for each in rechecked if each.troubled]
+
+
+def publish(catalog: str, folder: str, of: str = "transfers") -> list[str]:
+    """Write the published tables, pages and pictures as a task; what could not be drawn, in words."""
+
+    def publish_reports(store: Catalog) -> list[str]:
+        return [*queries.study_kinds(store), *fleet.publish(store, folder, map_of=queries.kind_map).problems]
+
+    return stored("publish-reports", publish_reports, asset(folder, "reports"), [asset(catalog, of)])(
+        open_catalog(catalog)
+    )
 
 
 @task(name="plan", task_run_name="{name}", cache_policy=NO_CACHE)
@@ -154,45 +146,3 @@ def worker_of(engine: str) -> str:
 def plan_on_pool(name: str, shard: str, given: dict[str, Any]) -> None:
     """Plan one shard on a machine of the work pool; on another one if that is lost."""
     pool.run_on_pool(name, {**given, "shard": shard})
-
-
-@materialize(SOMEWHERE, name="publish-reports", task_run_name="publish to {folder}", **STORED)
-def publish_reports(catalog: str, folder: str) -> list[str]:
-    """Write the published tables, pages and pictures; what could not be drawn, in words."""
-    store = open_catalog(catalog)
-    return [*queries.study_kinds(store), *fleet.publish(store, folder, map_of=queries.kind_map).problems]
-
-
-@task(name="carry-edits", task_run_name="carry edits over", **STORED)
-def carry_edits(catalog: str) -> list[str]:
-    """Take what people changed of plans over to newer drafts; what could not be, in words."""
-    return edits.carry_edits(open_catalog(catalog))
-
-
-@task(name="fly-drafts", task_run_name="fly drafts", **STORED)
-def fly_drafts(catalog: str, keys: list[str]) -> list[str]:
-    """Fly new plans in simulated wind; those that come too near, in words."""
-    return flights.fly_drafts(open_catalog(catalog), keys)
-
-
-@task(name="compact", task_run_name="compact {catalog}", **STORED)
-def compact(catalog: str) -> dict[str, int]:
-    """Merge small files; how many, by table."""
-    return maintenance.compact(open_catalog(catalog))
-
-
-@task(name="vacuum", task_run_name="vacuum {catalog}", **STORED)
-def vacuum(catalog: str, keep_days: float) -> None:
-    """Remove files that no version young enough needs."""
-    maintenance.vacuum(open_catalog(catalog), keep_days)
-
-
-@task(name="verify", task_run_name="verify {catalog}", **STORED)
-def verify(catalog: str) -> list[str]:
-    """What is wrong with the catalog, in words; empty where all is well."""
-    return [str(finding) for finding in verification.verify(open_catalog(catalog))]
-
-
-def _plain(item: fleet.Ingested) -> dict[str, str]:
-    """What became of a file, as text for pages."""
-    return {**vars(item), "findings": "; ".join(item.findings)}

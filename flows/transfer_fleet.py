@@ -11,17 +11,18 @@ from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.errors import CatalogError
 from upplied.findings import campaign
+from upplied.fleet.edits import carry_edits
+from upplied.fleet.flights import fly_drafts
 
-from . import tasks
 from .artifacts import transfer_artifacts
 from .engines import Planned, plan
 from .ingest import ingest_demonstrations, ingest_structures
-from .lineage import asset, making
-from .parameters import Changes, Id, Location, Millimetres, Presets, Resources
+from .parameters import ALL_CORES, Changes, Id, Location, Millimetres, Presets, Resources
 from .roots import check_roots
 from .states import ended, errors_in_words, planned
+from .tasks import asset, publish, recheck_plans, record_plans, stored
 
-NO_CHANGES, ALL_CORES = Changes(), Resources()
+NO_CHANGES = Changes()
 BOTH: Presets = ["recommended", "baseline"]
 
 
@@ -87,21 +88,21 @@ def transfer_fleet(
             store.identity.required()
         except CatalogError as error:  # the first night: why there is no catalog is what was not read
             return ended(str(error), unread, all_failed=True)
-    inputs = [asset(catalog, name) for name in ("structures", "demonstrations")]
-    assets = asset(catalog, "transfers")
-    record = making(tasks.record_plans, assets, inputs)
-    publish = making(tasks.publish_reports, asset(reports, "reports"), [assets])
+    structures, flights, plans = (
+        asset(catalog, name) for name in ("structures", "demonstrations", "transfers")
+    )
+    record = stored("record-plans", record_plans, plans, [structures, flights])
     night = Night()
     # A structure that was read just now may not be what the plan in force was judged on.
-    problems = [*tasks.recheck_plans(catalog, resources.timeout_s), *unread]
+    problems = [*stored("recheck-plans", recheck_plans)(store, resources.timeout_s), *unread]
     # What lands while this run plans or publishes is planned by it as well: a run that is started
     # meanwhile is cancelled.
     while night.goes_on(fleet.decide(store, plan_request)):
         night.planned.include(plan(catalog, night.jobs, resources))
-        record(catalog, runtime.flow_run.id, night.planned.result)
-        problems += tasks.carry_edits(catalog)
+        record(plans, runtime.flow_run.id, night.planned.result)
+        problems += stored("carry-edits", carry_edits)(store)
         if fly:
-            problems += tasks.fly_drafts(catalog, [job.key for job in night.jobs])
+            problems += stored("fly-drafts", fly_drafts)(store, [job.key for job in night.jobs])
         if campaigns:
             jobs, unplanned = campaign.due_jobs(store, campaigns, campaign_mm_px, retry_failed)
             night.planned.include(plan(catalog, jobs, resources))

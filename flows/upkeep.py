@@ -8,9 +8,10 @@ from prefect import flow
 from prefect.states import Completed, Failed, State
 from pydantic import Field
 
+from upplied.catalog import compact, open_catalog, vacuum, verify
+
 from . import tasks
 from .artifacts import maintenance_artifact
-from .lineage import asset, making
 from .parameters import Location
 from .roots import check_roots
 from .states import ended, errors_in_words
@@ -26,8 +27,7 @@ def publish_reports(folder: Location = "reports", catalog: Location = "catalog")
         catalog: Folder or object-store URI.
     """
     check_roots(catalog=catalog, folder=folder)
-    publish = making(tasks.publish_reports, asset(folder, "reports"), [asset(catalog, "transfers")])
-    return ended(f"published to {folder}", publish(catalog, folder))
+    return ended(f"published to {folder}", tasks.publish(catalog, folder))
 
 
 @flow(name="maintain-catalog", flow_run_name="maintain {catalog}")
@@ -40,8 +40,9 @@ def maintain_catalog(catalog: Location = "catalog", keep_days: Annotated[float, 
         keep_days: Versions younger than this can still be asked for.
     """
     check_roots(catalog=catalog)
-    merged = tasks.compact(catalog)
-    tasks.vacuum(catalog, keep_days)
-    findings = tasks.verify(catalog)
+    store = open_catalog(catalog)
+    merged = tasks.stored("compact", compact)(store)
+    tasks.stored("vacuum", vacuum)(store, keep_days)
+    findings = [str(finding) for finding in tasks.stored("verify", verify)(store)]
     summary = maintenance_artifact(merged, findings)
     return Failed(message=summary) if findings else Completed(message=summary)

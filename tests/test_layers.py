@@ -196,7 +196,7 @@ SCANNED_ALONE = {
     "fleet/editing.py": "samples of a structure",
     "fleet/flight_logs.py": "samples, and what a real flight kept clear of and saw: it is its own evidence",
     "outputs/camera_pictures.py": "a picture of what is known",
-    "outputs/missions/ways.py": "samples of a structure",
+    "outputs/missions/transits.py": "samples of a structure",
     "outputs/reports.py": "the demonstration, round the structure that it was flown on",
     "proof/asking.py": "samples of a structure, and its parts",
 }

@@ -19,8 +19,8 @@ from upplied.catalog.database import Catalog
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store import delta, merging
+from upplied.catalog.store.data_files import decoded
 from upplied.catalog.verbs import verification
-from upplied.catalog.verbs.queries import decoded
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Cloud
 
@@ -79,7 +79,7 @@ def test_a_sound_catalog_has_no_findings(catalog):
 @pytest.mark.parametrize(
     ("table", "change", "words"),
     [
-        ("waypoints", lambda rows: rows.iloc[1:], "59 steps, the row says 60"),
+        ("waypoints", lambda rows: rows.iloc[1:], "59 steps are stored, the row says 60"),
         (
             "waypoints",
             lambda rows: rows.assign(x_m=rows["x_m"].where(rows.index != 7, 0.0)),

@@ -154,7 +154,7 @@ def test_a_store_that_cannot_be_reached_is_said_without_credentials(store, monke
         lambda c: c.structures(),
         lambda c: c.contents["meshes"].get("0" * 64),
     ):
-        with pytest.raises(CatalogError, match=r"ucket no-such-bucket was asked for at http://127"):
+        with pytest.raises(CatalogError, match=r"ucket no-such-bucket was requested at http://127"):
             ask(open_catalog("s3://no-such-bucket/catalog"))
     with pytest.raises(CatalogError, match="no-such-bucket") as told:
         open_catalog("s3://no-such-bucket/catalog").add_plans([(key_of(0), plan(), {})])

@@ -102,8 +102,8 @@ def test_files_made_from_the_same_are_taken_over(tmp_path: Path) -> None:
 
 
 def test_a_file_is_found_by_what_it_is_whatever_it_holds(tmp_path: Path) -> None:
-    parts = {"1-of-2-aa.parquet": "", "2-of-2-bb.parquet": "", "plain.parquet": "x"}
-    switch(tmp_path, draft(tmp_path, **{"1-of-2-aa.parquet": "one"}), Generation("one", parts=parts))
+    generation = Generation("one", parts={"plain.parquet": "x"})
+    switch(tmp_path, draft(tmp_path, **{"1-of-2-aa.parquet": "one"}), generation)
     before = Before(tmp_path / "tables", current(tmp_path))
     like = before.like("1-of-2-cc.parquet")
     assert like is not None and like.read_text() == "one"

@@ -62,7 +62,7 @@ def test_measures_of_a_dataset_are_marked_as_its_word(dataset, tmp_path):
 def test_forged_measures_are_told_when_they_are_computed_again(dataset, tmp_path, capsys):
     arguments = ["catalog", "import", "--verify", "--catalog", str(tmp_path / "to")]
     assert main([*arguments, str(forged(dataset, tmp_path / "forged"))]) == 2
-    assert "min_clearance_m is said to be" in capsys.readouterr().err
+    assert "min_clearance_m is stated as" in capsys.readouterr().err
     assert not (tmp_path / "to").exists()
     assert main([*arguments, str(dataset)]) == 0
     (said,) = open_catalog(tmp_path / "to").transfers()["imported_from"]

@@ -21,11 +21,10 @@ from upplied.catalog import open_catalog
 from upplied.catalog.schema.migrations import in_schema
 from upplied.catalog.store import locking
 from upplied.catalog.store.data_files import statistics
-from upplied.catalog.store.errors import explained, remedy_of
-from upplied.catalog.store.files import FileStore, replace_file, sync_path
+from upplied.catalog.store.delta import opened
+from upplied.catalog.store.files import FileStore, explained, remedy_of, replace_file, sync_path
 from upplied.catalog.store.identity import Heads
 from upplied.catalog.store.locking import locked, turn
-from upplied.catalog.store.log import opened
 from upplied.errors import CatalogError
 
 
@@ -110,7 +109,7 @@ def test_remedies_of_a_store_name_what_is_missing(monkeypatch: pytest.MonkeyPatc
     own = "the store's own (AWS_ENDPOINT_URL is not set)"
     uri = "s3://bucket/some/folder"
     assert remedy_of(uri, "No space") == (
-        f"bucket bucket was asked for at {own}; not set in the environment: {all_of_them}; "
+        f"bucket bucket was requested at {own}; not set in the environment: {all_of_them}; "
         "nothing was changed"
     )
     monkeypatch.setenv("AWS_DEFAULT_REGION", "north")
@@ -120,12 +119,12 @@ def test_remedies_of_a_store_name_what_is_missing(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://me:pass@store:9000")
     said = remedy_of(uri, "")
     assert said == (
-        "bucket bucket was asked for at http://store:9000; not set in the environment: AWS_ALLOW_HTTP=true "
+        "bucket bucket was requested at http://store:9000; not set in the environment: AWS_ALLOW_HTTP=true "
         "(the endpoint is http); nothing was changed"
     )
     monkeypatch.setenv("AWS_ALLOW_HTTP", "True")
     monkeypatch.setenv("AWS_ENDPOINT_URL_S3", "https://first")
-    assert remedy_of(uri, "") == "bucket bucket was asked for at https://first; nothing was changed"
+    assert remedy_of(uri, "") == "bucket bucket was requested at https://first; nothing was changed"
 
 
 def test_one_at_a_time_holds_a_folder(tmp_path: Path) -> None:

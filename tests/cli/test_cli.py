@@ -16,7 +16,7 @@ from random_members import random_member
 import upplied
 from upplied.catalog import open_catalog
 from upplied.cli import main, terminal
-from upplied.cli.shown_plans import COLUMNS, show_plans
+from upplied.cli.transfer import COLUMNS, show_plans
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
@@ -154,10 +154,10 @@ def test_doctor_says_what_is_missing_and_how_to_get_it(location, monkeypatch, ca
     assert main(["doctor", "--json", "--catalog", location]) == 1
     found = {row["check"]: row for row in json.loads(capsys.readouterr().out)}
     assert (
-        found["packages"]["found"]
+        found["packages"]["details"]
         == "sqlalchemy is not installed: install from requirements-runtime.lock, as make quickstart does"
     )
-    assert found["system"]["result"] == "bad" and "Debian 12" in found["system"]["found"]
+    assert found["system"]["result"] == "bad" and "Debian 12" in found["system"]["details"]
 
 
 def test_doctor_finds_this_machine_fit(location, capsys):

@@ -11,7 +11,7 @@ from catalog_records import demonstration, key_of, plan, structure
 from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
-from upplied.catalog.store.errors import remedy_of
+from upplied.catalog.store.files import remedy_of
 from upplied.checks import pair_name
 from upplied.cli import main
 from upplied.errors import CatalogError, InputError
@@ -152,6 +152,6 @@ def test_errors_of_a_store_say_bucket_endpoint_and_what_is_not_set(monkeypatch):
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "hidden")
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://someone:hidden@127.0.0.1:9")
     told = remedy_of("s3://fleet/catalog/transfers", "connection refused")
-    assert "bucket fleet was asked for at http://127.0.0.1:9" in told
+    assert "bucket fleet was requested at http://127.0.0.1:9" in told
     assert "not set in the environment: AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ALLOW_HTTP=true" in told
     assert "hidden" not in told

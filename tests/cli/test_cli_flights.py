@@ -52,7 +52,7 @@ def test_a_trial_shows_every_file_and_keeps_nothing(place: Path, capsys, monkeyp
         "75x75deg",
         "notes.md",
         "2readable",
-        "3passedover",
+        "1passedover",
     ):
         assert word in shown
     assert open_catalog(catalog).demonstrations().empty

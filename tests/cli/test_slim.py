@@ -62,7 +62,7 @@ def slim(place: Path, plan: str, words: str) -> subprocess.CompletedProcess[str]
     [
         ("catalog transfers --json", "box-random-1"),
         ("catalog history", "transfers"),
-        ("catalog verify", "no fault found"),
+        ("catalog verify", "no findings"),
         ("plan --dry-run --preset paper", "new pair"),
         ("demonstrations add flight.mcap --workers 1", "1 "),
         ("demonstrations list", "cube-sides-v1"),
@@ -109,5 +109,5 @@ def test_what_casts_rays_names_the_extra_in_a_line(place, words):
 def test_doctor_says_that_a_slim_install_plans_nothing(place):
     done = slim(*place, "doctor --json")
     rows = {row["check"]: row for row in json.loads(done.stdout)}
-    assert rows["Open3D"]["result"] == "bad" and 'pip install "upplied[plan]"' in rows["Open3D"]["found"]
+    assert rows["Open3D"]["result"] == "bad" and 'pip install "upplied[plan]"' in rows["Open3D"]["details"]
     assert {rows[name]["result"] for name in ("Python", "numba", "catalog")} == {"good"}

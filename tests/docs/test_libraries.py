@@ -40,7 +40,7 @@ CORE, DEV = ("upplied",), ("upplied", "flows", "tests", "bench", "docs", "exampl
 EXTRA_FILES = {
     "formats": {"upplied/inputs/formats/clouds.py"},
     "ardupilot": {"upplied/inputs/sources/ardupilot.py"},
-    "geoid": {"upplied/inputs/schemas/geoid.py"},
+    "geoid": {"upplied/inputs/schemas/geodetic.py"},
     "export": {
         "upplied/outputs/pages.py",
         "upplied/outputs/draw/sheet.py",

@@ -17,8 +17,8 @@ from upplied.catalog.verbs.maintenance import KEEP_DAYS
 from upplied.cli import app
 from upplied.cli.serve import deploy
 from upplied.cli.serve import serve as serve_command
-from upplied.fleet import keeping
-from upplied.flows import automations, environment, notices, pool, states, tasks, watch
+from upplied.fleet import run as runs
+from upplied.flows import automations, environment, pool, states, tasks, watch
 from upplied.flows.parameters import Resources
 from upplied.flows.transfer_fleet import transfer_fleet
 
@@ -153,9 +153,9 @@ PORT = inspect.signature(serve_command).parameters["port"].default
         f"the event `{tasks.RECALLED}`",
         f"up to {NUMBERS[pool.SHARDS_EACH]} for each machine, of at least {pool.SHARD_TARGETS} targets",
         f"work pool `{pool.POOL}`",
-        f"results up to {NUMBERS[int(keeping.EVERY_S)]} seconds before are stored",
+        f"results up to {NUMBERS[int(runs.EVERY_S)]} seconds before are stored",
         f"| `{states.TROUBLED}` |",
-        "kept for thirty days (`PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD`)",
+        "stored for thirty days (`PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD`)",
         "are more than `resources.most_lost` (half)",
         f"younger than {NUMBERS[int(KEEP_DAYS)]} days",
         "every Sunday at 05:00 UTC",
@@ -182,6 +182,6 @@ def test_states_and_columns_that_are_told_are_there():
     rows = re.findall(r"^\| `(\w+)` \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     assert rows == ["Completed", states.TROUBLED, "Failed", "Crashed", "Cancelled"]
     told = re.search(r"for each run that ends ((?:`\w+`,? ?(?:or )?)+)", WORDS)[1]
-    assert set(re.findall(r"`(\w+)`", told)) == set(notices.TROUBLE)
+    assert set(re.findall(r"`(\w+)`", told)) == set(automations.TROUBLE)
     (column,) = re.findall(r"Column `(\w+)` of `transfers`", WORDS)
     assert column in TABLES["transfers"].names

@@ -27,7 +27,7 @@ from deltalake.exceptions import TableNotFoundError
 
 from upplied.catalog import compact, export_tables, open_catalog, verify
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store import log
+from upplied.catalog.store import delta
 from upplied.errors import CatalogError
 
 WRITERS = 8
@@ -263,6 +263,6 @@ def test_a_table_that_another_writer_makes_meanwhile_is_found(tmp_path, monkeypa
             raise TableNotFoundError("no log files")
         return DeltaTable(*given)
 
-    monkeypatch.setattr(log, "DeltaTable", late)
+    monkeypatch.setattr(delta, "DeltaTable", late)
     assert list(open_catalog(tmp_path).structures()["structure_id"]) == ["a"]
     assert looked[0] == looked[1]

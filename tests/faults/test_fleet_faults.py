@@ -85,8 +85,8 @@ def test_culprits_are_rows_with_a_reason_and_the_rest_is_planned(tmp_path):
 RUN = """
 import sys
 from upplied import fleet, open_catalog
-from upplied.fleet import keeping
-keeping.EVERY_S = 0.0
+from upplied.fleet import run
+run.EVERY_S = 0.0
 if __name__ == "__main__":
     catalog = open_catalog(sys.argv[1])
     jobs = fleet.decide(catalog, fleet.PlanRequest(("baseline",))).jobs

@@ -513,7 +513,8 @@ def test_every_blade_is_asked_for(tmp_path):
 def test_questions_over_the_fleet(filled):
     catalog, _, name = filled
     found = photographed(catalog, row_of(catalog, name)).set_index("structure_id")
-    assert list(found.index) == ["cube-v1", "cuboid-v1"] and found["looked_at"].isna().all()
+    assert list(found.index) == ["cube-v1", "cuboid-v1"] and list(found["looks"]) == [1, 0]
+    assert found.loc["cube-v1", "flight_id"] == "past"  # its demonstration showed it
     assert found.loc["cuboid-v1", "error_m"] >= row_of(catalog, name)["place_error_m"]
     on = by_reference(catalog, "cuboid-v1", class_name="crack")
     truth = true_counterparts("cube-v1", "cuboid-v1", MARK[None])[0]
@@ -585,7 +586,7 @@ def test_a_look_counts_on_the_side_that_it_saw_and_as_finely_as_asked(tmp_path):
     sides = [spot_at(catalog, "cube-v1", (x, 1.0, 4.0)) for x in (0.06, -0.06)]
     assert [side.normal[0] for side in sides] == pytest.approx([1.0, -1.0])
     last = [photographed(catalog, side, "cube-v1").iloc[0] for side in sides]
-    assert last[0]["looks"] == 1 and last[1]["looks"] == 0
+    assert last[0]["looks"] == 2 and last[1]["looks"] == 0  # by the flight and the demonstration
     assert last[0]["mm_px"] == pytest.approx(1e3 * 8 / np.cos(np.radians(8)) * np.tan(np.radians(35)) / 800)
     assert photographed(catalog, sides[0], "cube-v1", mm_px=7.0).iloc[0]["looks"] == 0
     assert photographed(catalog, sides[0], "cube-v1", since="2100-01-01").iloc[0]["looks"] == 0
@@ -638,12 +639,17 @@ def test_a_campaign_has_a_draft_for_each_structure_without_a_look(filled, monkey
     catalog, _, name = filled
     other = open_catalog(f"{catalog.location}-campaign")
     other.add_structures([CUBE, CUBOID])
-    other.add_demonstrations([replace(flown(), demonstration_id="there", structure_id="cuboid-v1")])
+    about = {"demonstration_id": "there", "structure_id": "cuboid-v1"}
+    away = look_at(
+        flown().positions, flown().positions + np.array([8.0, 0.0, 0.0])
+    )  # it shows nothing of the place
+    other.add_demonstrations([replace(flown(), quat_xyzw=away, **about)])
     row = row_of(catalog, name)
     other.add_findings([{key: row[key] for key in row if key not in ("by", "entry_id")}], "Ada")
     (one,) = plan_campaign(other, row, 8.0)
     plan = other.plan(one["words"].split(";")[0])
     assert (one["structure_id"], one["status"]) == ("cuboid-v1", "draft")
+    assert f"finding {name}: from " in one["words"] and "mm/px, as P2.png showed it" in one["words"]
     assert plan.trajectory is not None and plan.target_id == "cuboid-v1"
     place = true_counterparts("cube-v1", "cuboid-v1", MARK[None])[0]
     ahead = matrices(plan.trajectory.quat_xyzw[0])[:, 0]
@@ -663,6 +669,16 @@ def test_a_campaign_has_a_draft_for_each_structure_without_a_look(filled, monkey
     other.add_structures([replace(CUBOID, vertices=CUBOID.vertices * [1, 1, 1.01], sha256="ef" * 32)])
     assert [each.target_id for each in due_jobs(other, [name], 8.0)[0]] == ["cuboid-v1"]
     assert [each.target_id for each in due_jobs(other, [name], 0.1)[0]] == ["cuboid-v1"]
+
+
+def test_a_camera_without_known_pixels_is_taken_to_have_those_of_the_photo(filled):
+    catalog, _, name = filled
+    other = open_catalog(f"{catalog.location}-no-pixels")
+    other.add_structures([CUBE])
+    other.add_demonstrations([replace(flown(), camera=replace(CAMERA, width_px=0, height_px=0))])
+    made = plan_reshoot(other, [row_of(catalog, name)], "cube-v1", 5.0)
+    assert made.words[1] == "the pixels of the camera are not known: 1600 x 1190 px, as a photo of a finding"
+    assert "at 4.8" in made.words[2] or "at 4.9" in made.words[2]
 
 
 def test_a_place_that_is_hidden_where_its_photo_was_taken_from_is_seen_from_aside(filled):

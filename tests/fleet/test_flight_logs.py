@@ -25,7 +25,7 @@ from upplied.fleet.gaps import plan_gap
 from upplied.fleet.promoting import promote_flight
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import scene_of
-from upplied.inputs.photos import photo_times
+from upplied.inputs.columns import photo_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.outputs import logs
 from upplied.outputs.flown import seen_as_flown

@@ -9,7 +9,7 @@ import pytest
 
 from upplied.config import settings_for
 from upplied.errors import CatalogError
-from upplied.fleet import keeping
+from upplied.fleet import run
 from upplied.fleet.decisions import Job
 from upplied.fleet.planner import Outcome
 from upplied.records import Plan
@@ -44,12 +44,12 @@ def outcome(number: int) -> Outcome:
 
 @pytest.fixture
 def commits(monkeypatch) -> Commits:
-    monkeypatch.setattr(keeping, "BATCH", 3)
+    monkeypatch.setattr(run, "BATCH", 3)
     return Commits()
 
 
 def test_outcomes_come_in_while_others_are_committed(commits):
-    kept = keeping.Keeper(commits, "run")
+    kept = run.Keeper(commits, "run")
     commits.go_on.clear()
     slow = threading.Thread(target=lambda: [kept.add(outcome(number)) for number in range(3)])
     slow.start()
@@ -67,7 +67,7 @@ def test_outcomes_come_in_while_others_are_committed(commits):
 
 
 def test_what_could_not_be_committed_is_tried_again_at_the_end(commits):
-    kept = keeping.Keeper(commits, "run")
+    kept = run.Keeper(commits, "run")
     commits.full = True
     with pytest.raises(CatalogError, match="No space"):
         for number in range(3):

@@ -16,7 +16,7 @@ from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
 from upplied.config import settings_for
 from upplied.errors import CatalogError, InputError
-from upplied.fleet import ingest, keeping, manifest, planner, reading, run
+from upplied.fleet import ingest, manifest, planner, reading, run
 from upplied.fleet.planner import Outcome
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -99,7 +99,7 @@ def test_what_changed_since_the_decision_is_not_planned_as_what_it_was(catalog):
 
 def test_what_was_planned_is_kept_before_the_run_ends(catalog, monkeypatch):
     """A killed run loses no more than `EVERY_S` of work."""
-    monkeypatch.setattr(keeping, "EVERY_S", 0.0)
+    monkeypatch.setattr(run, "EVERY_S", 0.0)
     rows = []
     jobs = fleet.decide(catalog, REQUEST).jobs
     fleet.transfer(

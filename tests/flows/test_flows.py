@@ -165,7 +165,7 @@ def test_a_shard_plans_what_it_is_named_and_nothing_twice(server, place):
     (shard,) = manifest.write_shards(catalog, "night", [(jobs[0],)])
     assert manifest.read_shard(str(catalog.location), shard) == [jobs[0]]
     code = f"""
-from upplied.flows.plan_shard import plan_shard
+from upplied.flows.engines import plan_shard
 from upplied.flows.transfer_fleet import transfer_fleet
 for _ in range(2):
     print(plan_shard("catalog", "night", "{shard}", return_state=True).message)

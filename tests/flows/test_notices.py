@@ -16,7 +16,7 @@ from apprise.plugins.slack import NotifySlack
 from prefect.blocks.notifications import SlackWebhook
 
 from upplied.errors import SettingsError
-from upplied.flows import notices
+from upplied.flows import automations
 
 SUBJECT, BODY = "transfer-fleet: Failed", "nightly: Failed: 0 ok, 0 refused, 2 failed"
 
@@ -82,7 +82,7 @@ def test_mail_says_what_failed_to_whom_it_was_told():
         address = (
             f"mailto://user:password@127.0.0.1:{port}?to=ops@example.org&from=fleet@example.org&mode=insecure"
         )
-        notices._block(address).notify(BODY, SUBJECT)
+        automations._block(address).notify(BODY, SUBJECT)
         said, mail = received.get(timeout=20)
     assert "rcpt to:<ops@example.org>" in [line.lower() for line in said]
     assert any(line.startswith("AUTH") for line in said)
@@ -92,7 +92,7 @@ def test_mail_says_what_failed_to_whom_it_was_told():
 
 
 def test_slack_says_what_failed(monkeypatch):
-    block = notices._block(f"https://hooks.slack.com/services/T0123ABCD/B0123ABCD/{'x' * 24}")
+    block = automations._block(f"https://hooks.slack.com/services/T0123ABCD/B0123ABCD/{'x' * 24}")
     assert isinstance(block, SlackWebhook)
     with listening(ThreadingHTTPServer(("127.0.0.1", 0), Hook)) as (port, received):
         monkeypatch.setattr(NotifySlack, "webhook_url", f"http://127.0.0.1:{port}/services")
@@ -103,12 +103,12 @@ def test_slack_says_what_failed(monkeypatch):
 
 @pytest.mark.parametrize("url", ["http://ops.example.org/hook", "https://ops.example.org/hook"])
 def test_a_webhook_gets_the_words_apart(url):
-    said = notices._block(url).json_data
+    said = automations._block(url).json_data
     assert said == {"text": "{{subject}}\n{{body}}", "subject": "{{subject}}", "body": "{{body}}"}
 
 
 @pytest.mark.parametrize("url", ["nonsense", "http://", "foo://secret@somewhere", "https://[", "mailto://"])
 def test_an_address_that_nothing_can_be_sent_to_is_refused_without_its_password(url):
     with pytest.raises(SettingsError, match="no message can be sent to it") as refused:
-        notices._block(url)
+        automations._block(url)
     assert "secret" not in str(refused.value)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from prefect.exceptions import ParameterTypeError
 
+from upplied import fleet
 from upplied.catalog import open_catalog
-from upplied.flows import tasks
-from upplied.flows.ingest import ingest_demonstrations, ingest_structures
+from upplied.flows.ingest import ingest_demonstrations, ingest_structures, log_options
 from upplied.flows.parameters import FlightBounds, bound_options
 from upplied.inputs.passport.settings import changed
 from upplied.outputs.logs import write_log
@@ -46,6 +46,13 @@ def test_bounds_that_are_said_reach_the_reader():
     assert changed(tuple(said)) == changed(("max_speed_mps=40", "max_clock_steps=3"))
 
 
+def read(catalog: str, folder, allow=(), strict=False, bounds=()) -> list[dict]:
+    """What the flow's task makes of a folder, and what of it people read."""
+    options = log_options(allow, strict, bounds)
+    files = fleet.ingest_demonstrations(open_catalog(catalog), [folder], 1, options=options)
+    return [{**vars(one), "findings": "; ".join(one.findings)} for one in files]
+
+
 @pytest.mark.slow
 @pytest.mark.ci
 def test_a_flow_overrules_and_refuses_as_the_command_does(tmp_path):
@@ -53,12 +60,11 @@ def test_a_flow_overrules_and_refuses_as_the_command_does(tmp_path):
     open_catalog(catalog).add_structures([cube])
     write_log(tmp_path / "flight.mcap", fly(cube, "sides"), cube)
     slow = ["max_speed_mps=0.1", "odd_speed_mps=0.1"]
-    read = tasks.ingest_demonstrations.fn
-    (refused,) = read(catalog, [str(tmp_path)], 1, (), False, slow)
+    (refused,) = read(catalog, tmp_path, (), False, slow)
     assert refused["status"] == "failed" and "--allow too-fast" in refused["reason"]
-    (taken,) = read(catalog, [str(tmp_path)], 1, ("too-fast",), False, slow)
+    (taken,) = read(catalog, tmp_path, ("too-fast",), False, slow)
     assert taken["status"] == "added" and "[overruled]" in taken["findings"]
-    (again,) = read(catalog, [str(tmp_path)], 1)
+    (again,) = read(catalog, tmp_path)
     assert again["status"] == "unchanged"  # what was overruled by a person stays so
     (row,) = open_catalog(catalog).demonstrations().to_dict("records")
     assert (row["overruled"], row["verdict"]) == ("too-fast", "overruled")
@@ -70,7 +76,6 @@ def test_what_was_taken_with_a_warning_is_refused_where_that_is_asked(tmp_path):
     cube, catalog = member("cube-v1").structure, str(tmp_path / "catalog")
     open_catalog(catalog).add_structures([cube])
     write_log(tmp_path / "flight.mcap", fly(cube, "sides"), cube)
-    read = tasks.ingest_demonstrations.fn
-    (taken,) = read(catalog, [str(tmp_path)], 1, (), False, ["odd_speed_mps=0.1"])
-    (strict,) = read(catalog, [str(tmp_path)], 1, (), True, ["odd_speed_mps=0.1"])
+    (taken,) = read(catalog, tmp_path, (), False, ["odd_speed_mps=0.1"])
+    (strict,) = read(catalog, tmp_path, (), True, ["odd_speed_mps=0.1"])
     assert (taken["status"], strict["status"]) == ("added", "failed") and "fast: " in strict["reason"]

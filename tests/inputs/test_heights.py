@@ -20,7 +20,7 @@ from upplied.inputs.passport import rules
 from upplied.inputs.passport.measured import Measured
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.velocity import steadiness
-from upplied.inputs.schemas import geoid
+from upplied.inputs.schemas import geodetic
 
 OPTIONS = LogOptions(structure_id="tank", **(PLACE | {"structure_datum": "ellipsoid"}))
 
@@ -38,7 +38,7 @@ def test_mean_sea_level_comes_from_a_grid_that_is_there(
     pyproj = pytest.importorskip("pyproj")
     path, _ = WRITERS["dataflash"](tmp_path, flight(120, 10.0))
     place = replace(OPTIONS, structure_datum="ellipsoid")
-    monkeypatch.setattr(geoid, "GRIDS", ("egm96_15.gtx",))
+    monkeypatch.setattr(geodetic, "GRIDS", ("egm96_15.gtx",))
     with pytest.raises(InputError, match=r"geoid_undulation_m, or a grid: none of PROJ's"):
         read_demonstration(path, place)
     _grid(tmp_path, 47.5)

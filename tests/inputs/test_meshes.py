@@ -17,7 +17,7 @@ from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifest_keys import AXES
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import normalise, read_structure, turn
-from upplied.inputs.points import outward_normals
+from upplied.inputs.outside import outward_normals
 from upplied.inputs.repair import WELD_M, clean, clip_below, topology_of, weld
 from upplied.records import Floats, Ints, Structure, Surroundings
 

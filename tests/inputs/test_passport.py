@@ -195,7 +195,7 @@ def test_what_a_refusal_names_makes_the_log_right(tmp_path: Path) -> None:
     found = taken(wrong, tmp_path / "a.mcap")
     assert np.allclose(found.positions, plain.positions, atol=1e-6)
     assert found.passport["verdict"] == plain.passport["verdict"]
-    assert "converted as asked" in found.notes
+    assert "converted as requested" in found.notes
 
 
 def test_a_rule_is_overruled_by_name_and_that_is_stored(tmp_path: Path) -> None:

@@ -301,7 +301,7 @@ def test_the_verdict_stands_in_the_first_screen_and_warnings_on_the_fleet_page(v
     box = page.locator(".verdict").first.bounding_box()
     assert box["y"] + box["height"] < 640 and page.locator("#tab-research").is_visible()
     told = page.locator(".verdict").first.inner_text()
-    assert "flyable" in told and "keeps 4.0 m" in told and "Mind the mast." in told
+    assert "flyable" in told and "stays 4.0 m clear" in told and "Mind the mast." in told
     fleet = visit((reports / "index.html").as_uri())
     fleet.check("#filter-warned")
     assert fleet.locator(".spacer .row").count() == 1

@@ -18,7 +18,8 @@ import pytest
 from made_missions import made_plan, placed_box, turning_on_the_spot
 
 from upplied.errors import RefusedError, SettingsError
-from upplied.outputs.missions import FORMATS, MissionOptions, export, litchi, missions_of
+from upplied.outputs.missions import FORMATS, MissionOptions, export, missions_of
+from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.geodesy import from_geodetic
 from upplied.records import Camera
 
@@ -229,7 +230,9 @@ def test_litchi_has_its_46_columns_and_codes(tmp_path):
     assert len(done.paths) > 1
     for path, mission in zip(done.paths, done.missions, strict=True):
         rows = list(csv.reader(path.open()))
-        assert len(rows[0]) == 46 and len(rows) - 1 == len(mission) <= litchi.MAX_WAYPOINTS
+        assert len(rows[0]) == 46 and len(rows) - 1 == len(mission) <= (
+            Flying.of("litchi").max_waypoints or 0
+        )
         assert all(len(row) == 46 for row in rows)
         table = pd.read_csv(path)
         assert np.allclose(table["latitude"], mission.geodetic[:, 0]) and (table["altitudemode"] == 0).all()

@@ -53,7 +53,7 @@ def test_presets_that_enforce_nothing_tell_how_near_they_come(preset: str, numbe
         pytest.skip(f"refused: {plan.reason}")
     found = clearance(target, plan.trajectory)
     assert plan.measures.min_clearance_m == pytest.approx(found, abs=0.01)
-    said = any("m are asked for" in warning for warning in plan.warnings)
+    said = any("m are required" in warning for warning in plan.warnings)
     assert said == (found < 2.0) or abs(found - 2) < 0.01
 
 

@@ -218,4 +218,4 @@ def test_what_comes_too_near_is_said_though_the_surfaces_do_not_correspond(fleet
     plan = plan_transfer(around_cube, fleet["cube-v1"], fleet["turbine-1-v1"], asked)
     assert plan.measures.min_clearance_m < 10
     *_, unmeasured, too_near = plan.warnings  # before them: the sizes differ
-    assert "was not measured" in unmeasured and "10 m are asked for" in too_near
+    assert "was not measured" in unmeasured and "10 m are required" in too_near

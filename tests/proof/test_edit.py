@@ -89,7 +89,7 @@ def test_a_viewpoint_where_nobody_may_be_is_refused_by_its_number(graph):
     here = np.array(BEFORE[4].position)
     wall = SCENE.closest(here[None])[0][0]
     near = replace(BEFORE[4], position=tuple(wall + (here - wall) / np.linalg.norm(here - wall)))
-    with pytest.raises(RefusedError, match=r"viewpoint 4.* m from the structure, 2 m are to be kept"):
+    with pytest.raises(RefusedError, match=r"viewpoint 4.* m from the structure, 2 m are required"):
         edited(PLAN, FLAGS, Edit((), {4: near}), graph, LIMITS)
     inside = np.array(BEFORE[7].position)
     with pytest.raises(RefusedError, match=r"viewpoint 7: in a keep-out box"):

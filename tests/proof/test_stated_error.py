@@ -71,6 +71,15 @@ def test_what_a_log_states_of_its_accuracy_bounds_the_error():
     assert 0.2 < align(tower, log).place_error_m < 1.0
 
 
+def test_a_vehicle_that_flew_5_m_beside_its_plan_and_knows_it_is_on_its_plan_and_left_there():
+    plan = PLANS["cube-sides-v1"]
+    flight = flown(plan, Manner(beside_m=(4.0, 2.8, 0.0)), 3)
+    found = align(plan, flight.log, accuracy_m=0.05)
+    assert found.on_plan.mean() > 0.95 and np.array_equal(found.flown.positions, flight.log.positions)
+    assert found.beside_m == pytest.approx(np.hypot(4.0, 2.8), abs=0.3)
+    assert found.place_error_m == pytest.approx(0.1) and not found.corrected
+
+
 def test_the_clearance_of_a_corrected_log_is_not_more_than_the_true_one():
     """The true path is neither the logged nor the corrected one, and may come nearer than both."""
     plan, structure = PLANS["a320-engine-left-v1"], member("a320-v1").structure

@@ -77,7 +77,7 @@ def test_a_change_is_judged_as_every_plan_is_and_nothing_is_planned_for_it(sessi
     inside = json.loads(json.dumps(views))
     inside[4] |= {"x_m": 0.0, "y_m": 0.0, "z_m": 1.0}
     refused = session.answer("judge", wanted(plan, viewpoints=inside))["refused"]
-    assert "viewpoint 4" in refused and "2 m are to be kept" in refused
+    assert "viewpoint 4" in refused and "2 m are required" in refused
 
 
 def test_the_headline_tells_the_clearance_that_the_change_asks_for(session):

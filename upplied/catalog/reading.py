@@ -14,12 +14,13 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store.cache import Cache
 from upplied.catalog.store.contents import CONTENTS, ContentStore, SurfaceStore
+from upplied.catalog.store.data_files import decoded
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.files import cache_folder, checked
 from upplied.catalog.store.identity import Clock, Identity
 from upplied.catalog.store.steps import StepTable
 from upplied.catalog.verbs import ordering, queries
-from upplied.catalog.verbs.queries import PlannedTrajectory, Units, When, decoded, frame, moment, until
+from upplied.catalog.verbs.queries import PlannedTrajectory, Units, When, frame, moment, until
 from upplied.catalog.verbs.standing import DERIVED, Standing, standing_of, with_states
 from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError
@@ -156,7 +157,7 @@ class Reading:
                 used["demonstrations"] = "demonstration_id"
             for name, column in used.items():
                 gone = ordering.retired(tables[name], until("added_at", as_of))
-                plans = plans[~plans[column].isin(gone)]
+                plans = plans[~plans[column].isin(gone)] if gone else plans
         if status is not None:
             plans = plans[plans["status"] == status]
         if since is not None:

@@ -23,17 +23,14 @@ from upplied.cli import (
     export,
     findings,
     flights,
-    fly,
     keys,
-    looks,
+    pages,
     quickstart,
     recommend,
     render,
-    report,
     review,
     serve,
     structures,
-    studio,
     transfer,
 )
 from upplied.cli.terminal import console, errors
@@ -66,11 +63,11 @@ _GROUPS = {  # of the help, in the order in which a newcomer needs them
         *(declared.set_, declared.settings, declared.require, declared.zones),
     ),
     "Review": (
-        *(studio.studio, report.report, render.app),
+        *(pages.studio, pages.report, render.app),
         *(review.review, review.release, review.reject, review.edit),
     ),
-    "Fly": (fly.fly, export.export, export.brief, flights.app),
-    "Findings": (findings.app, looks.looks, findings.reshoot),
+    "Fly": (export.fly, export.export, export.brief, flights.app),
+    "Findings": (findings.app, findings.looks, findings.reshoot),
     "Fleet": (review.in_force, serve.fleet, keys.app),
     "Service": (quickstart.quickstart, serve.serve, serve.deploy, serve.watch, doctor.doctor),
 }
@@ -94,17 +91,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         tokens = _catalog_last([token for token in tokens if token != "--quiet"])
         return app(tokens, exit_on_error=False, print_error=False) or 0
     except CycloptsError as error:
-        errors.print(f"[red]error:[/] {escape(str(error))} Try --help.", soft_wrap=True)
-        return 2
+        return _failed(2, "[red]error:[/]", f"{error} Try --help.")
     except RefusedError as error:
-        errors.print(f"[yellow]refused:[/] {escape(str(error))}", soft_wrap=True)
-        return 1
+        return _failed(1, "[yellow]refused:[/]", error)
     except UppliedError as error:
-        errors.print(f"[red]error:[/] {escape(str(error))}", soft_wrap=True)
-        return 2
+        return _failed(2, "[red]error:[/]", error)
     except KeyboardInterrupt:
-        errors.print("Stopped. Finished work is stored.")
-        return 130
+        return _failed(130, "Stopped.", "Finished work is stored.")
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains at its exit
         return 0
@@ -112,16 +105,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if os.environ.get("UPPLIED_DEBUG"):
             raise
         where = error.filename or type(error).__name__
-        errors.print(f"[red]error:[/] {escape(f'{where}: {error.strerror or error}')}", soft_wrap=True)
-        return 2
+        return _failed(2, "[red]error:[/]", f"{where}: {error.strerror or error}")
     except Exception as error:
         if os.environ.get("UPPLIED_DEBUG"):
             raise
-        errors.print(f"[red]fault:[/] {escape(f'{type(error).__name__}: {error}')}", soft_wrap=True)
-        errors.print("This is a fault of the program; UPPLIED_DEBUG=1 shows where.", soft_wrap=True)
-        return 3
+        advice = "This is a fault of the program; UPPLIED_DEBUG=1 shows where."
+        return _failed(3, "[red]fault:[/]", f"{type(error).__name__}: {error}\n{advice}")
     finally:
         console.quiet = False
+
+
+def _failed(code: int, word: str, text: object) -> int:
+    """Print a message after a word in colour, and return the exit code."""
+    errors.print(f"{word} {escape(str(text))}", soft_wrap=True)
+    return code
 
 
 def _catalog_last(tokens: list[str]) -> list[str]:

@@ -89,7 +89,7 @@ def diff(before: str, after: str | None = None, /, *, results: Results = PRINTED
     Parameters
     ----------
     before : str
-        A time, as 2026-11-21T02:00:00Z, or a version of the table of transfers.
+        A time, such as 2026-11-21T02:00:00Z, or a version of the table of transfers.
     after : str
         The same; by default now.
     """
@@ -118,7 +118,7 @@ def as_of(moment: str, /, *, results: Results = PRINTED) -> int:
     Parameters
     ----------
     moment : str
-        As 2026-11-21 or 2026-11-21T02:00:00Z; without a zone it is UTC.
+        Such as 2026-11-21 or 2026-11-21T02:00:00Z; UTC unless a zone is given.
     """
     frame = results.opened().transfers(as_of=moment)
     results.show_frame(f"transfers as of {moment}", frame, LABELS["plans"], SPARE)
@@ -148,7 +148,8 @@ def verify(*, head: HeadOption = (), results: Results = PRINTED) -> int:
     for finding in faults:
         say(finding)
     remedy = "take the damaged files from a backup"
-    say(f"{len(faults)} finding(s): {remedy}" if faults else "no fault found")
+    count = f"{len(faults)} finding{'s' * (len(faults) > 1)}"
+    say(f"{count}: {remedy}" if faults else "no findings")
     return int(bool(faults))
 
 
@@ -163,7 +164,7 @@ FormatOption = Annotated[
     Parameter(help="parquet for any program, lerobot for learning, tum for evo."),
 ]
 NameOption = Annotated[
-    str, Parameter(help="Name with a version, as boxes-v1; by default that of the folder.")
+    str, Parameter(help="Name with a version, such as boxes-v1; by default that of the folder.")
 ]
 PresetOption = Annotated[
     str, Parameter(help="Preset, or all; by default the first in use of recommended, paper, baseline.")
@@ -259,7 +260,7 @@ def import_(
     Parameters
     ----------
     folder : Path
-        As `upplied catalog export` wrote it.
+        Folder that `upplied catalog export` wrote.
     """
     from upplied.catalog import import_dataset
     from upplied.fleet.flights import measured

@@ -118,7 +118,7 @@ def _with_labels(
 ) -> list[dict[str, Any]]:
     """The zones with the place of those that name a label of faces."""
     from upplied.errors import InputError
-    from upplied.inputs.face_labels import read_face_labels
+    from upplied.inputs.columns import read_face_labels
 
     label_files: dict[str, str] = {}
     labelled = []

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import AllowOption, RuleOption, StrictOption, WorkersOption
+from upplied.cli.options import USUAL_RULES, DemonstrationArgument, RuleFlags, WorkersOption
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, ingested_report, progress, rows_of, say
 from upplied.outputs.labels import LABELS
 
@@ -19,9 +19,10 @@ LISTED = LABELS["demonstrations"]
 
 StructureOption = Annotated[str, Parameter(help="Structure that was flown, if no side-car file names it.")]
 RegisterOption = Annotated[tuple[str, ...], Parameter(help="A landmark in the log's frame, as NAME=X,Y,Z.")]
-TimeOption = Annotated[
-    float | None, Parameter(help="Start or end of the inspection, in seconds from the first pose.")
+StartOption = Annotated[
+    float | None, Parameter(help="Start of the inspection, in seconds from the first pose.")
 ]
+StopOption = Annotated[float | None, Parameter(help="End of the inspection, in seconds from the first pose.")]
 KindOption = Annotated[str, Parameter(help="Kind of a project's structure, for instance building or tower.")]
 PublisherOption = Annotated[str, Parameter(help="Body to read: the name of its frame, or #7 for channel 7.")]
 
@@ -29,14 +30,12 @@ PublisherOption = Annotated[str, Parameter(help="Body to read: the name of its f
 @app.command
 def add(
     *logs: Path,
-    allow: AllowOption = (),
-    strict: StrictOption = False,
-    set_: RuleOption = (),
+    flags: RuleFlags = USUAL_RULES,
     publisher: PublisherOption = "",
     structure: StructureOption = "",
     register: RegisterOption = (),
-    start: TimeOption = None,
-    stop: TimeOption = None,
+    start: StartOption = None,
+    stop: StopOption = None,
     kind: KindOption = "",
     unit_m: Annotated[float | None, Parameter(help="Metres per unit of a model without scale.")] = None,
     dry_run: Annotated[bool, Parameter(help="Check only, store nothing.")] = False,
@@ -56,10 +55,12 @@ def add(
     from upplied.inputs.sidecar import LogOptions
 
     options = LogOptions(
-        allow=tuple(allow), strict=strict, passport=changed(set_), publisher=publisher,
+        allow=flags.allow, strict=flags.strict, passport=changed(flags.set_), publisher=publisher,
         structure_id=structure, points=_points(register), start_s=start, stop_s=stop,
         kind=kind, unit_m=unit_m,
     )  # fmt: skip
+    if dry_run and where.opened().identity.id is None:
+        say(f"no catalog at {where.location} yet: no structure is known to check a flight against")
     with progress("reading flights", len(find_logs(logs))) as advance:
         ingested = fleet.ingest_demonstrations(
             where.opened(), logs, workers, lambda _: advance(), options=options, dry_run=dry_run
@@ -101,7 +102,7 @@ def list_(*, results: Results = PRINTED) -> int:
 
 
 @app.command(name="show")
-def show_(demonstration: str, /, *, results: Results = PRINTED) -> int:
+def show_(demonstration: DemonstrationArgument, /, *, results: Results = PRINTED) -> int:
     """Show the import checks of a demonstration: measurements, and the rules it breaks."""
     from upplied.inputs.passport.rules import findings_of
     from upplied.outputs.passport_page import rows_of

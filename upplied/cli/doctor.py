@@ -35,11 +35,11 @@ def doctor(*, results: Results = PRINTED) -> int:
 
 def _tried(check: Callable[[], str]) -> dict[str, str]:
     try:
-        return {"result": "good", "found": check()}
+        return {"result": "good", "details": check()}
     except ModuleNotFoundError as error:  # a package's metadata is missing with the same error
-        return {"result": "bad", "found": f"{error.name} is not installed: {_INSTALL}"}
+        return {"result": "bad", "details": f"{error.name} is not installed: {_INSTALL}"}
     except Exception as error:
-        return {"result": "bad", "found": f"{error}"}
+        return {"result": "bad", "details": f"{error}"}
 
 
 def _system() -> str:
@@ -55,18 +55,15 @@ def _packages() -> str:
     if find_spec("prefect") is None:
         flows = 'no flows (pip install "upplied[fleet]")'
         return f"upplied {version('upplied')}, {_open3d_version()}, {flows}"
+    bounds = {"sqlalchemy": (2, 1), "fastapi": (0, 151)}
     wrong = [
-        f"{name} {version(name)} (needs {text})"
-        for name, bound, text in (("sqlalchemy", (2, 1), "< 2.1"), ("fastapi", (0, 151), "< 0.151"))
-        if _installed(name) >= bound
+        f"{name} {version(name)} (needs < {bound[0]}.{bound[1]})"
+        for name, bound in bounds.items()
+        if tuple(map(int, version(name).split(".")[:2])) >= bound
     ]
     if wrong:
         raise RuntimeError(f"{', '.join(wrong)}: {_INSTALL}")
     return f"upplied {version('upplied')}, prefect {version('prefect')}, {_open3d_version()}"
-
-
-def _installed(name: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in version(name).split(".")[:2])
 
 
 def _open3d_version() -> str:

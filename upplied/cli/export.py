@@ -1,4 +1,4 @@
-"""`upplied export` and `upplied brief`: a plan as a mission file, and its page for the pilot."""
+"""`upplied export`, `brief` and `fly`: a plan as a mission file, as a page for the pilot, and in wind."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from upplied.cli.options import PlanArgument
-from upplied.cli.terminal import HERE, Where, beside, errors, hint, say
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, beside, compared, errors, hint, say
 from upplied.outputs.labels import LABELS
 from upplied.outputs.mission_options import MissionOptions
 
 Format = Literal["qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"]
 FormatOption = Annotated[Format, Parameter(help="Format of the mission.")]
 OutputOption = Annotated[Path, Parameter(("--output", "-o"))]
+TowardsOption = Annotated[
+    float, Parameter(help="Direction of the wind, in degrees counter-clockwise from +X.")
+]
 MissionFlags = Annotated[MissionOptions | None, Parameter("*")]
 
 
@@ -32,6 +35,7 @@ def export(
     Each flight is a file. Vehicle and clearance come from the parameters of the plan (`upplied settings`)
     unless an option overrides them.
     """
+    from upplied.outputs.missions.flying import OPENED_IN
     from upplied.outputs.render import export_transfer
 
     with errors.status("writing the mission"):
@@ -40,7 +44,7 @@ def export(
         say(path)
     for note in written.notes:
         say(f"note: {note}")
-    hint(f"Next: read the notes, then open the mission in {LABELS['opened_in'][to]}")
+    hint(f"Next: read the notes, then open the mission in {OPENED_IN[to]}")
     return 0
 
 
@@ -63,3 +67,42 @@ def brief(
         say(brief_transfer(*where.plan(transfer), to, beside(output), flags))
     hint("Next: open it in a browser and print it, as PDF or on paper")
     return 0
+
+
+def fly(
+    transfer: PlanArgument,
+    /,
+    *,
+    wind: Annotated[float, Parameter(help="Mean wind speed, in m/s.")] = 5.0,
+    towards: TowardsOption = 60.0,
+    gusts: Annotated[bool, Parameter(negative="--no-gusts", help="Add gusts.")] = True,
+    seed: Annotated[int, Parameter(help="Random seed of gusts and errors.")] = 0,
+    force: Annotated[tuple[str, ...], Parameter(help="Safety rule to overrule, by name.")] = (),
+    results: Results = PRINTED,
+) -> int:
+    """Simulate a plan in wind and show its margin; the next report includes the result.
+
+    Exit code 1 if the flight comes nearer to the structure than the clearance limit.
+    """
+    from upplied.catalog.verbs.recipes import settings_of
+    from upplied.fleet.flights import fly_plan
+    from upplied.simulate import Wind
+
+    store, transfer = results.plan(transfer)
+    with errors.status("flying"):
+        flown = fly_plan(store, transfer, Wind(wind, towards, gusts), seed, force)
+    row = store.transfer(transfer)
+    route = settings_of(row["settings_json"]).route
+    rows = compared(LABELS["simulated"], {"planned": row, "flown": flown}, ("change", "flown", "planned"))
+    results.show(f"{transfer} in {wind:g} m/s of wind", rows)
+    if not route.enforce:
+        return 0
+    margin = flown["min_clearance_m"] - route.clearance_m
+    results.say(f"margin above the limit of {route.clearance_m:g} m: {margin:+.2f} m")
+    if margin < 0:
+        errors.print(
+            "Too little clearance in this wind: plan with a larger --clearance, or fly in less wind."
+        )
+    else:
+        results.next_step(f"export {transfer} --to qgc-plan --output mission.plan", "write the mission file")
+    return int(margin < 0)

@@ -1,22 +1,34 @@
-"""`upplied findings` and `reshoot`: findings, their photos, and the same place elsewhere."""
+"""`upplied findings`, `looks` and `reshoot`: findings, their photos, and the same place elsewhere."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.looks import LOOKED, LookResults
-from upplied.cli.options import ByOption, FindingArgument, NoteOption
+from upplied.cli.options import (
+    ByOption,
+    FindingArgument,
+    NoteOption,
+    StructureArgument,
+    XArgument,
+    YArgument,
+    ZArgument,
+)
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, complain, errors, say
 from upplied.outputs.labels import LABELS
+
+if TYPE_CHECKING:
+    from upplied.catalog import Catalog
+    from upplied.findings.looks import Spot
 
 app = App(
     name="findings", help="Place findings on structures, see them again, and find the same place elsewhere."
 )
 LISTED = LABELS["findings"]
-SPARE = ("note", "severity", "by", "doubt")
+SPARE = ("note", "severity", "by")
 PhotoOption = Annotated[str, Parameter(help="Name or path of a registered photo.")]
 TimeOption = Annotated[float | None, Parameter(help="Seconds from its first pose, in place of a photo.")]
 PixelOption = Annotated[tuple[float, float] | None, Parameter(help="X and Y, px from the upper left.")]
@@ -29,7 +41,41 @@ FinenessOption = Annotated[float, Parameter("--mm-px", help="Largest ground samp
 SinceOption = Annotated[
     str | None, Parameter("--since", help="Ignore looks before this date, such as 2026-03-01.")
 ]
-ToOption = Annotated[str, Parameter("--to", help="`kind` for every structure of it, or IDs with commas.")]
+ToOption = Annotated[str, Parameter("--to", help="IDs separated by commas, or `kind` for all of its kind.")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class LookResults(Results):
+    """The looks at a place: of which flights, and with crops of the photos where a folder is given."""
+
+    out: Annotated[Path | None, Parameter(help="Folder for crops side by side, with a page.")] = None
+    photos: Annotated[Path | None, Parameter(help="Folder of photos that were moved.")] = None
+    simulated: Annotated[bool, Parameter(help="Include simulated flights.")] = False
+
+    def show_looks(self, store: Catalog, title: str, spot: Spot) -> int:
+        """Print the looks at a place, and write the crops; 1 where a photo is missing."""
+        from upplied.findings.looks import FLOWN, looks_at_spot, looks_frame
+
+        with errors.status("casting rays"):
+            looks = looks_at_spot(store, spot, (*FLOWN, *["simulated"] * self.simulated))
+        frame = looks_frame(looks)
+        sides = frame[["left_px", "top_px", "right_px", "bottom_px"]].round(0)
+        frame["box"] = [" ".join(f"{side:.0f}" for side in row) for row in sides.to_numpy()]
+        self.show_frame(f"looks at {title}", frame, LABELS["looks"])
+        if self.out is None:
+            return 0
+        from upplied.findings.crops import write_crops
+
+        structure = store.structure(spot.structure_id)
+        page, missing = write_crops(self.out, title, looks, spot, structure, self.photos)
+        for reason in missing:
+            complain(f"missing: {reason}")
+        self.say(page)
+        return int(bool(missing))
+
+
+LOOKED = LookResults()
 
 
 @app.command
@@ -69,7 +115,7 @@ def add(
     stated = [value is not None and value != "" for value in (pixel, box, outline, at)]
     if (file is None) != (sum(stated) == 1):
         raise SettingsError(
-            "a finding", "has no source, or several", "FILE, --pixel, --box, --outline or --at"
+            "a finding", "has no source, or several", "one of FILE, --pixel, --box, --outline, --at"
         )
     if file is not None:
         marks = read_marks(file)
@@ -146,7 +192,7 @@ def list_findings(
     if out is not None and not reference:
         from upplied.errors import SettingsError
 
-        raise SettingsError("--out", "has no structure to show findings on", "say --reference STRUCTURE")
+        raise SettingsError("--out", "has no structure to show findings on", "", "add --reference STRUCTURE")
     if not reference:
         rows = store.findings(structure=structure, kind=kind, state=state, class_name=class_name)
         results.show_frame("findings", rows, LISTED, SPARE)
@@ -188,8 +234,8 @@ def history(finding: str, /, *, results: Results = PRINTED) -> int:
     return 0
 
 
-@app.command
-def looks(finding: FindingArgument, /, *, results: LookResults = LOOKED) -> int:
+@app.command(name="looks")
+def looks_of(finding: FindingArgument, /, *, results: LookResults = LOOKED) -> int:
     """List every photo of every flight that shows a finding."""
     from upplied.findings.looks import off_surface, spot_of
 
@@ -199,9 +245,8 @@ def looks(finding: FindingArgument, /, *, results: LookResults = LOOKED) -> int:
     sha256 = str(store.newest("structures", spot.structure_id)["sha256"])
     if spot.structure_sha256 != sha256:
         off = float(off_surface(store, [spot], sha256)[0])
-        complain(
-            f"{spot.structure_id} has changed since it was found; the place is {off:.2f} m off its surface"
-        )
+        words = f"{spot.structure_id} has changed since the finding was placed"
+        complain(f"{words}; the place is {off:.2f} m off its surface")
     return results.show_looks(store, f"finding {row['finding_id']}", spot)
 
 
@@ -226,12 +271,14 @@ def carry(
         carrying = Carrying(store, status.update)
         spots = photographed(store, row, to, mm_px, since, every=every, carrying=carrying)
     results.show_frame(f"finding {row['finding_id']} elsewhere", spots, LABELS["carried"], SPARE)
+    for name, part, doubt in spots.loc[spots["doubt"] != "", ["structure_id", "part", "doubt"]].to_numpy():
+        results.say(f"{name}, part {part}: {doubt}")
     return 0
 
 
 def reshoot(
     *,
-    findings: Annotated[str, Parameter(help="A state such as open, or IDs with commas.")],
+    findings: Annotated[str, Parameter(help="IDs separated by commas, or a state such as open.")],
     on: Annotated[str, Parameter(help="Structure to plan the mission for.")],
     mm_px: FinenessOption,
     where: Where = HERE,
@@ -269,3 +316,21 @@ def campaign(
     for one in plans:
         say(f"{one['structure_id']}: {one['status']}{': ' if one['words'] else ''}{one['words']}")
     return int(any(one["status"] == "refused" for one in plans))
+
+
+def looks(
+    structure: StructureArgument,
+    x: XArgument,
+    y: YArgument,
+    z: ZArgument,
+    /,
+    *,
+    size: Annotated[float, Parameter(help="Width of the area to show, m.")] = 0.5,
+    results: LookResults = LOOKED,
+) -> int:
+    """List every photo of every flight that shows the place of the surface nearest to a point."""
+    from upplied.findings.looks import spot_at
+
+    store = results.opened()
+    title = f"({x:g}, {y:g}, {z:g}) m of {structure}"
+    return results.show_looks(store, title, spot_at(store, structure, (x, y, z), size / 2))

@@ -7,7 +7,14 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import ByOption, FlightArgument
+from upplied.cli.options import (
+    ByOption,
+    FlightArgument,
+    StructureArgument,
+    XArgument,
+    YArgument,
+    ZArgument,
+)
 from upplied.cli.terminal import HERE, ID_DIGITS, PRINTED, Results, Where, errors, plain, rows_of, say
 from upplied.outputs.labels import LABELS
 
@@ -17,7 +24,7 @@ PlanOption = Annotated[
     str, Parameter(help="ID of the plan that was flown; by default the plan that fits best.")
 ]
 PhotosOption = Annotated[
-    Path | None, Parameter(help="Times of the photos, in nanoseconds of the log's clock.")
+    Path | None, Parameter(help="File with the times of the photos, in nanoseconds of the log's clock.")
 ]
 ForceOption = Annotated[
     tuple[str, ...], Parameter(help="Rule to overrule: flown, whole, recorded or clearance.")
@@ -39,7 +46,7 @@ def add(
     Parameters
     ----------
     log : Path
-        Any log that demonstrations are read from; with its side-car.
+        Log in any format that `upplied demonstrations add` reads, with its side-car file.
     """
     from upplied.fleet.flight_logs import add_flight_log, left_out
 
@@ -57,7 +64,7 @@ def add(
 def list_flights(
     *,
     structure: Annotated[str | None, Parameter(help="Only flights of this structure.")] = None,
-    kind: Annotated[str | None, Parameter(help="flown or simulated.")] = None,
+    kind: Annotated[str | None, Parameter(help="Kind of the flight: flown or simulated.")] = None,
     results: Results = PRINTED,
 ) -> int:
     """List the flights in the order of their import."""
@@ -92,22 +99,16 @@ def gap(flight: FlightArgument, /, *, where: Where = HERE) -> int:
 
 @app.command
 def history(
-    structure: str,
-    x: float,
-    y: float,
-    z: float,
+    structure: StructureArgument,
+    x: XArgument,
+    y: YArgument,
+    z: ZArgument,
     /,
     *,
-    kind: Annotated[str, Parameter(help="flown or simulated.")] = "",
+    kind: Annotated[str, Parameter(help="Kind of the flight: flown or simulated.")] = "",
     results: Results = PRINTED,
 ) -> int:
-    """Show when the patch nearest to a point was seen, from which distance and at which angle.
-
-    Parameters
-    ----------
-    x, y, z : float
-        Point in the frame of the structure, m.
-    """
+    """Show when the patch nearest to a point was seen, from which distance and at which angle."""
     looks = results.opened().looks_at(structure, (x, y, z), kind)
     title = f"looks at ({x:g}, {y:g}, {z:g}) m of {structure}"
     results.show(title, rows_of(looks), ("patch", "patch_off_m"))

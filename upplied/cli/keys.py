@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from cyclopts import App
 
+from upplied.cli.options import PersonArgument
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, say
 
 if TYPE_CHECKING:
@@ -15,14 +16,8 @@ app = App(name="keys", help="Manage who may release plans, and their signing key
 
 
 @app.command
-def new(name: str, /, *, where: Where = HERE) -> int:
-    """Generate a key pair; the private key stays on this machine.
-
-    Parameters
-    ----------
-    name : str
-        Name of the person.
-    """
+def new(name: PersonArgument, /, *, where: Where = HERE) -> int:
+    """Generate a key pair; the private key stays on this machine."""
     from upplied.catalog.verbs.roster import key_path, new_key
 
     public = new_key(name)
@@ -33,7 +28,7 @@ def new(name: str, /, *, where: Where = HERE) -> int:
 
 
 @app.command
-def add(name: str, key: str, /, *, where: Where = HERE) -> int:
+def add(name: PersonArgument, key: str, /, *, where: Where = HERE) -> int:
     """Add a person to the roster. Once there is one, only listed people may release, and they sign.
 
     Parameters
@@ -48,7 +43,7 @@ def add(name: str, key: str, /, *, where: Where = HERE) -> int:
 
 
 @app.command
-def retire(name: str, /, *, where: Where = HERE) -> int:
+def retire(name: PersonArgument, /, *, where: Where = HERE) -> int:
     """Remove a person from the roster; earlier releases stay in force."""
     decisions = where.opened().decisions()
     _roster(where).retire(name, "" if decisions.empty else str(decisions["decision_id"].iloc[-1]))

@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 from cyclopts import Parameter
 
 WorkersOption = Annotated[int, Parameter(help="Number of processes; 0 uses one per core.")]
+XArgument = Annotated[float, Parameter(help="X of the point, m, in the frame of the structure.")]
+YArgument = Annotated[float, Parameter(help="Y of the point, m.")]
+ZArgument = Annotated[float, Parameter(help="Z of the point, m.")]
+DemonstrationArgument = Annotated[str, Parameter(help="ID of the demonstration.")]
+PersonArgument = Annotated[str, Parameter(help="Name of the person.")]
 ByOption = Annotated[str, Parameter(help="Your name, stored with the decision.")]
 NoteOption = Annotated[str, Parameter(help="Reason, shown on the page of the plan.")]
-AllowOption = Annotated[tuple[str, ...], Parameter(help="Name of a rule to overrule; repeatable.")]
-RuleOption = Annotated[tuple[str, ...], Parameter(name="--set", help="Limit of a rule, as NAME=VALUE.")]
-StrictOption = Annotated[bool, Parameter(help="Treat warnings as refusals.")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class RuleFlags:
+    """How strictly imports are checked."""
+
+    allow: Annotated[tuple[str, ...], Parameter(help="Name of a rule to overrule; repeatable.")] = ()
+    strict: Annotated[bool, Parameter(help="Treat warnings as refusals.")] = False
+    set_: Annotated[tuple[str, ...], Parameter(name="--set", help="Limit of a rule, as NAME=VALUE.")] = ()
+
+
+USUAL_RULES = RuleFlags()
 
 PlanArgument = Annotated[str, Parameter(help="ID of the plan, or its beginning.")]
 FindingArgument = Annotated[str, Parameter(help="ID of the finding, or its beginning.")]

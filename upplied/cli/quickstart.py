@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from cyclopts import App
 
-from upplied.cli.terminal import console, next_step, progress, say
+from upplied.cli.terminal import HERE, console, progress, say
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,7 +31,7 @@ def write(folder: Path = Path("samples")) -> int:
     with progress("files", FILES) as advance:
         write_sample_fleet(folder, lambda _: advance())
     say(f"{folder / 'structures.toml'} and its logs")
-    next_step(f"structures add {shlex.quote(str(folder / 'structures.toml'))}", "import the meshes")
+    HERE.next_step(f"structures add {shlex.quote(str(folder / 'structures.toml'))}", "import the meshes")
     return 0
 
 
@@ -46,7 +46,7 @@ def quickstart(folder: Path = Path(".")) -> int:
         Folder for samples, catalog and reports.
     """
     from upplied import fleet, open_catalog
-    from upplied.cli.report import pairs_in
+    from upplied.cli.pages import pairs_in
     from upplied.cli.transfer import run
     from upplied.fleet.ingest import find_logs
     from upplied.inputs.manifests import read_manifest

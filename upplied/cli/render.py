@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import PlanArgument, StructureArgument
+from upplied.cli.options import DemonstrationArgument, PlanArgument, StructureArgument
 from upplied.cli.terminal import HERE, Where, beside, errors, say
 
 app = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
@@ -40,17 +40,15 @@ def transfer(
 
 @app.command
 def comparison(
-    demonstration: str, target: str, /, *, output: OutputOption, view: ViewOption = None, where: Where = HERE
+    demonstration: DemonstrationArgument,
+    target: StructureArgument,
+    /,
+    *,
+    output: OutputOption,
+    view: ViewOption = None,
+    where: Where = HERE,
 ) -> int:
-    """Draw the newest plan of each preset side by side.
-
-    Parameters
-    ----------
-    demonstration : str
-        ID of the demonstration.
-    target : str
-        ID of the target structure.
-    """
+    """Draw the newest plan of each preset side by side."""
     from upplied.outputs.render import render_comparison
 
     with errors.status("drawing"):

@@ -124,7 +124,7 @@ def notify(
     """
     if not connected(port):
         return 1
-    from upplied.flows.notices import tell
+    from upplied.flows.automations import tell
 
     say(tell(url, every_run))
     return 0

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import AllowOption, RuleOption, StrictOption, StructureArgument, WorkersOption
+from upplied.cli.options import USUAL_RULES, RuleFlags, StructureArgument, WorkersOption
 from upplied.cli.terminal import (
     HERE,
     PRINTED,
@@ -42,9 +42,7 @@ def add(
     /,
     *,
     prune: Annotated[bool, Parameter(help="Retire structures that the manifest no longer names.")] = False,
-    allow: AllowOption = (),
-    strict: StrictOption = False,
-    set_: RuleOption = (),
+    flags: RuleFlags = USUAL_RULES,
     workers: WorkersOption = 0,
     where: Where = HERE,
 ) -> int:
@@ -58,7 +56,7 @@ def add(
     from upplied import fleet
     from upplied.inputs.manifests import read_manifest
 
-    store, rules = where.opened(), _rule_options(allow, strict, set_)
+    store, rules = where.opened(), _rule_options(flags)
     with progress("reading structures", len(read_manifest(manifest))) as advance:
         ingested = fleet.ingest_structures(store, manifest, workers, lambda _: advance(), prune, rules)
     code = ingested_report(ingested)
@@ -99,7 +97,7 @@ def show_(structure: StructureArgument, /, *, results: Results = PRINTED) -> int
     if results.json:
         results.show("", [facts | {"size_m": size, "verdicts": [asdict(one) for one in verdicts]}])
         return 0
-    results.show(structure, [{"what": name, "found": value} for name, value in facts.items() if value])
+    results.show(structure, [{"what": name, "value": value} for name, value in facts.items() if value])
     for verdict in verdicts:
         say(f"{verdict.severity}: {verdict}. {verdict.remedy}")
     return 0
@@ -113,9 +111,7 @@ def check(
     id: Annotated[str | None, Parameter(help="Structure of a manifest to report in full.")] = None,
     png: PictureOption = None,
     clean: CleanOption = False,
-    allow: AllowOption = (),
-    strict: StrictOption = False,
-    set_: RuleOption = (),
+    flags: RuleFlags = USUAL_RULES,
     workers: WorkersOption = 0,
     results: Results = PRINTED,
 ) -> int:
@@ -130,7 +126,7 @@ def check(
     from upplied.errors import InputError
     from upplied.inputs.manifests import read_manifest
 
-    rules = _rule_options(allow, strict, set_)
+    rules = _rule_options(flags)
     if file.suffix.lower() not in (".toml", ".csv"):
         return _checked(file, png, clean=clean)
     others = _others(results)
@@ -148,11 +144,11 @@ def check(
     return int(any(item.status == "failed" for item in checked))
 
 
-def _rule_options(allow: tuple[str, ...], strict: bool, limits: tuple[str, ...]) -> RuleOptions:
+def _rule_options(flags: RuleFlags) -> RuleOptions:
     from upplied.fleet import RuleOptions
     from upplied.inputs.structure_rules import changed
 
-    return RuleOptions(tuple(allow), strict, changed(limits))
+    return RuleOptions(flags.allow, flags.strict, changed(flags.set_))
 
 
 def _others(where: Where) -> Catalog | None:

@@ -7,6 +7,7 @@ import math
 import os
 import shlex
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -56,8 +57,10 @@ class Where:
         return catalog, catalog.find_transfer(transfer)
 
     def next_step(self, command: str, why: str) -> None:
-        """What to do next, on the same catalog."""
-        next_step(command, why, self.location)
+        """One line on a terminal about what to do next; the catalog is named where the default is another."""
+        elsewhere = self.location != os.environ.get("UPPLIED_CATALOG", "catalog")
+        place = f" --catalog {shlex.quote(self.location)}" if elsewhere else ""
+        hint(f"Next: upplied {command}{place}  ({why})")
 
 
 @Parameter(name="*")
@@ -202,15 +205,6 @@ def _left_out(cells: Mapping[str, Sequence[str]], spare: Sequence[str]) -> list[
     return gone
 
 
-def next_step(command: str, why: str, catalog: str = "") -> None:
-    """After a success, one line on a terminal that says what to do next; nothing where output is piped.
-
-    `catalog` is the one that was worked on: it is named where the next command would take another.
-    """
-    elsewhere = catalog and catalog != os.environ.get("UPPLIED_CATALOG", "catalog")
-    hint(f"Next: upplied {command}{f' --catalog {shlex.quote(catalog)}' if elsewhere else ''}  ({why})")
-
-
 def hint(line: str) -> None:
     """A line for a person at a terminal."""
     if console.is_terminal:
@@ -230,60 +224,28 @@ def ingested_report(ingested: Sequence[Ingested]) -> int:
     shown = [item for item in ingested if item.file and item.status != "unchanged"]
     if shown:
         above = os.path.commonpath([os.path.dirname(item.file) for item in shown])
-        rows = [
-            {
-                "file": os.path.relpath(item.file, above),
-                "is": item.status,
-                "as": item.words or item.reason.removeprefix(f"{item.file}: "),
-            }
-            for item in shown
-        ]
+        texts = [item.words or item.reason.removeprefix(f"{item.file}: ") for item in shown]
+        rows = [{"file": os.path.relpath(item.file, above), "result": item.status, "details": text}
+                for item, text in zip(shown, texts, strict=True)]  # fmt: skip
         show("flights", rows)
     for item in ingested:
         if item.status == "failed":
             complain(f"failed: {item.reason}")
         for finding in item.findings:
             say(f"{item.name}: {finding}")
-    counts = {
-        status: sum(item.status == status for item in ingested)
-        for status in ("added", "readable", "unchanged", "retired", "failed", "passed over")
-    }
-    console.print(
-        ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "nothing to read"
-    )
+    counts = Counter(item.status for item in ingested)
+    order = ("added", "readable", "unchanged", "retired", "failed", "passed over")
+    say(", ".join(f"{counts[status]} {status}" for status in order if counts[status]) or "nothing to read")
     return int(counts["failed"] > 0)
 
 
 @contextmanager
 def progress(title: str, total: int | None) -> Iterator[Advance]:
-    """A bar with rate and remaining time on a terminal; nothing where output is piped."""
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        Task,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    """A bar with the remaining time on a terminal; nothing where output is piped."""
+    from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 
-    class Rate(TextColumn):
-        def __init__(self) -> None:
-            super().__init__("")
-
-        def render(self, task: Task) -> Any:
-            done, spent = task.completed, task.elapsed
-            self.text_format = f"{done / spent:.1f}/s" if done and spent else ""
-            return super().render(task)
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        Rate(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=errors, disable=console.quiet or not errors.is_terminal) as bar:
-        task = bar.add_task(title, total=total)
-        yield lambda: bar.advance(task)
+    words, bar, _, remaining = Progress.get_default_columns()
+    columns = (words, bar, MofNCompleteColumn(), TimeElapsedColumn(), remaining)
+    with Progress(*columns, console=errors, disable=console.quiet or not errors.is_terminal) as shown:
+        task = shown.add_task(title, total=total)
+        yield lambda: shown.advance(task)

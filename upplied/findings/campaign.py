@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Sequence
 from typing import Any
@@ -78,7 +79,8 @@ def plan_campaign(
         status, words = catalog.settled([job.key]).get(job.key, ("failed", "its inputs changed"))
         if status == "ok":
             plan = plans[id_of(job.key)]
-            shown = next((text for text in plan["warnings"] if text.startswith("finding ")), "")
+            texts = json.loads(plan["warnings"] or "[]")
+            shown = next((text for text in texts if text.startswith("finding ")), "")
             status = str(plan["state"])
             words = f"{plan['transfer_id']}; {'planned before' if job.key in before else shown}"
         results.append({"structure_id": job.target_id, "status": status, "words": words})
@@ -131,7 +133,7 @@ def campaign_jobs(
     if not names:
         raise RefusedError(f"finding {row['finding_id']}", "is on the only structure of its kind", "others")
     if not mm_px > 0:
-        raise RefusedError("a campaign", f"was asked for {mm_px:g} mm a pixel", "more than 0")
+        raise RefusedError("a campaign", f"was requested with {mm_px:g} mm a pixel", "more than 0")
     for there in photographed(catalog, row, names, mm_px, since, carrying=carrying).to_dict("records"):
         name = str(there["structure_id"])
         one = {"structure_id": name, "status": "seen"}

@@ -18,8 +18,7 @@ from upplied.config import Settings
 from upplied.errors import CatalogError, RefusedError, UppliedError
 from upplied.findings.looks import Spot, off_surface, plane_axes
 from upplied.findings.sampled import Carried, Near, about, carried_samples
-from upplied.fleet.decisions import PlanRequest, SettingsOf
-from upplied.fleet.siblings import SiblingsOf
+from upplied.fleet.decisions import PlanRequest, SettingsOf, SiblingsOf
 from upplied.planning.correspondence.memo import content_key
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.correspondence.siblings import study
@@ -58,7 +57,11 @@ class Counterparts(Rows):
         if not self.doubtful[at]:
             return ""
         sure = self.probability[at]
-        part = "parts are not told apart" if np.isnan(sure) else f"the right part with probability {sure:.2f}"
+        part = (
+            "parts cannot be distinguished"
+            if np.isnan(sure)
+            else f"the right part with probability {sure:.2f}"
+        )
         return f"doubtful: {part}, may be {self.error_m[at]:.2f} m off"
 
     @property
@@ -314,23 +317,14 @@ def _nowhere(count: int) -> Counterparts:
 def _turn(spots: Floats, ring: Floats, carried: Floats, normal: Floats, known: Bools) -> Floats:
     """The orthogonal matrices (N, 3, 3) that turn directions about spots into those about their counterparts.
 
-    In the plane they are the orthogonal factor of the linear map of the ring of samples about a spot; of a
-    matrix of 2 by 2 it is the sum with its cofactors, or the difference where it mirrors, but for its length.
+    In the plane they are the orthogonal factor of the linear map of the ring of samples about a spot.
     """
     here, there = (np.stack([*plane_axes(up), up], axis=-1) for up in (spots[:, 3:], normal))
     flat, moved = (np.einsum("nki,nij->nkj", each[:, 1:], axes)[..., :2] * known[..., None]
                    for each, axes in ((ring, here), (carried, there)))  # fmt: skip
-    spread = _cofactors(np.einsum("nki,nkj->nij", flat, flat))  # as its inverse, but for a positive factor
-    linear = np.einsum("nki,nkj->nij", moved, flat) @ spread
-    factor = linear + np.sign(np.linalg.det(linear))[:, None, None] * _cofactors(linear)
-    length = np.hypot(factor[:, 0, 0], factor[:, 1, 0])
+    inverse = np.linalg.pinv(np.einsum("nki,nkj->nij", flat, flat), hermitian=True)
+    left, size, right = np.linalg.svd(np.einsum("nki,nkj->nij", moved, flat) @ inverse)
     plane = np.repeat(np.eye(3)[None], len(spots), axis=0)
-    enough = (known.sum(axis=1) >= 3) & (length > 0)
-    plane[enough, :2, :2] = factor[enough] / length[enough, None, None]
+    enough = (known.sum(axis=1) >= 3) & (size[:, 1] > 0)
+    plane[enough, :2, :2] = (left @ right)[enough]
     return np.asarray(there @ plane @ here.transpose(0, 2, 1))
-
-
-def _cofactors(matrices: Floats) -> Floats:
-    """Of matrices (N, 2, 2)."""
-    (a, b), (c, d) = matrices.transpose(1, 2, 0)
-    return np.array([[d, -c], [-b, a]]).transpose(2, 0, 1)

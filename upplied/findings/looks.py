@@ -7,7 +7,7 @@ one by one; of a flight without any, its camera is taken to see all the time, an
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +27,7 @@ from upplied.planning.visibility.moments import motion_of, rates
 from upplied.planning.visibility.observations import TRULY, stations
 from upplied.records import Camera, Cloud, Floats, Record
 
+FLOWN = ("demonstration", "flown")  # kinds of flights that a vehicle flew
 _EXPOSURE_S = InspectionSettings().exposure_s
 _AROUND_S = 0.1  # before and after a photo, over which its motion is taken
 _LEAST_M = 0.25  # radius about a place without extent, that its box shows
@@ -93,21 +94,21 @@ def off_surface(catalog: Catalog, spots: Sequence[Spot], sha256: str) -> Floats:
     return off
 
 
-def looks_at_spot(catalog: Catalog, spot: Spot, simulated: bool = False) -> list[Look]:
+def looks_at_spot(catalog: Catalog, spot: Spot, kinds: Collection[str] = FLOWN) -> list[Look]:
     """Every look at a spot, flight by flight in the order of flying, the finest of each flight first.
 
     Parameters
     ----------
     catalog : Catalog
     spot : Spot
-    simulated : bool
-        Simulated flights as well.
+    kinds : collection of str
+        Of flights: ``demonstration``, ``flown`` and ``simulated``.
     """
     photos = catalog.flight_photos(structure=spot.structure_id)
     scene = scene_of(catalog.structure(spot.structure_id))
     cloud = Cloud(spot.place[None], spot.normal[None])
     groups: list[list[Look]] = []
-    for flight in flights_round(catalog, spot.structure_id, simulated):
+    for flight in flights_round(catalog, spot.structure_id, kinds):
         own = photos[photos["flight_id"] == flight.flight_id]
         poses = flight.at(own["t_s"].to_numpy()) if len(own) else stations(flight.path)
         where = poses.positions, poses.quat_xyzw, cloud, frustum_of(flight.camera)

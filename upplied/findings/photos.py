@@ -7,7 +7,7 @@ import csv
 import hashlib
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -59,14 +59,15 @@ class Flown(Record):
         return self.camera if zoom is None else self.camera.zoomed(zoom)[0]
 
 
-def flights_round(catalog: Catalog, structure_id: str, simulated: bool = False) -> Iterator[Flown]:
-    """Demonstrations and flights round a structure; simulated ones where they are asked for."""
-    for row in catalog.demonstrations(structure=structure_id).to_dict("records"):
-        yield _demonstrated(catalog, str(row["demonstration_id"]))
+def flights_round(catalog: Catalog, structure_id: str, kinds: Collection[str]) -> Iterator[Flown]:
+    """Demonstrations, flown and simulated flights round a structure, those of some of these kinds."""
+    if "demonstration" in kinds:
+        for row in catalog.demonstrations(structure=structure_id).to_dict("records"):
+            yield _demonstrated(catalog, str(row["demonstration_id"]))
     rows = catalog.flights(structure=structure_id).drop_duplicates("flight_id", keep="last")
     cameras: dict[str, Camera] = {}
     for row in rows.to_dict("records"):
-        if simulated or row["kind"] == "flown":
+        if row["kind"] in kinds:
             yield _of_row(catalog, row, cameras)
 
 

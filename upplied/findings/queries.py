@@ -12,7 +12,7 @@ from upplied.catalog.schema.rows import camera_of
 from upplied.catalog.verbs.queries import When, moment
 from upplied.errors import CatalogError
 from upplied.findings.carried import Carrying, Counterparts
-from upplied.findings.looks import Spot, spot_of
+from upplied.findings.looks import Spot, looks_at_spot, looks_frame, spot_of
 from upplied.findings.rays import focal_of
 
 
@@ -25,7 +25,7 @@ def photographed(
     every: bool = False,
     carrying: Carrying | None = None,
 ) -> pd.DataFrame:
-    """How a place was last seen on each structure of a kind by flights that were really flown.
+    """How a place was last seen on each structure of a kind, by demonstrations and flights really flown.
 
     Parameters
     ----------
@@ -56,8 +56,9 @@ def photographed(
     names = [spot.structure_id, *names] if to == "kind" else names
     flights = catalog.flights(kind="flown").drop_duplicates("flight_id", keep="last")
     flights = flights[(flights["looks_sha256"] != "") & flights["target_id"].isin(set(names))]
-    if since is not None:
-        flights = flights[flights["flown_at"] >= moment(since)]
+    earliest = pd.Timestamp.min.tz_localize("UTC") if since is None else moment(since)
+    flights = flights[~(flights["flown_at"] < earliest)]
+    demonstrated = set(catalog.demonstrations()["structure_id"])
     focal = _focals(catalog)
     own: dict[str, list[dict[Any, Any]]] = {}
     columns = ["target_id", "flight_id", "demonstration_id", "flown_at", "looks_sha256"]
@@ -75,7 +76,11 @@ def photographed(
         row |= {"probability": there.probability[0], "error_m": error, "doubt": there.doubt(0)}
         flown = own.get(name, ()) if np.isfinite(place[0]) else ()
         looks = [_seen(catalog, each, place, there.normal[0], focal) for each in flown]
-        count = [look for look in looks if look is not None and look["mm_px"] <= mm_px]
+        if name in demonstrated and np.isfinite(place[0]):
+            looks += _demonstrated(catalog, Spot(name, place, there.normal[0], there.place))
+        count = [
+            look for look in looks if look and look["mm_px"] <= mm_px and not look["looked_at"] < earliest
+        ]
         last: dict[str, Any] = max(count, key=lambda one: one["looked_at"], default={})
         none = {"looked_at": pd.NaT, "flight_id": "", "mm_px": np.nan, "incidence_deg": np.nan}
         rows.append(row | none | last | {"looks": len(count)})
@@ -162,6 +167,13 @@ def _seen(
     finest, aslant = min(fine)
     about = {"looked_at": flight["flown_at"], "flight_id": flight["flight_id"]}
     return about | {"mm_px": float(finest), "incidence_deg": float(aslant)}
+
+
+def _demonstrated(catalog: Catalog, spot: Spot) -> list[dict[str, Any] | None]:
+    """The finest look of each demonstration at a spot."""
+    finest = looks_frame(looks_at_spot(catalog, spot, ("demonstration",))).drop_duplicates("flight_id")
+    about = {"taken_at": "looked_at", **{name: name for name in ("flight_id", "mm_px", "incidence_deg")}}
+    return [{about[name]: row[name] for name in about} for row in finest.to_dict("records")]
 
 
 def _focals(catalog: Catalog) -> dict[str, float]:

@@ -16,11 +16,12 @@ from upplied.errors import RefusedError
 from upplied.findings.adding import on_surface
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot, spot_of
-from upplied.findings.rays import footprint_m
+from upplied.findings.rays import footprint_m, size_px
 from upplied.findings.viewing import Wanted, best_look, shows
 from upplied.fleet.decisions import PlanRequest, SettingsOf
 from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
 from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.poses import in_a_row
 from upplied.geometry.scene import scene_of
 from upplied.geometry.supposed_scene import obstacle, scene_for
 from upplied.planning.airspace.clearance import path_clearance
@@ -28,12 +29,9 @@ from upplied.planning.airspace.roadmap import Roadmap, roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.plan import METHOD_VERSION
 from upplied.planning.surface.samples import surface_samples
-from upplied.proof.bound import bound_m
-from upplied.proof.gap import safe_lengths, timed, way_by
-from upplied.proof.tour import short_tour
+from upplied.proof.gap import Toured, toured
 from upplied.provenance import method, recorded
 from upplied.records import (
-    Bools,
     Camera,
     Cloud,
     Ints,
@@ -46,7 +44,8 @@ from upplied.records import (
 )
 
 _SHOWN = 1  # of SURFACE_STATES
-_FINDING = ("finding_id", "x_m", "y_m", "z_m", "normal_json", "outline_json", "camera_json", "place_error_m")
+_FINDING = ("finding_id", "x_m", "y_m", "z_m", "normal_json", "outline_json", "camera_json", "place_error_m",
+            "width_px", "height_px")  # fmt: skip
 _ALIKE_DEG = 5.0  # between looks at a place: one pose may then show several findings
 _AS_WANTED_DEG, _AS_NEAR = 1.0, 1.02  # off the reference view, that is not worth a word
 
@@ -112,15 +111,22 @@ def plan_reshoot(catalog: Catalog, rows: Sequence[dict[str, Any]], structure_id:
 def depends_on(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_px: float) -> list[Any]:
     """All that a mission depends on; parameters as those of `mission`."""
     target_id = base.target.structure_id
-    findings = [[row[name] if row[name] == row[name] else None for name in _FINDING] for row in rows]
+    findings = [[_plain(row[name]) for name in _FINDING] for row in rows]
     sources = sorted({str(row["target_id"]) for row in rows} - {target_id})
     pairs = [carrying.pair_key(source, target_id) for source in sources]
     return [findings, pairs, mm_px, method(), base.settings.sha256, *base.sha256, base.of_plan]
 
 
+def _plain(value: Any) -> Any:
+    """A value of a row as JSON has it; none where it is missing."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return value if value == value else None
+
+
 def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_px: float) -> Reshot:
     """A mission that shows the places of findings on a structure; parameters as those of `plan_reshoot`."""
     structure_id = base.target.structure_id
+    base, words = _sized(base, rows)
     wanted, refused = wanted_looks(carrying, rows, base.target)
     supposed = base.about["supposed"]
     route = base.settings.route
@@ -141,8 +147,9 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
         raise RefusedError(
             f"a mission to {structure_id}", "; ".join(refused)[:2000], "one safe look at least"
         )
-    path, is_viewpoint, seen, bound = toured(list(looks.values()), list(looks), base, graph, mm_px)
-    for one in [one for one, there in zip(looks, seen, strict=True) if not there]:
+    tour = _tour(list(looks.values()), list(looks), base, graph, mm_px)
+    path = tour.trajectory
+    for one in [one for one, there in zip(looks, tour.covered, strict=True) if not there]:
         refused.append(f"finding {one.finding_id}: no safe way leads to where it is seen from")
         del looks[one]
     reachable = list(looks)
@@ -151,9 +158,8 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
         raise RefusedError(
             f"a mission to {structure_id}", "; ".join(broken), "a safe flight", "ask for fewer"
         )
-    length = float(leg_lengths(path.positions).sum())
-    tour = f"shows {len(reachable)} of {len(rows)} findings on {length:.0f} m"
-    words = [f"{tour} (by known safe legs at least {bound:.0f} m)"]
+    headline = f"shows {len(reachable)} of {len(rows)} findings on {tour.length_m:.0f} m"
+    words = [f"{headline} (by known safe legs at least {tour.bound_m:.0f} m)", *words]
     words += [_words(one, look, base.camera) for one, look in looks.items()]
     words += refused
     ids = sorted(one.finding_id for one in reachable)
@@ -165,10 +171,10 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
         preset="recommended",
         status="ok",
         trajectory=path,
-        is_viewpoint=is_viewpoint,
+        is_viewpoint=tour.is_viewpoint,
         measures=Measures(
             min_clearance_m=path_clearance(scene, path.positions).distance_m,
-            path_length_m=length,
+            path_length_m=tour.length_m,
             duration_s=float(path.t_s[-1]),
             peak_speed_mps=float((leg_lengths(path.positions) / np.diff(path.t_s)).max()),
         ),
@@ -213,6 +219,18 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
     return Base(target, demonstration.camera, settings, pace, about, hashes, of_plan)
 
 
+def _sized(base: Base, rows: Sequence[dict[str, Any]]) -> tuple[Base, list[str]]:
+    """The base with a camera whose pixels are known: else those of a finding's photo, which is said."""
+    if base.camera.width_px:
+        return base, []
+    stated = [(row["width_px"] or np.nan, row["height_px"] or np.nan) for row in rows]
+    known = [(int(width), int(height)) for width, height in stated if np.isfinite([width, height]).all()]
+    width, height = known[0] if known else size_px(base.camera)
+    whose = "as a photo of a finding" if known else "as cameras usually have"
+    text = f"the pixels of the camera are not known: {width} x {height} px, {whose}"
+    return replace(base, camera=replace(base.camera, width_px=width, height_px=height)), [text]
+
+
 def wanted_looks(
     carrying: Carrying, rows: Sequence[dict[str, Any]], target: Structure
 ) -> tuple[list[Wanted], list[str]]:
@@ -243,31 +261,18 @@ def wanted_looks(
     return wanted, refused
 
 
-def toured(
+def _tour(
     looks: Sequence[Trajectory], wanted: Sequence[Wanted], base: Base, graph: Roadmap, mm_px: float
-) -> tuple[Trajectory, Bools, Bools, float]:
-    """A short safe way by poses that show every spot: path, viewpoints, which spots it shows, and a bound."""
-    count = len(looks)
-    poses = Trajectory(
-        np.arange(count, dtype=float),
-        np.concatenate([look.positions for look in looks]),
-        np.concatenate([look.quat_xyzw for look in looks]),
-    )
-    seen = np.eye(count, dtype=bool)
+) -> Toured:
+    """A short safe flight by poses that show every spot, of those that safe legs join."""
+    poses = in_a_row(looks)
+    seen = np.eye(len(looks), dtype=bool)
     for number, one in enumerate(wanted):
         ways = poses.positions - one.spot.place
         ways = ways / np.linalg.norm(ways, axis=1, keepdims=True)
         alike = np.flatnonzero(ways @ ways[number] >= np.cos(np.radians(_ALIKE_DEG)))
         seen[alike, number] |= shows(poses.take(alike), one.spot, base.camera, graph, mm_px)
-    apart = safe_lengths(graph, poses.positions)
-    together = np.isfinite(apart[np.isfinite(apart).sum(axis=1).argmax()])
-    seen &= together[:, None]
-    there = np.asarray(seen.any(axis=0), bool)
-    chosen = short_tour(apart, seen[:, there])
-    line, at = way_by(poses, chosen, graph)
-    path, is_viewpoint = timed(poses, chosen, line, at, base.pace, base.settings.retime)
-    length = float(leg_lengths(path.positions).sum())
-    return path, is_viewpoint, there, min(bound_m(apart, seen[:, there]), length)
+    return toured(poses, seen, graph, base.pace, base.settings.retime)
 
 
 def _words(wanted: Wanted, look: Trajectory, camera: Camera) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,9 +13,10 @@ from upplied.geometry.poses import from_yaw_pitch, look_at, yaw_pitch
 from upplied.planning.airspace.roadmap import Roadmap, links
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.observations import TRULY
+from upplied.proof.inspected import narrowed
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 
-_TILTS_DEG = (0.0, 4.0, 8.0, 14.0, 20.0, 28.0, 36.0, 45.0, 55.0, 65.0)  # from the wanted direction
+_TILTS_DEG = (4.0, 8.0, 14.0, 20.0, 28.0, 36.0, 45.0, 55.0, 65.0)  # from the wanted direction
 _TURNS = 12
 _DISTANCES = 7
 _FINE = 0.97  # of the ground sample distance that is asked for: what wind and rounding take
@@ -41,12 +42,10 @@ def best_look(
     """The pose nearest to the wanted look that is safe and shows the place so; None where there is none."""
     place, normal = wanted.spot.place, wanted.spot.normal
     first, second = plane_axes(wanted.direction)
-    ways = [wanted.direction]
-    for tilt in np.radians(_TILTS_DEG[1:]):
-        for turn in np.arange(_TURNS) * 2 * np.pi / _TURNS:
-            beside = np.cos(turn) * first + np.sin(turn) * second
-            ways.append(np.cos(tilt) * wanted.direction + np.sin(tilt) * beside)
-    way = np.array(ways)
+    turn, tilt = 2 * np.pi * np.arange(_TURNS)[:, None] / _TURNS, np.radians(_TILTS_DEG)[:, None, None]
+    beside = np.cos(turn) * first + np.sin(turn) * second
+    aside = np.cos(tilt) * wanted.direction + np.sin(tilt) * beside
+    way = np.vstack([wanted.direction, aside.reshape(-1, 3)])
     way = way[way @ normal > np.cos(np.radians(TRULY.max_incidence_deg))]
     facing = way @ normal
     # Straight at the place a pixel covers its angle over the cosine of the incidence.
@@ -62,10 +61,14 @@ def best_look(
     cost = angle[:, None] + _FARTHER * np.abs(np.log(away / np.maximum(wish, 1e-3)[:, None]))
     fits = (away >= nearest) & (away <= farthest[:, None] * (1 + 1e-9))
     positions = place + away[..., None] * way[:, None]
-    order = np.argsort(cost[fits], kind="stable")
-    poses = _aimed(positions[fits][order], place, limits)
-    if not len(poses):
+    if not fits.any():
         return None
+    order = np.argsort(cost[fits], kind="stable")
+    positions = positions[fits][order]
+    yaw, pitch = yaw_pitch(look_at(positions, np.broadcast_to(place, positions.shape)))
+    low, high = np.radians([limits.min_gimbal_pitch_deg, limits.max_gimbal_pitch_deg])  # as far as it turns
+    turned = from_yaw_pitch(yaw, np.clip(pitch, low, high))
+    poses = Trajectory(np.arange(len(positions), dtype=float), positions, turned)
     for some in np.array_split(np.arange(len(poses)), max(1, len(poses) // 60)):
         part = poses.take(some)
         good = graph.airspace.allowed(part.positions)
@@ -78,23 +81,8 @@ def best_look(
 
 def shows(poses: Trajectory, spot: Spot, camera: Camera, graph: Roadmap, mm_px: float) -> Bools:
     """Which poses (P,) show a spot well inside the picture, at that ground sample distance at most."""
-    narrow = replace(
-        camera,
-        hfov_deg=max(camera.hfov_deg - 2 * _MARGIN_DEG, camera.hfov_deg / 2),
-        vfov_deg=max(camera.vfov_deg - 2 * _MARGIN_DEG, camera.vfov_deg / 2),
-    )
-    cloud = Cloud(spot.place[None], spot.normal[None])
+    cloud, narrow = Cloud(spot.place[None], spot.normal[None]), narrowed(camera, _MARGIN_DEG)
     seen = visible(poses.positions, poses.quat_xyzw, cloud, narrow, TRULY, graph.airspace.scene).seen[:, 0]
     for at in np.flatnonzero(seen):
-        pose = poses.positions[at], poses.quat_xyzw[at]
-        seen[at] = 1e3 * footprint_m(camera, pose[0], spot.place, spot.normal) <= mm_px
+        seen[at] = 1e3 * footprint_m(camera, poses.positions[at], spot.place, spot.normal) <= mm_px
     return np.asarray(seen, bool)
-
-
-def _aimed(positions: Floats, place: Floats, limits: RetimeSettings) -> Trajectory:
-    """Poses that look at a place, as far as the gimbal turns."""
-    yaw, pitch = yaw_pitch(look_at(positions, np.broadcast_to(place, positions.shape)))
-    low, high = np.radians([limits.min_gimbal_pitch_deg, limits.max_gimbal_pitch_deg])
-    return Trajectory(
-        np.arange(len(positions), dtype=float), positions, from_yaw_pitch(yaw, np.clip(pitch, low, high))
-    )

@@ -16,9 +16,19 @@ if TYPE_CHECKING:
     from upplied.fleet.admission import RuleOptions, check_structures
     from upplied.fleet.decisions import Decision, Job, PlanRequest, decide
     from upplied.fleet.ingest import Ingested, ingest_demonstrations, ingest_structures
-    from upplied.fleet.keeping import Result, known_outcomes
     from upplied.fleet.rechecking import Rechecked, recheck
-    from upplied.fleet.run import Resources, Run, Shard, cores, plan_here, shard_name, shards, transfer
+    from upplied.fleet.run import (
+        Resources,
+        Result,
+        Run,
+        Shard,
+        cores,
+        known_outcomes,
+        plan_here,
+        shard_name,
+        shards,
+        transfer,
+    )
     from upplied.fleet.workers import Limits
     from upplied.outputs.publish import publish
 
@@ -30,9 +40,8 @@ _NAMES = {
     "fleet.admission": "RuleOptions check_structures",
     "fleet.decisions": "Decision Job PlanRequest decide",
     "fleet.ingest": "Ingested ingest_demonstrations ingest_structures",
-    "fleet.keeping": "Result known_outcomes",
     "fleet.rechecking": "Rechecked recheck",
-    "fleet.run": "Resources Run Shard cores plan_here shard_name shards transfer",
+    "fleet.run": "Resources Result Run Shard cores known_outcomes plan_here shard_name shards transfer",
     "fleet.workers": "Limits",
     "outputs.publish": "publish",
 }

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import compress, count
 from typing import Any
 
@@ -18,14 +19,54 @@ import pandas as pd
 import pyarrow as pa
 
 from upplied.catalog import Catalog
+from upplied.catalog.schema.plan_rows import is_foreign, transfer_id
+from upplied.catalog.schema.rows import json_text
 from upplied.catalog.verbs import belonging, required
 from upplied.checks import check_id, suggested
 from upplied.config import Settings, digest, settings_for
 from upplied.errors import InputError
-from upplied.fleet.past import Candidate, Past
-from upplied.fleet.siblings import Siblings, SiblingsOf
-from upplied.planning.plan import transfer_key
+from upplied.planning.correspondence.siblings import nearest_in_proportions
+from upplied.planning.plan import METHOD_VERSION, transfer_key
+from upplied.provenance import causes
 from upplied.records import Demonstration, Structure
+
+Siblings = tuple[tuple[str, str], ...]  # id and hash of each
+
+_SIZE = ["size_x_m", "size_y_m", "size_z_m"]
+
+
+class SiblingsOf:
+    """The siblings of each structure of a catalog, by its table of structures alone.
+
+    A structure of which it was never asked whether its pieces tell its parts is a scan if it is a cloud, and
+    if it is a mesh one that may know: planning asks it again.
+    """
+
+    def __init__(self, structures: pd.DataFrame) -> None:
+        table = structures.sort_values("structure_id")
+        labelled = table["tells_parts"].astype("boolean")
+        mesh = table["n_triangles"] > 0
+        scans = table[~labelled.fillna(mesh)]
+        self._scans = dict(zip(scans["structure_id"], scans["kind"], strict=True))
+        self._sha256 = dict(zip(table["structure_id"], table["sha256"], strict=True))
+        self._size = dict(zip(table["structure_id"], table[_SIZE].to_numpy(float), strict=True))
+        known = table[mesh & labelled.fillna(True)].groupby("kind")
+        self._known = {
+            str(kind): (list(rows["structure_id"]), rows[_SIZE].to_numpy(float)) for kind, rows in known
+        }
+        self._nearest: dict[tuple[str, int], tuple[str, ...]] = {}
+
+    def __call__(self, source_id: str, target_id: str, most: int) -> Siblings:
+        """At most so many siblings of a target, by their ids; none where its own pieces tell its parts."""
+        if most < 1 or target_id not in self._scans:
+            return ()
+        if (target_id, most) not in self._nearest:
+            known = self._known.get(self._scans[target_id], ([], np.empty((0, 3))))
+            # One more, since the source may be among them.
+            nearest = nearest_in_proportions(self._size[target_id], *known, most + 1)
+            self._nearest[target_id, most] = nearest
+        chosen = [name for name in self._nearest[target_id, most] if name != source_id][:most]
+        return tuple((name, self._sha256[name]) for name in sorted(chosen))
 
 
 @dataclass(frozen=True)
@@ -204,3 +245,51 @@ def _demonstrations(catalog: Catalog) -> dict[str, Demonstration]:
     nothing = np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 4))
     rows = catalog.demonstrations()[["demonstration_id", "structure_id", "sha256"]].itertuples(index=False)
     return {name: Demonstration(name, place, *nothing, sha256=sha256) for name, place, sha256 in rows}
+
+
+Candidate = tuple[Demonstration, Structure, Structure, Settings, Siblings]
+
+
+class Past:
+    """What the catalog's plans were made from."""
+
+    def __init__(self, catalog: Catalog) -> None:
+        self._catalog = catalog
+        self._known: dict[tuple[str, ...], tuple[str, ...]] = {}  # causes by what rows say of the program
+
+    @cached_property
+    def _rows(self) -> pa.Table:
+        """The newest plan of each demonstration, target and preset; a quiet night never asks."""
+        columns = [*_SLOT, *_CHANGES.values(), *_PROGRAM, "imported_from"]
+        return self._catalog.newest_plans(columns).combine_chunks()
+
+    @cached_property
+    def _places(self) -> dict[tuple[str, ...], int]:
+        encoded = [self._rows[name].combine_chunks() for name in _SLOT]
+        texts = (map(each.dictionary.to_pylist().__getitem__, each.indices.to_numpy()) for each in encoded)
+        return {name: place for place, name in enumerate(zip(*texts, strict=True))}
+
+    def why(self, candidate: Candidate, key: str) -> str:
+        """What changed since the newest plan of the pair, in words."""
+        demonstration, source, target, settings, siblings = candidate
+        place = self._places.get((demonstration.demonstration_id, target.structure_id, settings.preset))
+        if place is None:
+            return "new pair"
+        # Texts are missing in rows of before there was such a column.
+        before = {name: self._rows[name][place].as_py() or "" for name in self._rows.column_names}
+        if before["transfer_id"] == transfer_id(key):
+            return "imported, not measured here" if is_foreign(before) else "failed before"
+        others = json_text([list(one) for one in siblings]) if siblings else ""
+        now = (demonstration.sha256, source.sha256, target.sha256, settings.sha256, others)
+        compared = zip(_CHANGES.items(), now, strict=True)
+        changes = [f"{what} changed" for (what, name), value in compared if before[name] != value]
+        program = tuple(before[name] for name in _PROGRAM)
+        if program not in self._known:  # few rows differ in it; another machine plans the same
+            self._known[program] = tuple(causes(dict(zip(_PROGRAM, program, strict=True)), METHOD_VERSION))
+        return ", ".join([*changes, *self._known[program]]) or "an older version is back"
+
+
+_CHANGES = {name: f"{name}_sha256" for name in ("demonstration", "source", "target", "settings")}
+_CHANGES["siblings"] = "siblings"
+_PROGRAM = ("method_version", "code_version", "sources_sha256", "libraries")
+_SLOT = ("demonstration_id", "target_id", "preset")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,13 @@ from upplied.config import CloudSettings, digest
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.ingest import find_logs
 from upplied.fleet.plan_of_flight import moment_of, plan_of_flight
-from upplied.fleet.workers import JobKilled, Limits, Workers
+from upplied.fleet.workers import JobKilled, Workers
 from upplied.fleet.zone_gaps import zones_left_out
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.scene import Scene, scene_of
 from upplied.geometry.supposed_scene import scene_for
+from upplied.inputs.columns import photo_times
 from upplied.inputs.flight.clean import STEPPED
-from upplied.inputs.photos import photo_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.align import Alignment
@@ -53,8 +53,6 @@ def add_flight_log(
     log: str | Path,
     transfer_id: str = "",
     photos: str | Path | None = None,
-    options: LogOptions | None = None,
-    limits: Limits | None = None,
     accuracy_m: float | None = None,
 ) -> Row:
     """Read the log of a flight, lay it on its plan and keep what came of it; a known log adds nothing.
@@ -70,10 +68,6 @@ def add_flight_log(
     photos : path, optional
         Times of the photos, one a line, ns of the log's clock; a CSV with a column `t_ns` will do. Without
         it the camera is taken to see all the time.
-    options : LogOptions, optional
-        What a side-car may say.
-    limits : Limits, optional
-        Time and memory of reading it: a file that crashes a reader costs itself alone.
     accuracy_m : float, optional
         Of the logged positions, m, as of RTK: the log is corrected by no more.
 
@@ -91,10 +85,8 @@ def add_flight_log(
     """
     if accuracy_m is not None and not 0 <= accuracy_m < np.inf:
         raise InputError("accuracy", f"is {accuracy_m:g} m", "0 m or more")
-    options = options or LogOptions()
-    if accuracy_m is not None:
-        options = replace(options, accuracy_m=accuracy_m)
-    with Workers(1, limits=limits or Limits()) as workers:
+    options = LogOptions() if accuracy_m is None else LogOptions(accuracy_m=accuracy_m)
+    with Workers(1) as workers:  # a file that crashes a reader costs itself alone
         return _added(workers, catalog, log, transfer_id, photos, options)
 
 
@@ -229,9 +221,7 @@ def required_of(
     return surface, looks_of(plan.trajectory, surface, camera, scene_for(target, plan.supposed)).seen
 
 
-def add_flight_logs(
-    catalog: Catalog, logs: Sequence[str | Path], limits: Limits | None = None
-) -> list[dict[str, str]]:
+def add_flight_logs(catalog: Catalog, logs: Sequence[str | Path]) -> list[dict[str, str]]:
     """Each log, or those of each folder, into the catalog, on the plan in force that it lies on best.
 
     Returns
@@ -243,7 +233,7 @@ def add_flight_logs(
     """
     known = set(catalog.flights(kind="flown")["flight_id"])
     rows = []
-    with Workers(1, limits=limits or Limits()) as workers:
+    with Workers(1) as workers:
         for log in find_logs(logs):
             file = dict.fromkeys(("reason", "findings", "flight", "left_out"), "")
             file |= {"name": log.name, "status": "failed"}

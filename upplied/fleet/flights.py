@@ -18,7 +18,7 @@ from upplied.fleet.flight_logs import judged_on_plan, keep_looks
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.mission_options import DRAFTS
 from upplied.outputs.missions import gate
-from upplied.outputs.missions.ways import ground_z_m
+from upplied.outputs.missions.transits import ground_z_m
 from upplied.outputs.render import keep_overruled, undecided
 from upplied.outputs.reports import plan_of
 from upplied.planning.plan import METHOD_VERSION

@@ -115,7 +115,7 @@ def ingest_demonstrations(
     options : LogOptions, optional
         Facts about all of them; among them the rules of their passports that are overruled.
     dry_run : bool
-        Read and judge, and keep nothing.
+        Read and judge, and keep nothing; there need not be a catalog.
 
     Returns
     -------
@@ -132,14 +132,15 @@ def ingest_demonstrations(
     entries = _surveyed(logs)
     if not dry_run and any(map(is_project, entries)):  # which may be the first to bring a structure
         catalog.create()
-    table = catalog.demonstrations()
-    if options.strict:  # flights with warnings are judged again
-        table = table[table["verdict"] != "warned"]
-    known = {row.demonstration_id: (row.sha256,) for row in table.itertuples()}
     with ExitStack() as stack:
         home = catalog
         if dry_run:  # structures of projects go into a catalog that is thrown away
-            home = open_catalog(stack.enter_context(TemporaryDirectory(prefix="upplied-")))
+            home = open_catalog(stack.enter_context(TemporaryDirectory(prefix="upplied-"))).create()
+            catalog = catalog if catalog.identity.id is not None else home
+        table = catalog.demonstrations()
+        if options.strict:  # flights with warnings are judged again
+            table = table[table["verdict"] != "warned"]
+        known = {row.demonstration_id: (row.sha256,) for row in table.itertuples()}
         add_structures = lambda entries: _added(home, entries, workers, _silent)[0]  # noqa: E731
         entries, structures, facts = facts_of(entries, options, add_structures)
         flights = {str(one.path): one for one in entries if one.is_flight}
@@ -172,7 +173,8 @@ def _listed(file: FileKind, ingested: Ingested | None) -> Ingested:
         words = f"{file.words}: {ingested.words}" if ingested.words else file.words
         return replace(ingested, file=str(file.path), words=words)
     refused = file.status == "refused"
-    reason = f"{file.path}: {file.words}"
+    remedy = file.remedy[:1].upper() + file.remedy[1:]
+    reason = f"{file.path}: {file.words}" + f". {remedy}" * bool(remedy)
     return Ingested(file.path.name, "failed" if refused else "passed over", reason, file=str(file.path))
 
 
@@ -208,7 +210,7 @@ def _surveyed(logs: Iterable[str | Path]) -> list[FileKind]:
         for one in survey(names)
     ]
     if not any(one.status in _LISTED for one in entries):
-        raise InputError(", ".join(map(str, names)) or "logs", "no flight was found", "at least one log")
+        raise InputError(", ".join(map(str, names)) or "logs", "contain no flight", "at least one log")
     return entries
 
 

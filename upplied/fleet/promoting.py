@@ -26,7 +26,7 @@ RULES = {
     "flown": "a vehicle flew it: a simulated flight shows nothing that its plan does not",
     "whole": f"{_WHOLE_PCT:g} % of the plan was flown and in view, {_INSPECTED_PCT:g} % inspected as planned",
     "recorded": "the log has no gap, and its camera pose never froze",
-    "clearance": "it kept the clearance limit of its plan",
+    "clearance": "it stayed within the clearance limit of its plan",
 }
 
 

@@ -1,10 +1,9 @@
 """What a structure shows by itself of the rules, and all that was found in its file."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from upplied.inputs.outliers import Outlier
 from upplied.inputs.raw import RawMesh
 from upplied.inputs.repair import Repairs, Topology
 from upplied.inputs.rules import Verdict, broken, refusals
-from upplied.inputs.structure_rules import RULES, unlike_its_kind
+from upplied.inputs.structure_rules import RULES, measured, unlike_its_kind
 from upplied.records import Floats, Ints, Record
 
 _FAR_M = 10_000.0  # from the origin: single precision is off by a millimetre there
@@ -26,58 +25,45 @@ _PLANE, _RIM, _ACROSS = 0.002, 8, 0.05  # of a side; vertices; of the other side
 _BESIDE = 0.05  # of the diagonal that a landmark may lie outside the box
 
 
-def concerns(vertices: Floats, raw: RawMesh, entry: StructureEntry, turn: Floats) -> tuple[Verdict, ...]:
+def concerns(vertices: Floats, raw: RawMesh, entry: StructureEntry, turn: Floats) -> Iterator[Verdict]:
     """The rules that a structure (V, 3), m, breaks by itself, whatever others there are.
 
     `turn` (3, 3) took it there from the axes of its file.
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    oddities = [*_declared_otherwise(raw, entry), *_sizes(low, high, entry)]
-    if not any(entry.local_origin) and (words := _stands(low, high, turn)):
-        oddities.append(("odd-up-axis", words))
-    named = sorted({name for name in raw.part_names if _EFFECT.search(name)})
-    if named:
-        shown = ", ".join(repr(name) for name in named[:5])
-        words = f"parts named {shown} sound like effects, not like the structure: take them out of the file"
-        oddities.append(("effects", words))
-    verdicts = [broken(RULES[rule], words) for rule, words in oddities]
-    verdicts += unlike_its_kind(high - low, entry.kind)
+    yield from (measured(rule, *figures) for rule, *figures in _oddities(low, high, raw, entry, turn))
+    yield from unlike_its_kind(high - low, entry.kind)
     room = _BESIDE * float(np.linalg.norm(high - low))
     for name, point in entry.landmarks.items():
         off = float(np.maximum(np.maximum(low - point, np.asarray(point) - high), 0).max())
         if off > room:
-            words = f"the landmark {name} lies {off:.1f} m outside its box"
-            verdicts.append(broken(RULES["landmark"], words))
-    return tuple(verdicts)
+            yield measured("landmark", name, off)
 
 
-def _declared_otherwise(raw: RawMesh, entry: StructureEntry) -> Iterator[tuple[str, str]]:
-    own, declared = raw.unit_m, entry.unit_m
-    if own is not None and declared is not None and abs(own / declared - 1) >= 1e-3:
-        words = f"the file says that its unit is {own:g} m, the manifest {declared:g} m: the manifest wins"
-        yield "declared-unit", words
-    if raw.up not in ("", entry.up):
-        yield "declared-up", f"the file says that {raw.up} is up, the manifest {entry.up}: the manifest wins"
-
-
-def _sizes(low: Floats, high: Floats, entry: StructureEntry) -> Iterator[tuple[str, str]]:
-    """What is odd about the corners (3,), m, of the box, beside the declared ground."""
+def _oddities(
+    low: Floats, high: Floats, raw: RawMesh, entry: StructureEntry, turn: Floats
+) -> Iterator[tuple[Any, ...]]:
+    """Rules that the box of corners (3,), m, or the file breaks, with the figures of each finding."""
+    own, declared, ground = raw.unit_m, entry.unit_m, entry.surroundings.ground_z_m
     longest, bounds, centre = float((high - low).max()), entry.bounds, (low + high) / 2
-    words = f"its longest side is {longest:.4g} m: are the units right?"
+    if own is not None and declared is not None and abs(own / declared - 1) >= 1e-3:
+        yield "declared-unit", own, declared
+    if raw.up not in ("", entry.up):
+        yield "declared-up", raw.up, entry.up
     if not bounds.least_m <= longest <= bounds.most_m:
-        yield "extent", words
+        yield "extent", longest
     elif not bounds.odd_least_m <= longest <= bounds.odd_most_m:
-        yield "odd-extent", words
+        yield "odd-extent", longest
     if np.abs(centre).max() >= _FAR_M:
-        far = f"its centre lies {np.linalg.norm(centre) / 1000:.0f} km from the origin: projected"
-        yield "far", f"{far} coordinates? (local_origin = [x, y, z] subtracts an origin of your choice)"
-    if (ground := entry.surroundings.ground_z_m) is None:
-        return
-    if low[2] < ground - 0.1 and not entry.clip_ground:
-        deep = f"it reaches {ground - low[2]:.1f} m below the declared ground"
-        yield "below-ground", f"{deep} (clip_ground = true cuts that off)"
-    if low[2] - ground > max(_STANDS_M, _STANDS * (high[2] - low[2])):
-        yield "floating", f"its lowest point is {low[2] - ground:.1f} m above the declared ground"
+        yield "far", np.linalg.norm(centre) / 1000
+    if ground is not None and low[2] < ground - 0.1 and not entry.clip_ground:
+        yield "below-ground", ground - low[2]
+    if ground is not None and low[2] - ground > max(_STANDS_M, _STANDS * (high[2] - low[2])):
+        yield "floating", low[2] - ground
+    if not any(entry.local_origin) and (up := _standing_up(low, high, turn)):
+        yield "odd-up-axis", up[-1], up
+    if named := sorted({name for name in raw.part_names if _EFFECT.search(name)}):
+        yield "effects", ", ".join(map(repr, named[:5]))
 
 
 def nominal_problems(
@@ -107,13 +93,12 @@ def cut_off(vertices: Floats, rim: Ints) -> tuple[Verdict, ...]:
         for name, at in (("low", low[axis]), ("high", high[axis])):
             ends = vertices[rim[np.abs(vertices[rim, axis] - at) < _PLANE * side[axis]]]
             if len(ends) >= _RIM and (np.ptp(ends[:, [other, 2]], axis=0) > _ACROSS * side[[other, 2]]).all():
-                words = f"its surface ends in a plane at {'xy'[axis]} = {at:.1f} m, its {name} side"
-                verdicts.append(broken(RULES["cut-off"], words))
+                verdicts.append(measured("cut-off", "xy"[axis], at, name))
     return tuple(verdicts)
 
 
-def _stands(low: Floats, high: Floats, turn: Floats) -> str:
-    """Whether the origin lies at another side than the lower one: models are made to stand on it."""
+def _standing_up(low: Floats, high: Floats, turn: Floats) -> str:
+    """The axis of the file at whose lower side the origin lies, where that is not up: models stand on it."""
     side = np.maximum(high - low, 1e-9)
     middle = np.abs(low + high) / 2 < _PLACED * side
     below, above = np.abs(low) < _PLACED * side, np.abs(high) < _PLACED * side
@@ -124,8 +109,7 @@ def _stands(low: Floats, high: Floats, turn: Floats) -> str:
         return ""
     axis = 2 if hanging else int(np.argmax(ends))
     right = turn[axis] * (1 if below[axis] else -1)
-    name = ("-" if right.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(right)))]
-    return f"its origin is at one end of the file's {name[-1]}, in the middle of what is up: up = {name!r}?"
+    return "-" * bool(right.sum() < 0) + "xyz"[int(np.argmax(np.abs(right)))]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,7 +1,5 @@
 """Files from outside, opened as what they are: a pipe, a device or a folder is refused, not waited for."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat
@@ -52,7 +50,8 @@ def read_regular(path: Path | str, most: int, what: str = "", remedy: str = "che
         with open_regular(path) as stream:
             size = os.fstat(stream.fileno()).st_size
             if size > most:
-                raise InputError(what, f"is larger than {_size(most)}", "", remedy)
+                bound = f"{most >> 30} GB" if most >> 30 else f"{most >> 20} MB"
+                raise InputError(what, f"is larger than {bound}", "", remedy)
             return stream.read(size)
     except OSError as error:
         raise InputError(what, f"cannot be read: {error.strerror or error}", "", "check the path") from None
@@ -80,7 +79,3 @@ def file_of(data: bytes, suffix: str) -> Iterator[str]:
 def table(name: str) -> dict[str, Any]:
     """A TOML file of this package: what is data and no code."""
     return tomllib.loads(resources.files("upplied.inputs").joinpath(name).read_text("utf-8"))
-
-
-def _size(count: int) -> str:
-    return f"{count >> 30} GB" if count >> 30 else f"{count >> 20} MB"

@@ -1,7 +1,5 @@
 """What a flight is known by: the hash of its bytes and of the facts about it."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path

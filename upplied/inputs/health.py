@@ -1,7 +1,5 @@
 """The health of a mesh file, in words: what it is, what was repaired, what a person should look at."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -44,11 +42,10 @@ class HealthReport(Record):
     @property
     def text(self) -> str:
         """The report for people, a fact a line."""
-        lines = [f"{self.path.name} ({self.format.upper()})"]
-        lines += [f"  {label:<11} {fact}" for label, fact in self._facts()]
-        lines += [f"  note        {what}" for what in self.warnings]
-        lines += [f"  refused     {what}" for what in self.problems]
-        return "\n".join(lines)
+        facts = [*self._facts(), *(("note", what) for what in self.warnings)]
+        facts += [("refused", what) for what in self.problems]
+        head = f"{self.path.name} ({self.format.upper()})"
+        return "\n".join([head, *(f"  {label:<11} {fact}" for label, fact in facts)])
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         findings, mesh = self.findings, self.structure
@@ -58,19 +55,17 @@ class HealthReport(Record):
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         yield "box", "  ".join(f"{a} {low[i]:.2f} to {high[i]:.2f}" for i, a in enumerate("xyz"))
         yield "units", f"{unit} ({findings.unit_from}); up {findings.up}, forward {findings.forward}"
-        if (topology := findings.topology) is None:
+        if (edges := findings.topology) is None:
             yield "cloud", f"{len(mesh.vertices)} points"
         else:
             parts = f"{findings.parts} connected part{'s' if findings.parts != 1 else ''}"
             parts += f", {findings.hidden_parts} hidden inside" if findings.hidden_parts else ""
             yield "mesh", f"{len(mesh.triangles)} triangles, {len(mesh.vertices)} vertices, {parts}"
-            seen = 100 * findings.outside_area_m2 / max(findings.area_m2, 1e-12)
-            outside = f"{findings.outside_area_m2:.1f} m² seen from outside ({seen:.0f} %)"
-            yield "surface", f"{findings.area_m2:.1f} m², {outside}"
-            edges = (
-                f"{topology.boundary_edges} open edges, {topology.nonmanifold_edges} of three and more faces"
-            )
-            yield "watertight", "yes" if topology.watertight else f"no: {edges}"
+            seen = f"{findings.outside_area_m2:.1f} m² seen from outside"
+            share = 100 * findings.outside_area_m2 / max(findings.area_m2, 1e-12)
+            yield "surface", f"{findings.area_m2:.1f} m², {seen} ({share:.0f} %)"
+            count = f"{edges.boundary_edges} open edges, {edges.nonmanifold_edges} of three and more faces"
+            yield "watertight", "yes" if edges.watertight else f"no: {count}"
         yield "known to", _known(mesh)
         yield "repaired", "; ".join(findings.done) or "nothing"
 
@@ -93,22 +88,18 @@ def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:
     if assumed:
         where = "file" if raw.unit_m is not None else "assumed"
         findings = replace(findings, unit_from=where, assumed=assumed)
-    size = np.ptp(structure.vertices, axis=0)
-    suffix = entry.path.suffix.lower().removeprefix(".")
-    return HealthReport(entry.path, suffix, structure, tuple(size.tolist()), findings)
+    size, suffix = np.ptp(structure.vertices, axis=0).tolist(), entry.path.suffix.lower().removeprefix(".")
+    return HealthReport(entry.path, suffix, structure, tuple(size), findings)
 
 
 def _assumed(path: Path, raw: RawMesh) -> tuple[StructureEntry, tuple[str, ...]]:
     """An entry for a file that no manifest declares, and what was assumed, in words."""
-    up = raw.up or "z"
-    unit_m = 1.0 if raw.unit_m is None else raw.unit_m
-    entry = StructureEntry("unnamed", "unknown", path, unit_m, up, _FORWARD[up])
-    assumed = []
-    if raw.unit_m is None:
-        assumed.append("the file declares no unit: metres assumed; declare `units` in the manifest")
+    up, unit = raw.up or "z", "the file declares no unit: metres assumed; declare `units` in the manifest"
     axis = f"{up} is up, as the file says" if raw.up else f"{up} up assumed"
-    assumed.append(f"{axis}, {entry.forward} forward assumed; declare `up` and `forward` in the manifest")
-    return entry, tuple(assumed)
+    axes = f"{axis}, {_FORWARD[up]} forward assumed; declare `up` and `forward` in the manifest"
+    if raw.unit_m is not None:
+        return StructureEntry("unnamed", "unknown", path, raw.unit_m, up, _FORWARD[up]), (axes,)
+    return StructureEntry("unnamed", "unknown", path, 1.0, up, _FORWARD[up]), (unit, axes)
 
 
 def _known(structure: Structure) -> str:

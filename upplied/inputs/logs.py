@@ -4,8 +4,6 @@ Each kind of file has a reader of its own in `upplied.inputs.sources`, each fami
 `upplied.inputs.schemas`; what happens to the poses afterwards is in `upplied.inputs.flight`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -29,11 +27,10 @@ from upplied.inputs.passport.conventions import converted
 from upplied.inputs.passport.measured import SEEN, Reading
 from upplied.inputs.passport.rules import RULES, passport_of
 from upplied.inputs.rules import Verdict, broken
-from upplied.inputs.schemas import cameras, geodetic, gimbal, ros, tf, wind
-from upplied.inputs.sidecar import LogOptions, inspection, placed, stated
+from upplied.inputs.schemas import cameras, geodetic, px4, ros, tf
+from upplied.inputs.sidecar import LogOptions, inspection, placed, sidecar_of, stated
 from upplied.inputs.sources import door
 from upplied.inputs.sources.source import Source
-from upplied.inputs.tables import Table
 from upplied.records import Demonstration, Placement, Structure
 
 __all__ = ["FIELDS", "LogOptions", "fingerprint", "read_demonstration"]
@@ -108,8 +105,7 @@ def _demonstration(
     # Facts beside the messages: side-car, metadata, options; then the defaults of the kind of file.
     declared, notes = inspection(path, source.metadata, options)
     if not declared.structure_id:
-        name = "inspection.toml in it" if path.is_dir() else path.with_suffix(".toml").name
-        remedy = f"write it into {name}, table [inspection], or give --structure"
+        remedy = f"write it into {sidecar_of(path)}, table [inspection], or give --structure"
         raise InputError(what, "does not name the structure that was flown", "a structure_id", remedy)
     structure = None if structures is None else structures(declared.structure_id)
     declared = placed(declared, placements.get(declared.structure_id))
@@ -117,7 +113,13 @@ def _demonstration(
     camera, camera_frame, more, zoom = cameras.camera_of(tables, facts, what)
     tree = tf.tree_of(tables, facts)
     # One source of poses: a topic, or the transforms.
-    track, topic, chosen = _source(tables, tree, facts, camera_frame, what)
+    table, chosen = choose(tables, facts, what)
+    if table is None and not tree.moving:
+        raise nothing(tables, what)
+    if table is None:
+        track, topic = tf.samples(tree, facts, camera_frame, what), tree.topic
+    else:
+        track, topic = READERS[table.schema](table, tables, facts), table.channel.topic
     where = f"{what}, {topic}"
     # The inspection alone; samples that are no pose are dropped and counted.
     track, cut, given = inspections.inspected(steady(timed(track)), tables, facts, what)
@@ -128,7 +130,7 @@ def _demonstration(
     through = partial(cameras.through, camera, zoom, track, what=what)
     camera, fov_deg = through(facts)
     track = replace(track, fov_deg=fov_deg)
-    pointing = gimbal.gimbal(tables, facts)
+    pointing = px4.gimbal(tables, facts)
 
     # From the body to the camera, from the log's frame to the structure's.
     def to_camera(logged: Track) -> Track:
@@ -143,7 +145,7 @@ def _demonstration(
             since_s = (flown.t_ns - flown.t_ns[0]) * 1e-9
             inside = (since_s >= parts.start_s) & (since_s <= parts.stop_s)
             track, flown = track.take(np.isin(track.t_ns, flown.t_ns[inside])), flown.take(inside)
-            cut = [f"the inspection was found in the log: {parts}"]
+            cut = [f"the inspection within the log: {parts}"]
     check_dropped(flown, facts, where)
     _check_length(flown, facts, what)
     gap_s = silence_s(flown, facts.gap_s)
@@ -157,14 +159,15 @@ def _demonstration(
         camera = replace(camera, trigger_s=float(np.diff(shortened.t_ns).min() * 1e-9))
     passport: Mapping[str, Any] = {}
     if structure is not None:
-        of_reader: dict[str, Callable[[LogOptions], object]] = {
-            "zoom-untimed": through,
-            "several-publishers": lambda options: _one_body(tables, track, options, what),
-            "frame-unconnected": lambda options: in_frame(track, options, tree, what),
-        }
+        of_reader: list[tuple[str, Callable[[LogOptions], object]]] = [
+            ("zoom-untimed", through),
+            ("several-publishers", lambda options: choose(tables, options, what)),
+            ("several-publishers", lambda options: check_one(track, options, what)),
+            ("frame-unconnected", lambda options: in_frame(track, options, tree, what)),
+        ]
         reading = Reading(
             source, track, flown, shortened, pace, camera, to_camera, gap_s, tuple(notes),
-            _overruled(facts, of_reader), None if facts.convention else ros.velocity(_named(tables, topic)),
+            _overruled(facts, of_reader), None if facts.convention else ros.velocity(tables, topic),
             ros.turning(tables), cameras.lens_ratio(zoom, facts),
         )  # fmt: skip
         passport = passport_of(reading, structure, facts, what)
@@ -182,33 +185,25 @@ def _demonstration(
         topic=topic,
         notes="; ".join([*filter(None, [facts.notes]), *notes, *source.losses]),
         passport=passport,
-        wind=wind.wind_of(tables, shortened, facts.structure_heading_deg),
+        wind=ros.wind_of(tables, shortened, facts.structure_heading_deg),
         stills=source.stills,
         accuracy_m=facts.accuracy_m if flight else None,
     )
     return demonstration, declared
 
 
-def _named(tables: Sequence[Table], topic: str) -> Table | None:
-    """The odometry of a topic, that of most messages where several publish."""
-    return max((table for table in tables if table.channel.topic == topic), key=len, default=None)
-
-
-def _one_body(tables: Sequence[Table], track: Track, facts: LogOptions, what: str) -> None:
-    choose(tables, facts, what)
-    check_one(track, facts, what)
-
-
-def _overruled(facts: LogOptions, rules: Mapping[str, Callable[[LogOptions], object]]) -> tuple[Verdict, ...]:
-    """Of the rules of the reader, those that are broken and overruled."""
-    verdicts = []
-    for rule, check in rules.items():
-        if rule in facts.allow:
-            try:
+def _overruled(
+    facts: LogOptions, checks: Sequence[tuple[str, Callable[[LogOptions], object]]]
+) -> tuple[Verdict, ...]:
+    """Of the rules of the reader, those that are broken and overruled, each once."""
+    verdicts: dict[str, Verdict] = {}
+    for rule, check in checks:
+        try:
+            if rule in facts.allow:
                 check(replace(facts, allow=()))
-            except InputError as error:
-                verdicts.append(replace(broken(RULES[rule], error.found), overruled=True))
-    return tuple(verdicts)
+        except InputError as error:
+            verdicts.setdefault(rule, replace(broken(RULES[rule], error.found), overruled=True))
+    return tuple(verdicts.values())
 
 
 def _in_context(error: InputError, path: Path, source: Source) -> InputError:
@@ -218,17 +213,6 @@ def _in_context(error: InputError, path: Path, source: Source) -> InputError:
     if error.found.startswith(NOTHING):
         finding += f"; its topics: {source.topics or 'none'}"
     return InputError(what, finding, error.rule, error.remedy)
-
-
-def _source(
-    tables: Sequence[Table], tree: tf.Tree, facts: LogOptions, camera_frame: str, what: str
-) -> tuple[Track, str, list[str]]:
-    table, notes = choose(tables, facts, what)
-    if table is not None:
-        return READERS[table.schema](table, tables, facts), table.channel.topic, notes
-    if not tree.moving:
-        raise nothing(tables, what)
-    return tf.samples(tree, facts, camera_frame, what), tree.topic, notes
 
 
 def _check_flown(metadata: Sequence[tuple[str, Mapping[str, str]]], what: str) -> None:
@@ -254,5 +238,6 @@ def _check_length(track: Track, facts: LogOptions, what: str) -> None:
     seconds = float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0
     if len(track) < 2 or seconds < facts.min_duration_s:
         dropped = f" ({reasons(track)} dropped)" if track.dropped else ""
-        finding, rule = f"holds {len(track)} poses over {seconds:.2f} s{dropped}", f"{facts.min_duration_s} s"
-        raise InputError(what, finding, f"at least 2 poses and {rule}", "lower min_duration_s if this is all")
+        finding = f"holds {len(track)} poses over {seconds:.2f} s{dropped}"
+        rule, remedy = f"at least 2 poses and {facts.min_duration_s} s", "lower min_duration_s if this is all"
+        raise InputError(what, finding, rule, remedy)

@@ -1,7 +1,5 @@
 """The keys of a structure manifest, and the parsers of declared values: what each accepts, and its error."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -36,10 +34,9 @@ def parse(row: Mapping[str, Any], what: str) -> dict[str, Any]:
     unknown = [str(key) for key in row if key not in KEYS]
     if unknown:
         raise InputError(what, f"unknown key {unknown[0][:60]!r}", f"known keys are {', '.join(KEYS)}")
-    missing = [name for name, key in KEYS.items() if key.required and name not in row]
-    if missing:
-        key = missing[0]
-        raise InputError(what, f"has no {key!r}", f"{key} is required: {KEYS[key].meaning}")
+    for name, key in KEYS.items():
+        if key.required and name not in row:
+            raise InputError(what, f"has no {name!r}", f"{name} is required: {key.meaning}")
     return {name: KEYS[name].parse(value, f"{what}, {name}") for name, value in row.items()}
 
 
@@ -108,11 +105,9 @@ def _units(value: Any, what: str) -> float | None:
 
 
 def _flag(value: Any, what: str) -> bool:
-    if isinstance(value, bool):
-        return value
-    if isinstance(value, str) and value.lower() in ("true", "false"):
-        return value.lower() == "true"
-    raise InputError(what, f"got {_shown(value)}", "true or false")
+    if (word := str(value).lower()) not in ("true", "false") or not isinstance(value, bool | str):
+        raise InputError(what, f"got {_shown(value)}", "true or false")
+    return word == "true"
 
 
 def array(shape: Sequence[int], rule: str) -> Parser:
@@ -160,9 +155,9 @@ def points(value: Any, what: str) -> dict[str, tuple[float, float, float]]:
 
 
 def _rules(value: Any, what: str) -> tuple[str, ...]:
-    listed = isinstance(value, str) and value.lstrip().startswith("[")
     try:
-        names = _decoded(value) if listed or not isinstance(value, str) else value.replace(",", " ").split()
+        spaced = isinstance(value, str) and not value.lstrip().startswith("[")
+        names = value.replace(",", " ").split() if spaced else _decoded(value)
     except ValueError:
         names = None
     if not isinstance(names, list) or not all(isinstance(name, str) and name in RULES for name in names):
@@ -188,9 +183,8 @@ _PARSERS: dict[str, Parser] = {
 }  # fmt: skip
 
 
-def _key(type: str, meaning: str, required: bool = False, **bounds: Any) -> Key:
-    return Key(_TYPES[type](**bounds) if bounds else _PARSERS[type], meaning, required)
-
-
 #: Every key of a manifest entry, in the order of the documentation.
-KEYS: dict[str, Key] = {name: _key(**row) for name, row in table("manifest.toml").items()}
+KEYS: dict[str, Key] = {}
+for _name, _row in table("manifest.toml").items():
+    _type, _meaning, _required = _row.pop("type"), _row.pop("meaning"), _row.pop("required", False)
+    KEYS[_name] = Key(_TYPES[_type](**_row) if _row else _PARSERS[_type], _meaning, _required)

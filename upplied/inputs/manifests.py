@@ -5,8 +5,6 @@ are declared once, in `structures.toml` (``[[structure]]`` tables) or a CSV with
 columns. Lengths other than those of the file itself are metres in the structure frame.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import tomllib
@@ -28,6 +26,8 @@ _AS_DECLARED = (  # keys of a manifest that are fields of an entry
     "scale", "local_origin", "site", "landmarks", "symmetric", "surface", "surface_error_m", "drop_hidden",
     "drop_outliers", "clip_ground", "notes", "allow",
 )  # fmt: skip
+
+_AREAS = {"keep_out": (0, 2, 3), "geofence": (0, 2), "rally": (0, 3)}  # and the shapes of none
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,17 +78,15 @@ def read_manifest(path: Path | str, allow_outside: bool = False) -> list[Structu
     path = Path(path)
     text = _text(path)
     rows = _toml_rows(path, text) if path.suffix.lower() == ".toml" else _csv_rows(path, text)
-    entries = []
-    seen: set[str] = set()
+    entries: dict[str, StructureEntry] = {}
     for what, row in rows:
         entry = _entry(row, what, path.parent, allow_outside)
-        if entry.structure_id in seen:
+        if entry.structure_id in entries:
             raise InputError(what, f"the id {entry.structure_id!r} stands twice", "one entry per id")
-        seen.add(entry.structure_id)
-        entries.append(entry)
+        entries[entry.structure_id] = entry
     if not entries:
         raise InputError(str(path), "declares no structure", "at least one [[structure]] table or CSV row")
-    return entries
+    return list(entries.values())
 
 
 def _text(path: Path) -> str:
@@ -106,9 +104,8 @@ def _toml_rows(path: Path, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(str(path), f"is not TOML: {str(error)[:200]}", "", "correct the line") from None
-    for key in document:
-        if key != "structure":
-            raise InputError(str(path), f"unknown top-level key {key[:60]!r}", "[[structure]] tables only")
+    for key in document.keys() - {"structure"}:
+        raise InputError(str(path), f"unknown top-level key {key[:60]!r}", "[[structure]] tables only")
     tables = document.get("structure", [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise InputError(str(path), "`structure` is no array of tables", "[[structure]], with two brackets")
@@ -140,9 +137,11 @@ def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool)
     if given.get("clip_ground") and "ground_z" not in given:
         raise InputError(what, "has clip_ground but no ground_z", "the height of the ground to clip at")
     declared = {name: given[name] for name in _AS_DECLARED if name in given}
+    areas = {f"{key}_m": np.asarray(given.get(key, np.empty(shape)), float) for key, shape in _AREAS.items()}
+    around = Surroundings(ground_z_m=given.get("ground_z"), ceiling_z_m=given.get("ceiling_z"), **areas)
     return StructureEntry(
         given["id"], given["kind"], _inside(folder, given["path"], what, allow_outside), given["units"], up,
-        forward, placement=_placement(given, what), surroundings=_surroundings(given),
+        forward, placement=_placement(given, what), surroundings=around,
         nominal_m=tuple(given.get(f"nominal_{side}_m") for side in ("length", "width", "height")),  # type: ignore[arg-type]
         **declared,
     )  # fmt: skip
@@ -170,9 +169,3 @@ def _placement(given: Mapping[str, Any], what: str) -> Placement | None:
         raise InputError(what, f"has no {' and no '.join(missing)}", rule)
     datum = given.get("datum", "ellipsoid")
     return Placement(given["lat"], given["lon"], given["alt"], given["heading"], datum)
-
-
-def _surroundings(given: Mapping[str, Any]) -> Surroundings:
-    shapes = {"keep_out": (0, 2, 3), "geofence": (0, 2), "rally": (0, 3)}
-    areas = {f"{key}_m": np.asarray(given.get(key, np.empty(shape)), float) for key, shape in shapes.items()}
-    return Surroundings(ground_z_m=given.get("ground_z"), ceiling_z_m=given.get("ceiling_z"), **areas)

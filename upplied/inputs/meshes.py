@@ -1,9 +1,8 @@
 """Structures: a declared mesh or cloud becomes metres, Z up, +X forward, clean, its outside outside."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import astuple, replace
+from typing import Any
 
 import numpy as np
 
@@ -17,17 +16,17 @@ from upplied.inputs.files import open_regular
 from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import find_outliers
-from upplied.inputs.outside import look
-from upplied.inputs.points import outward_normals
-from upplied.inputs.raw import RawMesh
+from upplied.inputs.outside import look, outward_normals
+from upplied.inputs.raw import RawMesh, counted
 from upplied.inputs.repair import Repairs, clean, clip_below, compact, topology_of, used_vertices
-from upplied.inputs.rules import broken, decided, refuse, to_json
-from upplied.inputs.structure_rules import RULES
+from upplied.inputs.rules import decided, refuse, to_json
+from upplied.inputs.structure_rules import measured
 from upplied.records import Bools, Floats, Ints, Structure
 
 _AS_DECLARED = (
     "structure_id", "kind", "site", "placement", "surroundings", "symmetric", "surface", "surface_error_m"
 )  # fmt: skip
+Clean = tuple[Floats, Ints, Floats | None, Findings]  # vertices, triangles, normals, and what was found
 _COARSEST = 0.1  # of the size: round a surface of which less is known nothing can be planned
 _FARTHEST_M = 1e9  # beyond, the file is damaged; single precision and squares stay in range below
 
@@ -80,10 +79,8 @@ def fingerprint(entry: StructureEntry) -> str:
 def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structure, Findings]:
     """The structure that a file holds by its entry, with all that was found on the way."""
     vertices = structure_frame(raw, entry)
-    if len(raw.triangles):
-        vertices, triangles, normals, findings = _mesh(vertices, raw, entry)
-    else:
-        vertices, triangles, normals, findings = _cloud(vertices, raw, entry)
+    read = _mesh if len(raw.triangles) else _cloud
+    vertices, triangles, normals, findings = read(vertices, raw, entry)
     nominal = nominal_problems(vertices, entry, findings.outliers)
     verdicts = (*nominal, *findings.verdicts, *concerns(vertices, raw, entry, turn(entry.up, entry.forward)))
     verdicts = decided(verdicts, entry.allow, entry.strict)
@@ -132,9 +129,7 @@ def _axis(name: str) -> Floats:
     return (-1.0 if name.startswith("-") else 1.0) * np.eye(3)["xyz".index(name[-1])]
 
 
-def _mesh(
-    vertices: Floats, raw: RawMesh, entry: StructureEntry
-) -> tuple[Floats, Ints, Floats | None, Findings]:
+def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     used = used_vertices(raw.triangles, len(vertices))
     check_finite(vertices[used], (None, 3), f"{entry.path}, vertices")
     vertices, triangles, _, repairs = clean(vertices, raw.triangles)
@@ -154,27 +149,24 @@ def _mesh(
     drop: Bools = outside.hidden & entry.drop_hidden
     verdicts = []
     if outside.hidden.any() and not entry.drop_hidden:
-        finding = f"{outside.hidden.sum()} of {len(triangles)} triangles lie in parts that nobody sees"
-        verdicts.append(broken(RULES["hidden"], f"{finding} from outside (drop_hidden = true drops them)"))
+        verdicts.append(measured("hidden", outside.hidden.sum(), len(triangles)))
     for outlier in outliers:
         drop[outlier.triangles] |= entry.drop_outliers
         if not entry.drop_outliers:
-            verdicts.append(broken(RULES["outlier"], f"{outlier} (drop_outliers = true drops it)"))
+            verdicts.append(measured("outlier", outlier))
     if drop.any():
         done.append(f"{drop.sum()} triangles of hidden parts and outliers dropped")
         vertices, triangles = compact(vertices, triangles[~drop])
         _check_left(triangles, entry)
     if looks_scanned(Structure(entry.structure_id, entry.kind, vertices, triangles, surface=entry.surface)):
-        finding = 'it looks like a reconstruction of a scan (then declare surface = "scanned")'
-        verdicts.append(broken(RULES["looks-scanned"], finding))
-    hidden = np.unique(topology.component[outside.hidden])
+        verdicts.append(measured("looks-scanned"))
     final = topology_of(triangles) if drop.any() else topology
     verdicts += cut_off(vertices, final.rim)
     findings = Findings(
         **_declared(raw, entry),
         repairs=repairs,
         parts=int(final.component.max()) + 1,
-        hidden_parts=len(hidden),
+        hidden_parts=len(np.unique(topology.component[outside.hidden])),
         hidden_triangles=int(outside.hidden.sum()),
         area_m2=_area(vertices, triangles),
         outside_area_m2=outside.area_m2,
@@ -186,28 +178,27 @@ def _mesh(
     return vertices, triangles, None, findings
 
 
-def _cloud(
-    vertices: Floats, raw: RawMesh, entry: StructureEntry
-) -> tuple[Floats, Ints, Floats | None, Findings]:
+def _cloud(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     finite = np.isfinite(vertices).all(axis=1)
     places, first = np.unique(vertices[finite], axis=0, return_index=True)
-    if (
-        len(places) < 4
-        or np.linalg.matrix_rank(places - places.mean(axis=0), 1e-9 * np.abs(places).max()) < 2
-    ):
+    centred, rounding = (
+        places - places.sum(axis=0) / max(len(places), 1),
+        1e-9 * np.abs(places).max(initial=0),
+    )
+    if len(places) < 4 or np.linalg.matrix_rank(centred, rounding) < 2:
         rule, remedy = "a mesh, or at least four points that do not lie on a line", "export the surface again"
         raise InputError(str(entry.path), f"holds no triangles and {len(places)} points", rule, remedy)
     distinct = np.flatnonzero(finite)[np.sort(first)]
     points = vertices[distinct]
     given = None if raw.normals is None else raw.normals[distinct] @ turn(entry.up, entry.forward).T
     normals, word = outward_normals(points, given)
-    dropped = len(vertices) - len(points)
-    done = (f"{dropped} points dropped that stood twice or nowhere" if dropped else "", word)
-    findings = Findings(
-        **_declared(raw, entry),
-        repairs=Repairs(),
-        done=(*filter(None, done), "a point cloud: sizes and sight lines are as dense as its points"),
+    dropped = counted((len(vertices) - len(points), "points dropped that stood twice or nowhere"))
+    done = (
+        *dropped,
+        *filter(None, [word]),
+        "a point cloud: sizes and sight lines are as dense as its points",
     )
+    findings = Findings(**_declared(raw, entry), repairs=Repairs(), done=done)
     return points, np.empty((0, 3), np.int64), normals, findings
 
 
@@ -228,14 +219,9 @@ def _check_surface(structure: Structure, entry: StructureEntry) -> None:
         raise InputError(what, finding, rule, "give it in metres, or leave it out")
 
 
-def _declared(raw: RawMesh, entry: StructureEntry) -> dict:
-    from_file = entry.unit_m is None
-    return {
-        "unit_m": raw.unit_m if from_file else entry.unit_m,
-        "unit_from": "file" if from_file else "manifest",
-        "up": entry.up,
-        "forward": entry.forward,
-    }
+def _declared(raw: RawMesh, entry: StructureEntry) -> dict[str, Any]:
+    unit = (raw.unit_m, "file") if entry.unit_m is None else (entry.unit_m, "manifest")
+    return {"unit_m": unit[0], "unit_from": unit[1], "up": entry.up, "forward": entry.forward}
 
 
 def _area(vertices: Floats, triangles: Ints) -> float:

@@ -4,8 +4,6 @@ Wakes, light spots on the ground and billboards that glow make a 251 m ship 872 
 reported, and dropped only where the manifest says so: a hut beside a turbine may well be meant.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -47,15 +45,12 @@ def find_outliers(vertices: Floats, triangles: Ints, topology: Topology) -> list
     component = topology.component
     planes = _planes(vertices, triangles, component)
     rest = np.flatnonzero(~np.isin(component, planes))
-    outliers = [
-        _outlier("a plane that sticks out (a wake, a light, a billboard?)", vertices, triangles, which)
-        for which in (np.flatnonzero(component == label) for label in planes)
-    ]
     cluster = _clusters(vertices, triangles[rest])
-    return outliers + [
-        _outlier("a part far off the rest", vertices, triangles, rest[cluster == label])
-        for label in _far(vertices, triangles[rest], cluster)
-    ]
+    far = [rest[cluster == label] for label in _far(vertices, triangles[rest], cluster)]
+    lone = [np.flatnonzero(component == label) for label in planes]
+    plane = "a plane that sticks out (a wake, a light, a billboard?)"
+    named = [*((plane, which) for which in lone), *(("a part far off the rest", which) for which in far)]
+    return [Outlier(words, which, *_box(vertices, triangles[which])) for words, which in named]
 
 
 def _planes(vertices: Floats, triangles: Ints, component: Ints) -> Ints:
@@ -90,8 +85,7 @@ def _clusters(vertices: Floats, triangles: Ints) -> Ints:
         return tuple(np.clip(np.floor((points - low) / edge), 0, _VOXELS).astype(np.int64).T)
 
     grid = np.zeros((_VOXELS + 1,) * 3, bool)
-    grid[cells(vertices[used_vertices(triangles, len(vertices))])] = True
-    for points in _spread(vertices, triangles, edge):
+    for points in (vertices[used_vertices(triangles, len(vertices))], *_spread(vertices, triangles, edge)):
         grid[cells(points)] = True
     label, _ = ndimage.label(grid, np.ones((3, 3, 3)))
     return label[cells(vertices[triangles[:, 0]])].astype(np.int64)
@@ -101,8 +95,7 @@ def _spread(vertices: Floats, triangles: Ints, edge: float) -> Iterator[Floats]:
     """Points on the triangles longer than a voxel, close enough that no voxel between them is missed."""
     corners = vertices[triangles]
     length = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1, initial=0)
-    large = corners[length > edge]
-    steps = np.ceil(2 * length[length > edge] / edge)
+    large, steps = corners[length > edge], np.ceil(2 * length[length > edge] / edge)
     steps *= min(1.0, np.sqrt(2 * _SAMPLES / max((steps**2).sum(), 1)))  # bounded for meshes of giants alone
     steps = np.maximum(steps, 1).astype(np.int64)
     for number in np.unique(steps):
@@ -140,10 +133,6 @@ def _boxes(vertices: Floats, triangles: Ints, label: Ints) -> tuple[Floats, Floa
 def _box(vertices: Floats, triangles: Ints) -> tuple[Floats, Floats]:
     points = vertices[triangles].reshape(-1, 3)
     return points.min(axis=0), points.max(axis=0)
-
-
-def _outlier(reason: str, vertices: Floats, triangles: Ints, which: Ints) -> Outlier:
-    return Outlier(reason, which, *_box(vertices, triangles[which]))
 
 
 def _metres(values: Floats, between: str = " x ") -> str:

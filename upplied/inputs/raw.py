@@ -1,7 +1,5 @@
 """What a mesh file holds before it is converted or repaired, its bytes, and numbers in text."""
 
-from __future__ import annotations
-
 import hashlib
 import warnings
 from collections.abc import Callable, Iterator
@@ -176,7 +174,7 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> tuple[Ints, Int
     than three give none.
     """
     first = np.cumsum(sizes) - sizes
-    triangles, polygons = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
+    triangles, polygons = [_NO_TRIANGLES], [np.empty(0, np.int64)]
     for size in np.unique(sizes[sizes >= 3]):
         which = np.flatnonzero(sizes == size)
         rings = corners[first[which, None] + np.arange(size)]

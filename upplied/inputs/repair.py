@@ -2,18 +2,18 @@
 stands twice or is used by nothing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
+from upplied.inputs.raw import counted
 from upplied.records import Bools, Floats, Ints, Record
 
-_CELLS = 8  # a cell's edge over the welding distance: most points need to look into one or two cells
 WELD_M = 1e-4  # a tenth of a millimetre: far below any detail that is flown, far above rounding
 
 
@@ -28,13 +28,12 @@ class Repairs:
 
     def texts(self) -> tuple[str, ...]:
         """Each kind that occurred, in words."""
-        kinds = (
+        return counted(
             (self.welded, "vertices welded"),
             (self.degenerate, "triangles without area removed"),
             (self.duplicate, "repeated triangles removed"),
             (self.unused, "unused vertices dropped"),
         )
-        return tuple(f"{count} {what}" for count, what in kinds if count)
 
 
 def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, Repairs]:
@@ -61,63 +60,26 @@ def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, Repair
 
 
 def weld(vertices: Floats) -> Ints:
-    """For each vertex the first kept one that it lies on, (V,); itself where it stands alone."""
-    if not len(vertices):
-        return np.empty(0, np.int64)
-    return _first_near(np.ascontiguousarray(vertices - vertices.min(axis=0)), WELD_M)
+    """For each vertex the first kept one that it lies on, (V,); itself where it stands alone.
 
-
-@njit(cache=True)
-def _first_near(points: np.ndarray, reach: float) -> np.ndarray:  # pragma: no cover - compiled
-    """For each point (N, 3) the first kept one within reach, itself where there is none.
-
-    Kept points lie farther than `reach` from each other, so doing it twice changes nothing. They are
-    hung up in chains by the hash of their cell; distances decide, whatever else shares the chain.
+    Kept ones lie farther than `WELD_M` from each other, so doing it twice changes nothing.
     """
-    number = len(points)
-    size = 1
-    while size < 2 * number:
-        size *= 2
-    head = np.full(size, -1, np.int64)
-    after = np.full(number, -1, np.int64)
-    first = np.arange(number)
-    cell = np.empty(3, np.int64)
-    low = np.empty(3, np.int64)
-    high = np.empty(3, np.int64)
-    edge = _CELLS * reach
-    for i in range(number):
-        for axis in range(3):
-            scaled = points[i, axis] / edge
-            cell[axis] = np.int64(np.floor(scaled))
-            low[axis] = np.int64(np.floor(scaled - 1.0 / _CELLS))
-            high[axis] = np.int64(np.floor(scaled + 1.0 / _CELLS))
-        best = number
-        for x in range(low[0], high[0] + 1):
-            for y in range(low[1], high[1] + 1):
-                for z in range(low[2], high[2] + 1):
-                    j = head[_slot(x, y, z, size)]
-                    while j >= 0:
-                        apart = 0.0
-                        for axis in range(3):
-                            apart += (points[i, axis] - points[j, axis]) ** 2
-                        if j < best and apart <= reach * reach:
-                            best = j
-                        j = after[j]
-        if best < number:
-            first[i] = best
-        else:
-            at = _slot(cell[0], cell[1], cell[2], size)
-            after[i] = head[at]
-            head[at] = i
-    return first
+    alike = pd.DataFrame(vertices).groupby([0, 1, 2], sort=False).ngroup().to_numpy()
+    once = np.unique(alike, return_index=True)[1]
+    first = np.arange(len(once))
+    if len(once):
+        pairs = cKDTree(vertices[once]).query_pairs(WELD_M, output_type="ndarray")
+        _join(pairs[np.lexsort(pairs.T)], first)
+    return once[first][alike]
 
 
 @njit(cache=True)
-def _slot(x: int, y: int, z: int, size: int) -> int:  # pragma: no cover - compiled
-    """Where a cell or a triangle hangs in a table whose size is a power of two."""
-    mixed = x * 73856093 ^ y * 19349663 ^ z * 83492791
-    mixed ^= mixed >> 17
-    return mixed & (size - 1)
+def _join(pairs: np.ndarray, first: np.ndarray) -> None:  # pragma: no cover - compiled
+    """Join each point to the first kept one of its pairs, which rise by the later point."""
+    for at in range(len(pairs)):
+        kept, other = pairs[at]
+        if first[kept] == kept and first[other] == other:
+            first[other] = kept
 
 
 def _faults(vertices: Floats, triangles: Ints) -> Ints:

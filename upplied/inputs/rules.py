@@ -4,8 +4,6 @@ The same for structures and for flights: a rule is data (`rules.toml`); the code
 `Verdict` for each rule that is broken, with the figure. `decided` marks what is overruled, `refuse` refuses.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
@@ -79,15 +77,9 @@ def decided(
     verdicts: Iterable[Verdict], allow: Iterable[str] = (), strict: bool = False
 ) -> tuple[Verdict, ...]:
     """Verdicts as they count: those overruled by name are marked, and `strict` makes warnings refusals."""
+    more: dict[str, Any] = {"severity": "refuse"} if strict else {}
     names = set(allow)
-    return tuple(
-        replace(
-            verdict,
-            severity="refuse" if strict else verdict.severity,
-            overruled=verdict.overruled or verdict.rule in names,
-        )
-        for verdict in verdicts
-    )
+    return tuple(replace(it, overruled=it.overruled or it.rule in names, **more) for it in verdicts)
 
 
 def refusals(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
@@ -101,10 +93,9 @@ def refuse(what: str, verdicts: Iterable[Verdict]) -> None:
     Raises InputError naming each rule, what was found, what is allowed, the remedy, and how it is
     overruled.
     """
-    broken_rules = refusals(verdicts)
-    if broken_rules:
-        remedy = "; ".join(dict.fromkeys(filter(None, (verdict.remedy for verdict in broken_rules))))
-        names = " ".join(dict.fromkeys(f"--allow {verdict.rule}" for verdict in broken_rules))
+    if broken_rules := refusals(verdicts):
+        remedy = "; ".join(dict.fromkeys(it.remedy for it in broken_rules if it.remedy))
+        names = " ".join(dict.fromkeys(f"--allow {it.rule}" for it in broken_rules))
         how = f"{remedy}; or, if it is right as it is, {names}" if remedy else f"if it is right, {names}"
         raise InputError(what, "; ".join(map(str, broken_rules)), remedy=how)
 

@@ -5,8 +5,6 @@ and no roof is, since hulls and walls lie below them. What is left falls into cl
 structure, with all that lies within its box or near it, fragments apart.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,11 +45,8 @@ class Separation(Record):
     @property
     def texts(self) -> tuple[str, ...]:
         """What was separated, in words; empty where all of it is the structure."""
-        return tuple(
-            f"{area:.1f} m² of {name}"
-            for name, area in zip(CLASSES[1:], self.area_m2[1:], strict=True)
-            if area
-        )
+        areas = zip(CLASSES[1:], self.area_m2[1:], strict=True)
+        return tuple(f"{area:.1f} m² of {name}" for name, area in areas if area)
 
 
 def separated(structure: Structure) -> Separation:
@@ -66,7 +61,10 @@ def separated(structure: Structure) -> Separation:
     if len(standing):
         label[standing] = _clusters(points[standing], above[standing])
     of_all = _of_all(structure, points, owner, label)
-    share = np.asarray(np.bincount(of_all, _areas(structure, area, owner), minlength=len(CLASSES)), float)
+    areas = np.bincount(
+        owner, area, minlength=len(of_all)
+    )  # of each triangle or point: the thinned ones without
+    share = np.asarray(np.bincount(of_all, areas, minlength=len(CLASSES)), float)
     of_ground = (points[:, 2] - above)[(label == 0) & np.isfinite(above)]
     return Separation(of_all, share, float(np.median(of_ground)) if len(of_ground) else None)
 
@@ -105,16 +103,15 @@ def _ground(points: Floats) -> tuple[Floats, float]:
     np.minimum.at(bottom, flat, points[:, 2])
     np.maximum.at(top, flat, points[:, 2])
     room = _OPEN * side
-    low_open = np.flatnonzero(top - bottom < room)  # empty cells are not: -inf
-    low_open = low_open[np.isfinite(bottom[low_open])]
+    low_open = np.flatnonzero((top - bottom < room) & np.isfinite(bottom))
     if len(low_open) < 30:
         return none
     at = np.stack(np.divmod(low_open, _CELLS), axis=1) / _CELLS * side + low + side / _CELLS / 2
     plane = _plane(at, bottom[low_open], room)
     if plane is None:
         return none
-    open_ground = np.abs(bottom[low_open] - _level(plane, at)) < room
-    above = points[:, 2] - _level(plane, points[:, :2])
+    open_ground = np.abs(bottom[low_open] - at @ plane[:2] - plane[2]) < room
+    above = points[:, 2] - points[:, :2] @ plane[:2] - plane[2]
     if (above < -2 * room).mean() > _BELOW:
         return none
     mean = np.bincount(flat, points[:, 2], _CELLS**2) / np.maximum(np.bincount(flat, minlength=_CELLS**2), 1)
@@ -152,10 +149,6 @@ def _plane(at: Floats, height: Floats, room: float) -> Floats | None:
     return None if best is None else np.asarray(best, float)
 
 
-def _level(plane: Floats, at: Floats) -> Floats:
-    return np.asarray(at @ plane[:2] + plane[2])
-
-
 class _Surface:
     """The height of the ground: a surface of second degree, and what departs from it from cell to cell."""
 
@@ -177,9 +170,8 @@ class _Surface:
     def _spread(self, at: Floats, rest: Floats) -> Floats:
         """What is left over by cell; under the structure as on the ground nearest to it."""
         cell = np.minimum(np.floor((at - self.low) / self.step), _CELLS - 1).astype(np.int64)
-        known, value = np.zeros((_CELLS, _CELLS)), np.zeros((_CELLS, _CELLS))
+        known, value, heights = np.zeros((3, _CELLS, _CELLS))
         known[tuple(cell.T)], value[tuple(cell.T)] = 1.0, rest
-        heights = np.zeros((_CELLS, _CELLS))
         for wide in _WIDTHS:  # the narrowest that reaches any ground decides
             weight = ndimage.gaussian_filter(known, wide)
             mean = ndimage.gaussian_filter(value, wide) / np.maximum(weight, 1e-12)
@@ -194,8 +186,7 @@ class _Surface:
 
 def _surrounds(is_open: Bools, standing: Ints) -> bool:
     """Whether open ground lies round the plan of what stands on it."""
-    covered = np.zeros(_CELLS**2, bool)
-    covered[standing] = True
+    covered = np.bincount(standing, minlength=_CELLS**2) > 0
     plan = np.pad(covered.reshape(_CELLS, _CELLS), 4)
     ring = ndimage.binary_dilation(plan, iterations=4) & ~ndimage.binary_dilation(plan, iterations=1)
     ground = ndimage.binary_dilation(np.pad(is_open.reshape(_CELLS, _CELLS), 4))
@@ -235,18 +226,11 @@ def _clusters(points: Floats, above: Floats) -> Ints:
 
 def _of_all(structure: Structure, points: Floats, owner: Ints, label: Ints) -> Ints:
     """The class of each triangle or point: of most of its samples, or of the nearest one."""
-    number = len(structure.triangles) or len(structure.vertices)
-    votes = np.zeros((number, len(CLASSES)), np.int64)
-    np.add.at(votes, (owner, label), 1)
+    number, count = len(structure.triangles) or len(structure.vertices), len(CLASSES)
+    votes = np.bincount(owner * count + label, minlength=number * count).reshape(number, count)
     classes = votes.argmax(axis=1)
     empty = np.flatnonzero(votes.sum(axis=1) == 0)
     if len(empty):
         corners = structure.triangles[empty] if len(structure.triangles) else empty[:, None]
         classes[empty] = label[cKDTree(points).query(structure.vertices[corners].mean(axis=1))[1]]
     return classes
-
-
-def _areas(structure: Structure, area: Floats, owner: Ints) -> Floats:
-    """Area of each triangle, m², or of each point, the thinned ones without."""
-    number = len(structure.triangles) or len(structure.vertices)
-    return np.asarray(np.bincount(owner, area, minlength=number), float)

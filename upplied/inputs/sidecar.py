@@ -16,6 +16,8 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
+import numpy as np
+
 from upplied.cameras import FILE_FORMATS, known_cameras
 from upplied.checks import check_id
 from upplied.errors import InputError
@@ -96,9 +98,8 @@ class LogOptions:
     camera_f_number: Annotated[float | None, number(0.5, 100)] = None
     camera_distortion: Annotated[Vector | None, array((0,), "numbers k1 k2 p1 p2 k3 k4 k5 k6")] = None
     camera_distortion_model: Annotated[str, choice(("brown", "fisheye"))] = ""
-    camera_middle_px: Annotated[Vector | None, array((2,), "x and y, px")] = (
-        None  # where the axis meets the picture
-    )
+    #: Where the axis meets the picture.
+    camera_middle_px: Annotated[Vector | None, array((2,), "x and y, px")] = None
     # Limits of the reader; options only.
     gap_s: Annotated[float, number(1e-3, 3600)] = 0.5  # a longer silence breaks the flight
     max_dropped: Annotated[float, number(0, 1)] = 0.05  # share of the samples
@@ -129,12 +130,13 @@ def inspection(
 
     Raises InputError if a value has the wrong form, or the side-car holds an unknown key.
     """
-    facts, notes = _checked(options), []
+    given = {name: getattr(options, name) for name in _KEYS} | {"points": dict(options.points)}
+    given = {name: _parsed(name, value, "options") for name, value in given.items() if _given(value)}
+    facts, notes = replace(options, **given), []
     for name, values in metadata:
         if name == "inspection":
             facts = _merged(facts, values, f"{path}: metadata inspection", strict=False)
-    sidecar = path / "inspection.toml" if path.is_dir() else path.with_suffix(".toml")
-    if sidecar.is_file():
+    if (sidecar := sidecar_of(path)).is_file():
         facts = _merged(facts, _read_toml(sidecar), str(sidecar), strict=True)
     for item in fields(LogOptions):
         option, used = getattr(options, item.name), getattr(facts, item.name)
@@ -145,6 +147,11 @@ def inspection(
     if not facts.demonstration_id:
         facts = replace(facts, demonstration_id=safe_id(path.stem))
     return facts, notes
+
+
+def sidecar_of(path: Path) -> Path:
+    """The file of facts beside a log, or in a folder of photos, whether it exists or not."""
+    return path / "inspection.toml" if path.is_dir() else path.with_suffix(".toml")
 
 
 def placed(facts: LogOptions, placement: Placement | None) -> LogOptions:
@@ -197,7 +204,7 @@ def _merged(facts: LogOptions, values: Mapping[str, Any], what: str, strict: boo
 
 
 def _given(value: Any) -> bool:
-    return not isinstance(value, str | tuple | None) or bool(value)
+    return not isinstance(value, str | tuple | dict | None) or bool(value)
 
 
 def _parsed(name: str, value: Any, what: str) -> Any:
@@ -205,19 +212,9 @@ def _parsed(name: str, value: Any, what: str) -> Any:
     value = _KEYS[name](value, what)
     if name == "points":
         value = tuple(value.items())
-    vectors = (
-        [point for _, point in value] if name == "points" else [value] if isinstance(value, tuple) else []
-    )
-    if any(abs(part) > _FAR_M for vector in vectors for part in vector):
+    numbers = np.array([point for _, point in value] if name == "points" else value)
+    if numbers.dtype.kind in "if" and isinstance(value, tuple) and (np.abs(numbers) > _FAR_M).any():
         raise InputError(what, f"got {str(value)[:80]}", f"numbers up to {_FAR_M:g}")
     if name.endswith("quat_xyzw") and abs(math.hypot(*value) - 1) > 1e-2:
         raise InputError(what, f"has length {math.hypot(*value):.3f}", "a unit quaternion x y z w")
     return value
-
-
-def _checked(options: LogOptions) -> LogOptions:
-    """The options, each value as a side-car could have it."""
-    given = {name: getattr(options, name) for name in _KEYS if _given(getattr(options, name))}
-    given["points"] = dict(options.points)
-    changes = {name: _parsed(name, value, "options") for name, value in given.items() if _given(value)}
-    return replace(options, **changes)

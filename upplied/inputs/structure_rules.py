@@ -1,11 +1,10 @@
 """The rules that a structure keeps on import, their bounds, and what is known of common kinds."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +42,11 @@ RULES = rules_of("structure")
 def changed(assignments: Iterable[str]) -> StructureSettings:
     """The defaults, with bounds that are given as ``name=value``."""
     return with_bounds(StructureSettings(), assignments, "structures.")
+
+
+def measured(rule: str, *figures: Any) -> Verdict:
+    """The verdict that a rule is broken, its finding filled with figures."""
+    return broken(RULES[rule], RULES[rule].finding.format(*figures))
 
 
 @dataclass(frozen=True)

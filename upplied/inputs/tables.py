@@ -1,7 +1,5 @@
 """What the channels of a log say, as columns by path, whatever their encoding."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Sequence

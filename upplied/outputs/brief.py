@@ -21,7 +21,7 @@ from upplied.outputs.labels import LABELS
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import DRAFT
 from upplied.outputs.missions.records import Mission
-from upplied.outputs.missions.ways import ground_z_m
+from upplied.outputs.missions.transits import ground_z_m
 from upplied.outputs.pairs import number
 from upplied.outputs.verdicts import headline
 from upplied.records import Floats, Structure
@@ -82,29 +82,21 @@ def brief_html(
 def _verdict(overruled: Sequence[str]) -> str:
     if not overruled:
         return '<p class="verdict go">All safety checks passed, take-off to landing.</p>'
-    listed = "".join(f"<li>{_text(note)}</li>" for note in overruled)
     draft = all(note.startswith(DRAFT) for note in overruled)
     words = "This plan is a draft and is not released" if draft else "Safety rules were overruled"
-    return f'<div class="verdict stop">{words}:<ul>{listed}</ul></div>'
+    return f'<div class="verdict stop">{words}:{_items(overruled)}</div>'
 
 
 def _maps(structure: Structure, missions: Sequence[Mission], lines: Sequence[Line]) -> str:
-    north = missions[0].placement.heading_deg
-    pictures = (
-        (
-            map_png(structure, lines, north),
-            "Map, north up. Dots: first waypoint of each flight, and take-off.",
-        ),
-        (side_png(structure, lines), "Side view; z in the frame of the structure."),
-    )
-    return f'<div class="maps">{"".join(_figure(png, text) for png, text in pictures)}</div>'
+    north = map_png(structure, lines, missions[0].placement.heading_deg)
+    above = _figure(north, "Map, north up. Dots: first waypoint of each flight, and take-off.")
+    side = _figure(side_png(structure, lines), "Side view; z in the frame of the structure.")
+    return f'<div class="maps">{above}{side}</div>'
 
 
 def _photos(photos: Sequence[tuple[str, bytes]]) -> str:
-    if not photos:
-        return ""
-    figures = (_figure(png, text) if png else f"<p>{_text(text)}</p>" for text, png in photos)
-    return f'<h2>Reference photos</h2><div class="photos">{"".join(figures)}</div>'
+    figures = "".join(_figure(png, text) if png else f"<p>{_text(text)}</p>" for text, png in photos)
+    return f'<h2>Reference photos</h2><div class="photos">{figures}</div>' if photos else ""
 
 
 def _figure(png: bytes, text: str) -> str:
@@ -148,39 +140,35 @@ def _sorties(missions: Sequence[Mission]) -> str:
     head = ("flight", "waypoints", "photos", "length, m", "time, s", "first waypoint (lat, lon, height m)")
     cells = []
     for mission in missions:
-        inside = mission.local[mission.inspect]
-        length = float(leg_lengths(mission.local).sum())
         every = mission.photo_distance_m
         photos = f"every {every:g} m" if every else str(int(mission.photo.sum()))
-        lat, lon, _ = mission.geodetic[0]
+        (lat, lon, _), length = mission.geodetic[0], float(leg_lengths(mission.local).sum())
         first = f"{lat:.6f}, {lon:.6f}, {mission.height_m[0]:.1f}"
-        name, seconds = f"{mission.number} of {mission.count}", f"{mission.duration_s:.0f}"
-        cells.append((name, len(inside), photos, f"{length:.0f}", seconds, first))
+        name, figures = f"{mission.number} of {mission.count}", (f"{length:.0f}", f"{mission.duration_s:.0f}")
+        cells.append((name, int(mission.inspect.sum()), photos, *figures, first))
     return _table("Flights", cells, head)
 
 
 def _line(mission: Mission) -> Line:
-    inside = np.flatnonzero(mission.inspect)
-    home = mission.home_local
-    above = [np.array([[home[0], home[1], z]]) for z in (mission.local[0, 2], mission.local[-1, 2])]
-    local: Floats = mission.local
-    return Line(
-        np.concatenate([home[None], above[0], local[: inside[0] + 1]]),
-        local[inside],
-        np.concatenate([local[inside[-1] :], above[1], home[None]]),
-    )
+    first, last = np.flatnonzero(mission.inspect)[[0, -1]]
+    home, local = mission.home_local, mission.local
+    start, end = (np.array([home, [home[0], home[1], local[at, 2]]]) for at in (0, -1))
+    outbound, inbound = np.vstack([start, local[: first + 1]]), np.vstack([local[last:], end[::-1]])
+    return Line(outbound, local[mission.inspect], inbound)
 
 
 def _table(title: str, rows: Sequence[Sequence[object]], head: Sequence[str] = ()) -> str:
-    headed = "".join(f"<th>{_text(each)}</th>" for each in head)
-    body = "".join("<tr>" + "".join(f"<td>{_text(each)}</td>" for each in row) + "</tr>" for row in rows)
-    return f"<h2>{_text(title)}</h2><table>{headed and f'<tr>{headed}</tr>'}{body}</table>"
+    every = [("th", head)] * bool(head) + [("td", row) for row in rows]
+    cells = ("".join(f"<{tag}>{_text(each)}</{tag}>" for each in row) for tag, row in every)
+    return f"<h2>{_text(title)}</h2><table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
 
 
 def _listed(title: str, texts: Sequence[str]) -> str:
-    if not texts:
-        return ""
-    return f"<h2>{_text(title)}</h2><ul>{''.join(f'<li>{_text(text)}</li>' for text in texts)}</ul>"
+    return f"<h2>{_text(title)}</h2>{_items(texts)}" if texts else ""
+
+
+def _items(texts: Sequence[str]) -> str:
+    return f"<ul>{''.join(f'<li>{_text(text)}</li>' for text in texts)}</ul>"
 
 
 def _text(value: object) -> str:
@@ -196,9 +184,9 @@ _SORTIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")  #
 class Line:
     """One sortie on a map, structure frame, m."""
 
-    way_in: Floats  # (A, 3) from take-off
+    outbound: Floats  # (A, 3) from take-off
     inspection: Floats  # (B, 3)
-    way_out: Floats  # (C, 3) to landing
+    inbound: Floats  # (C, 3) to landing
 
 
 def map_png(structure: Structure, lines: Sequence[Line], north_deg: float) -> bytes:
@@ -213,8 +201,9 @@ def map_png(structure: Structure, lines: Sequence[Line], north_deg: float) -> by
         Bearing of the structure's +X, clockwise from true north.
     """
     around = structure.surroundings
-    tops = (((x, y), (u, y), (u, v), (x, v), z) for (x, y, _), (u, v, z) in around.keep_out_m)
-    rules = [np.array([[*corner, z] for corner in corners]) for *corners, z in tops]
+    rules = [
+        np.array([[x, y, z], [u, y, z], [u, v, z], [x, v, z]]) for (x, y, _), (u, v, z) in around.keep_out_m
+    ]
     if len(around.geofence_m):
         rules.append(np.column_stack([around.geofence_m, np.zeros(len(around.geofence_m))]))
     return _drawn(structure, lines, View(north_deg + 180.0, 90.0), rules, "Map, north up")
@@ -238,7 +227,7 @@ def _drawn(
     legend = [("keep-out or geofence", _RULE, "line")] if rules else []
     for at, line in enumerate(lines):
         colour = _SORTIES[at % len(_SORTIES)]
-        paths += [(line.way_in, _TRANSIT), (line.way_out, _TRANSIT), (line.inspection, colour)]
+        paths += [(line.outbound, _TRANSIT), (line.inbound, _TRANSIT), (line.inspection, colour)]
         legend.append((f"flight {at + 1}", colour, "line"))
     legend += [("transit", _TRANSIT, "line"), ("take-off", _HOME, "patch")]
     everything = np.concatenate([structure.vertices, *(positions for positions, _ in paths)])
@@ -246,7 +235,7 @@ def _drawn(
     radius_m = 1.5 / frame.metre_px
     drawn = [tubes.path(positions, radius_m, rgb(colour)) for positions, colour in paths]
     starts = [(line.inspection[:1], _SORTIES[at % len(_SORTIES)]) for at, line in enumerate(lines)]
-    for place, colour in [*starts, (lines[0].way_in[:1], _HOME)]:
+    for place, colour in [*starts, (lines[0].outbound[:1], _HOME)]:
         drawn.append(tubes.path(place, 4 * radius_m, rgb(colour)))
     image = picture(solid(structure), tubes.joined(drawn), frame)
     return sheet_png([Panel(image, 0, 0, "", frame)], legend, title)

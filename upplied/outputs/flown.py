@@ -26,12 +26,7 @@ def wind_words(row: Mapping[str, Any]) -> str:
 
 
 class Flights:
-    """The last flight of each plan; one that was flown comes before any that was simulated.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    """
+    """The last flight of each plan; one that was flown comes before any that was simulated."""
 
     def __init__(self, catalog: Catalog) -> None:
         self._catalog = catalog

@@ -13,7 +13,7 @@ from upplied.errors import UppliedError
 from upplied.geometry.polylines import leg_lengths
 from upplied.outputs.display import packed
 from upplied.outputs.missions import Mission, MissionOptions, missions_for
-from upplied.outputs.missions.ways import ground_z_m
+from upplied.outputs.missions.transits import ground_z_m
 from upplied.records import Camera, Floats, Plan, Structure
 
 _MB_OF_A_MEGAPIXEL = 0.4  # of a JPEG as inspection cameras write it

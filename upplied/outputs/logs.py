@@ -90,14 +90,8 @@ def write_log(
     schemas = ros2_schemas.registered(writer, _SCHEMAS)
     writer.add_metadata("inspection", _facts(demonstration, structure, frame, encoding, simulated))
     for number, (stamp, topic, schema, message) in enumerate(messages):
-        writer.write_message(
-            topic,
-            schemas[schema],
-            message,
-            log_time=stamp + _LATENCY_NS,
-            publish_time=stamp + _LATENCY_NS // 2,
-            sequence=number,
-        )
+        sent = stamp + _LATENCY_NS // 2
+        writer.write_message(topic, schemas[schema], message, stamp + _LATENCY_NS, sent, number)
     writer.finish()
     return replace_file(path, buffer.getvalue())
 
@@ -176,13 +170,8 @@ def _pose_stamped(stamp: int, frame_id: str, position: Floats, quat: Floats) -> 
 
 
 def _odometry(stamp: int, frame_id: str, position: Floats, quat: Floats) -> dict[str, Any]:
-    unknown, still = [0.0] * 36, dict.fromkeys("xyz", 0.0)
-    return {
-        "header": ros2_schemas.header(stamp, frame_id),
-        "child_frame_id": BODY_FRAME,
-        "pose": {"pose": ros2_schemas.pose(position, quat), "covariance": unknown},
-        "twist": {"twist": {"linear": still, "angular": still}, "covariance": unknown},
-    }
+    header, pose = ros2_schemas.header(stamp, frame_id), ros2_schemas.pose(position, quat)
+    return {"header": header, "child_frame_id": BODY_FRAME, "pose": {"pose": pose}}  # the rest is zero
 
 
 def _transform(stamp: int, frame_id: str, position: Floats, quat: Floats) -> dict[str, Any]:
@@ -203,13 +192,9 @@ def _calibration(demonstration: Demonstration) -> list[_Message]:
     if demonstration.fov_deg is not None:
         stamps = demonstration.t_ns.tolist()
         cameras = demonstration.camera.zoomed(demonstration.fov_deg)
+    topic, info = "/camera/camera_info", ros2_schemas.camera_info
     return [
-        (
-            at,
-            "/camera/camera_info",
-            ros2_schemas.CAMERA_INFO,
-            ros2_schemas.camera_info(camera, _camera_header(at)),
-        )
+        (at, topic, ros2_schemas.CAMERA_INFO, info(camera, _camera_header(at)))
         for at, camera in zip(stamps, cameras, strict=True)
     ]
 

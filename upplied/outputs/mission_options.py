@@ -24,7 +24,7 @@ class MissionOptions:
     home_m : tuple of float
         Take-off point, x y z in the structure's frame, m; by default on the ground beside the structure.
     clearance_m : float
-        Minimum distance every leg keeps from the structure, m.
+        Minimum distance of every leg from the structure, m.
     max_height_m : float
         Maximum height of a leg above ground, m; by default 120, or the height of the plan.
     tolerance_m : float
@@ -60,7 +60,7 @@ class MissionOptions:
     drone : str
         DJI model, for instance m30t.
     payload : int
-        DJI payload number, if the model has no own one.
+        DJI payload number, for models without a built-in payload.
     least_seen_pct : float
         Share of the planned surface that the mission must show, percent.
     force : tuple of str

@@ -75,13 +75,10 @@ def login_page() -> str:
 
 def studio_page(transfer_id: str) -> str:
     """The page of the studio; its script requests the plan."""
-    names = (PLOTLY, "core.js", "live.js", "scene.js", "studio.js")
-    scripts = [f"/assets/{name}" for name in names]
-    body = '<p role="status" id="stage">Opening the plan</p>'
-    data = {"plan": transfer_id}
-    return _shell(
-        "Studio", scripts, data, "The studio needs scripts.", "/", True, body, (*STYLES, "studio.css")
-    )
+    scripts = [f"/assets/{name}" for name in (PLOTLY, "core.js", "live.js", "scene.js", "studio.js")]
+    body, styles = '<p role="status" id="stage">Opening the plan</p>', (*STYLES, "studio.css")
+    data, fallback = {"plan": transfer_id}, "The studio needs scripts."
+    return _shell("Studio", scripts, data, fallback, "/", True, body, styles)
 
 
 def message_page(text: str) -> str:
@@ -100,50 +97,39 @@ def _shell(
     body: str = "",
     styles: Sequence[str] = STYLES,
 ) -> str:
+    """A page whose scripts and styles are files beside it."""
     policy = _POLICY.format(scripts="'self'", connect="'self'" if live else "'none'")
     sheets = [f'<link rel="stylesheet" href="{root}assets/{name}">' for name in styles]
-    if live:
-        sheets.append('<link rel="icon" href="data:,">')  # or browsers ask for one
+    sheets += ['<link rel="icon" href="data:,">'] * live  # or browsers ask for one
     sources = [html.escape(name if name.startswith("/") else root + name) for name in scripts]
     tags = [f'<script src="{source}"></script>' for source in sources]
-    return _document(title, policy, sheets, body, fallback, data, tags)
-
-
-def _document(
-    title: str,
-    policy: str,
-    sheets: Sequence[str],
-    body: str,
-    fallback: str,
-    data: Mapping[str, Any],
-    tags: Sequence[str],
-) -> str:
-    app = {
-        "body": body,
-        "fallback": html.escape(fallback),
-        "data": inert_json(data),
-        "scripts": "\n".join(tags),
-    }
-    head = {"policy": policy, "title": html.escape(title), "styles": "\n".join(sheets)}
-    return _asset("page.html").format(**head, body=_asset("app.html").format(**app))
+    return _document(title, policy, sheets, _app(data, fallback, tags, body))
 
 
 def single_page(title: str, data: Mapping[str, Any], fallback: str) -> str:
     """The same with everything inside, for mail: scripts run only if their hash is in the page's policy."""
     sources = [_asset(name).replace("</script", "<\\/script") for name in SCRIPTS]
     digests = (base64.b64encode(hashlib.sha256(source.encode()).digest()).decode() for source in sources)
-    hashes = " ".join(f"'sha256-{each}'" for each in digests)
-    policy = _POLICY.format(scripts=hashes, connect="'none'")
-    sheets = [f"<style>{_asset(name)}</style>" for name in STYLES]
+    policy = _POLICY.format(scripts=" ".join(f"'sha256-{each}'" for each in digests), connect="'none'")
     tags = [f"<script>{source}</script>" for source in sources]
-    return _document(title, policy, sheets, "", fallback, {**data, "root": "", "live": False}, tags)
+    body = _app({**data, "root": "", "live": False}, fallback, tags)
+    return _document(title, policy, [f"<style>{_asset(name)}</style>" for name in STYLES], body)
+
+
+def _app(data: Mapping[str, Any], fallback: str, tags: Sequence[str], body: str = "") -> str:
+    parts = {"body": body, "fallback": html.escape(fallback), "data": inert_json(data)}
+    return _asset("app.html").format(**parts, scripts="\n".join(tags))
+
+
+def _document(title: str, policy: str, sheets: Sequence[str], body: str) -> str:
+    head = {"policy": policy, "title": html.escape(title), "styles": "\n".join(sheets)}
+    return _asset("page.html").format(**head, body=body)
 
 
 def paper_page(title: str, style: str, body: str) -> str:
     """A page for paper: a style sheet of the package inside, no scripts, nothing from elsewhere."""
     policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-    styles = f"<style>\n{_asset(style)}</style>"
-    return _asset("page.html").format(policy=policy, title=html.escape(title), styles=styles, body=body)
+    return _document(title, policy, [f"<style>\n{_asset(style)}</style>"], body)
 
 
 def structure_script(data: Mapping[str, Any]) -> str:

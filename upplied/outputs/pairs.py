@@ -266,7 +266,7 @@ def sentence(text: str) -> str:
     >>> sentence("the scan is open"), sentence("part_0 is missing.")
     ('The scan is open.', 'part_0 is missing.')
     """
-    first = text.split(" ", 1)[0]
+    first, text = text.split(" ", 1)[0], text.replace(" m2", " m²")
     text = text[:1].upper() + text[1:] if first.isalpha() else text
     return text if not text or text[-1] in ".!?" else f"{text}."
 

@@ -11,7 +11,7 @@ from upplied.config import settings_for
 from upplied.errors import UppliedError
 from upplied.geometry.scene import Scene
 from upplied.outputs.display import DisplayMesh, nearest_samples, packed
-from upplied.proof.pictured import pictured
+from upplied.proof.inspected import pictured
 from upplied.records import SURFACE_STATES, Camera, Cloud, Floats, Plan
 
 _INSPECTED = [SURFACE_STATES.index(name) for name in ("shown", "missed", "unattainable")]

@@ -208,19 +208,18 @@ def _put_pair(place: _Folder, pair: Pair) -> None:
     reader, target, code = place.site.reader, pair.target_id, place.code
     for what in ("demonstration_id", "source_id", "target_id"):
         check_id(getattr(pair, what), what)  # they become file names
-    used = list(dict.fromkeys((pair.source_id, target)))
-    hashes = [reader.sha256("structures", name) for name in used]
-    for name, sha256 in zip(used, hashes, strict=True):
+    hashes = {name: reader.sha256("structures", name) for name in (pair.source_id, target)}
+    for name, sha256 in hashes.items():
         place.make("data", name, digest([code, name, sha256]))
     flown = reader.sha256("demonstrations", pair.demonstration_id)
-    draft = _plain({} if pair.draft is None else {"draft": pair.draft})
-    key = digest([code, _plain(pair.plans), _plain(pair.earlier), draft, pair.decided, hashes, flown])
+    rows = [_plain(pair.plans), _plain(pair.earlier), _plain({"draft": pair.draft or {}}), pair.decided]
+    key = digest([code, *rows, list(hashes.values()), flown])
     words = [[reader.flown(row), reader.overruled(row)] for row in pair.plans.values()]
     zones = _plain({row["zone"]: row for row in reader.zones(target)})
-    place.make("thumbnails", target, digest([code, hashes[-1]]))
+    place.make("thumbnails", target, digest([code, hashes[target]]))
     missions = place.site.missions[pair.name] = _put_missions(place, pair, key)
     picture = pair.name in (place.site.pictured or ())
-    place.make("transfers", pair.name, digest([digest([key, words, picture, zones]), missions]))
+    place.make("transfers", pair.name, digest([key, words, picture, zones, missions]))
     if picture:
         place.make("pictures", pair.name, key)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,37 +79,22 @@ _HEAD = """\
 
 
 def _entry(structure: Structure, name: str, form: _Form) -> str:
-    size = np.ptp(structure.vertices, axis=0)
-    lines = [
-        "[[structure]]",
-        *(f"{key} = {json.dumps(value)}" for key, value in _texts(structure, name, form)),
-        f"ground_z = {structure.surroundings.ground_z_m or 0.0}",
-        *(
-            f"nominal_{side}_m = {value:.2f}"
-            for side, value in zip(("length", "width", "height"), size, strict=True)
-        ),
-    ]
-    if structure.placement is not None:
-        place = structure.placement
+    texts = {
+        "id": structure.structure_id, "kind": structure.kind, "path": name,
+        "units": form.units, "up": form.up, "forward": form.forward,
+        "site": structure.site, "notes": structure.notes,
+    }  # fmt: skip
+    lines = ["[[structure]]", *(f"{key} = {json.dumps(text)}" for key, text in texts.items() if text)]
+    lines.append(f"ground_z = {structure.surroundings.ground_z_m or 0.0}")
+    sides = zip(("length", "width", "height"), np.ptp(structure.vertices, axis=0), strict=True)
+    lines += [f"nominal_{side}_m = {value:.2f}" for side, value in sides]
+    if (place := structure.placement) is not None:
         lines += [f"lat = {place.lat_deg}", f"lon = {place.lon_deg}", f"alt = {place.alt_m}"]
         lines += [f"heading = {place.heading_deg}", f"datum = {json.dumps(place.datum)}"]
     if structure.landmarks:
         lines.append("[structure.landmarks]")
         lines += [f"{key} = {[round(value, 3) for value in xyz]}" for key, xyz in structure.landmarks.items()]
     return "\n".join(lines) + "\n"
-
-
-def _texts(structure: Structure, name: str, form: _Form) -> Iterator[tuple[str, str]]:
-    yield "id", structure.structure_id
-    yield "kind", structure.kind
-    yield "path", name
-    yield "units", form.units
-    yield "up", form.up
-    yield "forward", form.forward
-    if structure.site:
-        yield "site", structure.site
-    if structure.notes:
-        yield "notes", structure.notes
 
 
 def _mesh_bytes(structure: Structure, form: _Form) -> bytes:

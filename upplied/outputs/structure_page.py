@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from upplied.catalog import Catalog
@@ -20,23 +21,19 @@ def structure_facts(
     catalog: Catalog, structure: Structure, pairs: Sequence[Pair], zones: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
     """What the page shows; tables are lists of rows, the newest first."""
-    name, place = structure.structure_id, structure.placement
-    size = " × ".join(
-        f"{value:.1f}" for value in structure.vertices.max(axis=0) - structure.vertices.min(axis=0)
-    )
+    name, place, triangles = structure.structure_id, structure.placement, len(structure.triangles)
+    size = " × ".join(f"{side:.1f}" for side in np.ptp(structure.vertices, axis=0))
+    facts = {
+        "Kind": structure.kind.replace("_", " "),
+        "Size": f"{size} m",
+        "Model": f"{triangles:,} triangles" if triangles else "point cloud",
+        "Landmarks": ", ".join(sorted(structure.landmarks)),
+        "Latitude, longitude": "" if place is None else f"{place.lat_deg:.5f}, {place.lon_deg:.5f}",
+        "Heading of +X": "" if place is None else f"{place.heading_deg:.0f}° from true north",
+    }
     return {
         "id": name,
-        "facts": [
-            ["Kind", structure.kind.replace("_", " ")],
-            ["Size", f"{size} m"],
-            [
-                "Model",
-                f"{len(structure.triangles):,} triangles" if len(structure.triangles) else "point cloud",
-            ],
-            ["Landmarks", ", ".join(sorted(structure.landmarks))],
-            ["Place", "" if place is None else f"{place.lat_deg:.5f}, {place.lon_deg:.5f}"],
-            ["Heading of +X", "" if place is None else f"{place.heading_deg:.0f}° from true north"],
-        ],
+        "facts": list(facts.items()),
         "findings": [str(finding) for finding in from_json(structure.verdicts_json)],
         "zones": list(zones),
         "marks": marks(catalog, name),

@@ -34,7 +34,7 @@ def headline(values: Mapping[str, Any], safety_m: float | None) -> str:
         parts[0] += f", at {fine}"
     if (clearance := number(values, "min_clearance_m")) is not None:
         limit = f" (limit {safety_m:g} m)" if safety_m else ""
-        parts.append(f"keeps {clearance:.1f} m clearance{limit}")
+        parts.append(f"stays {clearance:.1f} m clear of the structure{limit}")
     if (time := number(values, "duration_s")) is not None:
         parts.append(f"takes {int(time + 0.5) // 60}:{int(time + 0.5) % 60:02d} min")
     return f"The plan {_listed(parts)}." if parts else "No measure was computed."
@@ -73,13 +73,13 @@ def resolution(row: Mapping[str, Any]) -> str:
     Examples
     --------
     >>> resolution({"gsd_mm_p50": 14.8, "gsd_demonstrated_mm_p50": 7.9, "gsd_within_pct": 3.2})
-    '14.8 mm/px (demonstrated 7.9 mm/px; 3.2 % of the surface as fine)'
+    '14.8 mm/px (demonstrated 7.9 mm/px; as fine on 3.2 % of the surface)'
     """
     names = ("gsd_mm_p50", "gsd_demonstrated_mm_p50", "gsd_within_pct")
     planned, flown, within = (number(row, name) for name in names)
     if planned is None:
         return ""
-    share = "" if within is None else f"; {within:.1f} % of the surface as fine"
+    share = "" if within is None else f"; as fine on {within:.1f} % of the surface"
     return f"{planned:.1f} mm/px" + ("" if flown is None else f" (demonstrated {flown:.1f} mm/px{share})")
 
 

@@ -48,20 +48,15 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     ]
     flights = looked(catalog, flown_rows(catalog, structure_id), asking.surface)
     both = zip(asking.judged(*shown), asking.judged(*flights), strict=True)
+    named = ("set", "version", "asked_by", "zone", "on", "probability")
     return [
-        {name: planned[name] for name in _NAMED}
-        | {_named("planned", name): planned[name] for name in _VERDICT}
-        | {_named("flown", name): flown[name] for name in _VERDICT}
+        {name: planned[name] for name in named} | _result("planned", planned) | _result("flown", flown)
         for planned, flown in both
     ]
 
 
-_NAMED = ("set", "version", "asked_by", "zone", "on", "probability")
-_VERDICT = ("status", "pct", "why")
-
-
-def _named(what: str, name: str) -> str:
-    return what if name == "status" else f"{what}_{name}"
+def _result(what: str, row: Row) -> dict[str, Any]:
+    return {what: row["status"], f"{what}_pct": row["pct"], f"{what}_why": row["why"]}
 
 
 def _plans(catalog: Catalog, structure_id: str) -> list[Row]:
@@ -115,15 +110,7 @@ _ON_THE_SPOT_S = 0.1  # that a turn of the camera is taken to last: nothing is j
 
 @dataclass(frozen=True, eq=False)
 class MissionZones:
-    """The zones of a structure, judged for the missions that one plan becomes.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    plan : Plan
-    structure : Structure
-    camera : Camera
-    """
+    """The zones of a structure, judged for the missions that one plan becomes."""
 
     catalog: Catalog
     plan: Plan

@@ -78,7 +78,7 @@ def plan_transfer(
     if bool(settings.required.zones) != (required is not None):
         given = "no surface is" if required is None else "a surface is"
         state = f"is {settings.required.zones[:12]!r}, and {given} given"
-        raise SettingsError("setting required.zones", state, "zones are asked for by `upplied require`")
+        raise SettingsError("setting required.zones", state, "zones are required by `upplied require`")
     # A frame that turns and moves with the structures: the plan does not depend on the axes it is given in.
     here, there = frames_for(source, target, settings)
     flight = demonstration_in(here, demonstration)

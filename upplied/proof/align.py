@@ -100,13 +100,14 @@ def align(plan: Trajectory, log: Trajectory, accuracy_m: float | None = None) ->
     if error.believed and accuracy_m is not None and most > accuracy_m:
         beside = most
     used = error.believed and not beside
-    if used:
+    on_plan = whole.positions
+    if error.believed:  # where it belongs, whether the log or the vehicle was beside it
         _check_small(error)
-    positions = whole.positions + moved_m if used else whole.positions
-    place = projected(plan, positions, on.moment)
-    gap = np.linalg.norm(place.place - positions, axis=1)
+        on_plan = whole.positions + moved_m
+    positions = on_plan if used else whole.positions
+    place = projected(plan, on_plan, on.moment)
     inside = (place.moment >= plan.t_s[0]) & (place.moment <= plan.t_s[-1])
-    near = inside & (gap < _NEAR_M)
+    near = inside & (np.linalg.norm(place.place - on_plan, axis=1) < _NEAR_M)
     _check_near(near)
     yaw, pitch = yaw_pitch(log.quat_xyzw)
     yaw = yaw + (error.turn_rad if used else 0.0)
@@ -128,7 +129,7 @@ def align(plan: Trajectory, log: Trajectory, accuracy_m: float | None = None) ->
     return Alignment(
         flown=replace(log, positions=positions, quat_xyzw=turned_to if corrected else log.quat_xyzw),
         planned_s=np.where(near, place.moment, np.nan),
-        across_m=gap,
+        across_m=np.linalg.norm(place.place - positions, axis=1),
         clock_s=clock,
         clock_error_s=clock_error,
         shift_m=error.shift_m if used else np.zeros(3),

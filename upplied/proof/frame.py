@@ -18,7 +18,7 @@ import numpy as np
 
 from upplied.geometry.polylines import interpolated
 from upplied.proof.matching import projected
-from upplied.records import Bools, Floats, Ints, Record, Trajectory
+from upplied.records import Bools, Floats, Record, Trajectory
 
 _BLOCK_S = (8.0, 20.0)  # stretches that are left out in turn: longer than errors of position hang together
 _BLOCKS = 6  # of a short flight
@@ -42,8 +42,8 @@ class FrameError(Record):
     middle: Floats  # (3,) m
     shift_m: Floats  # (3,)
     turn_rad: float
-    error_m: float  # how far off the positions may be, whether they are moved or not
-    believed: bool  # it has the shape of an error of the frame
+    error_m: float = 0.0  # how far off the positions may be, whether they are moved or not
+    believed: bool = False  # it has the shape of an error of the frame
 
     def moved(self, positions: Floats) -> Floats:
         """Positions (N, 3) after it."""
@@ -63,12 +63,11 @@ def frame_error(plan: Trajectory, log: Trajectory, moment: Floats, near_m: float
     near_m : float
         Poses farther from the plan do not count.
     """
-    middle = log.positions.mean(axis=0)
+    beside, middle = _Beside(plan, log, moment, near_m), log.positions.mean(axis=0)
     values, still = np.zeros(4), np.zeros(len(log), bool)
     normal, right = np.empty((0, 4, 4)), np.empty((0, 4))
     for _ in range(_ROUNDS):
-        found = FrameError(middle, values[:3], float(values[3]), 0.0, False)
-        across, jacobian, still = _across(plan, log, found, moment, near_m)
+        across, jacobian, still = beside.across(FrameError(middle, values[:3], float(values[3])))
         size = np.linalg.norm(across, axis=1)
         weight = still * np.minimum(1.0, _HUBER_M / np.maximum(size, 1e-9))
         normal = np.einsum("nki,nkj,n->nij", jacobian, jacobian, weight)
@@ -77,50 +76,73 @@ def frame_error(plan: Trajectory, log: Trajectory, moment: Floats, near_m: float
         values = values + change
         if np.abs(change).max() < 1e-4:
             break
-    block = _blocks(log)
-    names = np.unique(block[still])
-    scatter = np.zeros((4, 4))
-    error = np.full(4, np.inf)
+    names = np.unique(beside.block[still])
+    scatter, error = np.zeros((4, 4)), np.full(4, np.inf)
     if len(names) >= _FEWEST:
         whole, told = normal.sum(axis=0) + _PRIOR, right.sum(axis=0) - _PRIOR @ values
         left = [np.linalg.solve(whole - normal[out].sum(axis=0), told - right[out].sum(axis=0))
-                for out in (block == name for name in names)]  # fmt: skip
+                for out in (beside.block == name for name in names)]  # fmt: skip
         spread = np.asarray(left) - np.mean(left, axis=0)
         scatter = (len(left) - 1) / len(left) * spread.T @ spread
         error = np.sqrt(np.diag(scatter))
-    error_m = _may_be_off_m(FrameError(middle, values[:3], float(values[3]), 0.0, False),
-                            scatter, plan, log, moment, near_m)  # fmt: skip
+    error_m = beside.may_be_off_m(FrameError(middle, values[:3], float(values[3])), scatter)
     values = values.copy()
     for part, least in ((slice(3), _LEAST_M), (slice(3, 4), np.radians(_LEAST_DEG))):
         if not np.linalg.norm(values[part]) > max(_SIGMAS * np.linalg.norm(error[part]), least):
             values[part] = 0.0
-    found = FrameError(middle, values[:3], float(values[3]), error_m, False)
-    return replace(found, believed=bool(values.any()) and _shaped(plan, log, found, moment, near_m))
+    found = FrameError(middle, values[:3], float(values[3]), error_m)
+    return replace(found, believed=bool(values.any()) and beside.shaped(found))
 
 
-def _may_be_off_m(
-    fit: FrameError, scatter: Floats, plan: Trajectory, log: Trajectory, moment: Floats, near_m: float
-) -> float:
-    """What a fit would move the worst of the positions by, and two sigma of it in its weakest direction, m.
+class _Beside:
+    """A log's poses beside the moments of the plan that they correspond to."""
 
-    Each stretch counts once; `scatter` (4, 4) is that of fits without one of them.
-    """
-    across, jacobian, near = _across(plan, log, fit, moment, near_m)
-    _, of = np.unique(_blocks(log), return_inverse=True)
-    share = near / np.maximum(np.bincount(of, near), 1)[of]
-    told = np.einsum("nki,nkj,n->ij", jacobian, jacobian, share)
-    stray_m = max(np.sqrt(np.mean(across[near] ** 2)) if near.any() else 0.0, _STRAY_M)
-    covariance = np.linalg.inv(told / stray_m**2 + _PRIOR) + scatter
-    moved = fit.moved(log.positions)
-    motion = _motion(moved - fit.middle)
-    sigma_m = np.sqrt(np.linalg.eigvalsh(motion @ covariance @ motion.transpose(0, 2, 1))[:, -1])
-    return float((np.linalg.norm(moved - log.positions, axis=1) + 2 * sigma_m).max())
+    def __init__(self, plan: Trajectory, log: Trajectory, moment: Floats, near_m: float) -> None:
+        self.plan, self.log, self.moment, self.near_m = plan, log, moment, near_m
+        since = log.t_s - log.t_s[0]
+        #: (N,) the stretch that each pose belongs to
+        self.block = np.asarray(since // np.clip(since[-1] / _BLOCKS, *_BLOCK_S), np.int64)
 
+    def across(self, error: FrameError) -> tuple[Floats, Floats, Bools]:
+        """What lies across the path (N, 3) at each pose, how it changes with shift and turn, which count."""
+        plan, moved = self.plan, error.moved(self.log.positions)
+        on = projected(plan, moved, self.moment)
+        gap = on.place - moved
+        inside = (on.moment > plan.t_s[0]) & (on.moment < plan.t_s[-1])
+        ahead, behind = (
+            interpolated(on.moment + d, plan.t_s, plan.positions) for d in (_TANGENT_S, -_TANGENT_S)
+        )
+        step = ahead - behind
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        along = np.where(length > 1e-3, step / np.maximum(length, 1e-12), 0.0)
+        flat = np.eye(3) - along[:, :, None] * along[:, None, :]
+        near = inside & (np.linalg.norm(gap, axis=1) < self.near_m)
+        return np.einsum("nij,nj->ni", flat, gap), flat @ _motion(moved - error.middle), near
 
-def _blocks(log: Trajectory) -> Ints:
-    """The stretch (N,) that each pose belongs to."""
-    since = log.t_s - log.t_s[0]
-    return np.asarray(since // np.clip(since[-1] / _BLOCKS, *_BLOCK_S), np.int64)
+    def may_be_off_m(self, fit: FrameError, scatter: Floats) -> float:
+        """What a fit would move the worst position by, and two sigma of it in its weakest direction, m.
+
+        Each stretch counts once; `scatter` (4, 4) is that of fits without one of them.
+        """
+        across, jacobian, near = self.across(fit)
+        _, of = np.unique(self.block, return_inverse=True)
+        share = near / np.maximum(np.bincount(of, near), 1)[of]
+        told = np.einsum("nki,nkj,n->ij", jacobian, jacobian, share)
+        stray_m = max(np.sqrt(np.mean(across[near] ** 2)) if near.any() else 0.0, _STRAY_M)
+        covariance = np.linalg.inv(told / stray_m**2 + _PRIOR) + scatter
+        moved = fit.moved(self.log.positions)
+        motion = _motion(moved - fit.middle)
+        sigma_m = np.sqrt(np.linalg.eigvalsh(motion @ covariance @ motion.transpose(0, 2, 1))[:, -1])
+        return float((np.linalg.norm(moved - self.log.positions, axis=1) + 2 * sigma_m).max())
+
+    def shaped(self, found: FrameError) -> bool:
+        """Whether most of what lies across the path goes with it, and in nearly every stretch some of it."""
+        before, _, near = self.across(FrameError(found.middle, np.zeros(3), 0.0))
+        sizes = [np.linalg.norm(each, axis=1) for each in (before, self.across(found)[0])]
+        stretches = [near & (self.block == name) for name in np.unique(self.block[near])]
+        middles = np.array([[np.median(size[some]) for size in sizes] for some in stretches])
+        was, now = np.sqrt(np.mean(middles**2, axis=0))
+        return bool(now <= _LEFT * was and np.mean(middles[:, 1] < middles[:, 0] + _LITTLE_M) >= _BETTER)
 
 
 def _motion(arm: Floats) -> Floats:
@@ -129,34 +151,3 @@ def _motion(arm: Floats) -> Floats:
     motion[:, :, :3] = np.eye(3)
     motion[:, 0, 3], motion[:, 1, 3] = -arm[:, 1], arm[:, 0]
     return motion
-
-
-def _shaped(plan: Trajectory, log: Trajectory, found: FrameError, moment: Floats, near_m: float) -> bool:
-    """Whether most of what lies across the path goes with it, and in nearly every stretch some of it."""
-    none = FrameError(found.middle, np.zeros(3), 0.0, 0.0, False)
-    before, _, near = _across(plan, log, none, moment, near_m)
-    after, _, _ = _across(plan, log, found, moment, near_m)
-    block = _blocks(log)
-    sizes = [np.linalg.norm(each, axis=1) for each in (before, after)]
-    middles = np.array(
-        [[np.median(size[near & (block == name)]) for size in sizes] for name in np.unique(block[near])]
-    )
-    was, now = np.sqrt(np.mean(middles**2, axis=0))
-    return bool(now <= _LEFT * was and np.mean(middles[:, 1] < middles[:, 0] + _LITTLE_M) >= _BETTER)
-
-
-def _across(
-    plan: Trajectory, log: Trajectory, error: FrameError, moment: Floats, near_m: float
-) -> tuple[Floats, Floats, Bools]:
-    """What lies across the path (N, 3) at each pose, how it changes with shift and turn, and which count."""
-    moved = error.moved(log.positions)
-    on = projected(plan, moved, moment)
-    gap = on.place - moved
-    inside = (on.moment > plan.t_s[0]) & (on.moment < plan.t_s[-1])
-    ahead, behind = (interpolated(on.moment + d, plan.t_s, plan.positions) for d in (_TANGENT_S, -_TANGENT_S))
-    step = ahead - behind
-    length = np.linalg.norm(step, axis=1, keepdims=True)
-    along = np.where(length > 1e-3, step / np.maximum(length, 1e-12), 0.0)
-    flat = np.eye(3) - along[:, :, None] * along[:, None, :]
-    near = inside & (np.linalg.norm(gap, axis=1) < near_m)
-    return np.einsum("nij,nj->ni", flat, gap), flat @ _motion(moved - error.middle), near

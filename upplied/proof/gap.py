@@ -7,7 +7,7 @@ them. Zone surface that those poses do not show as it is asked for has poses of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -41,22 +41,29 @@ _STEADY = 0.8  # of the motion that is still sharp, that a picture is planned wi
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GapFlight(Record):
-    """A flight that shows what was left out."""
+class Toured(Record):
+    """A short safe flight by some of many poses."""
 
     trajectory: Trajectory
     is_viewpoint: Bools  # (N,)
-    shows: Bools  # (S,) of the samples, those that are missing and that it shows
-    unattainable: Bools  # (S,) of the samples, those that are missing and that no pose of the plan shows
+    covered: Bools  # (L,) what poses see that safe legs join: all of it is seen
     length_m: float
-    zones: tuple[tuple[Bools, Bools], ...]  # (M,) of each zone's samples: shown, and unattainable
-    legs_m: Floats  # (P, P) between the poses that it may choose
-    seen: Bools  # (P, L) which of those poses show what it must look at
+    legs_m: Floats  # (P, P) between the poses
+    seen: Bools  # (P, K) which of the poses see what is covered
 
     @cached_property
     def bound_m(self) -> float:
-        """A length that no way by those poses and the known safe legs that shows the same is below, m."""
+        """A length that no way by those poses and the known safe legs that sees the same is below, m."""
         return min(bound_m(self.legs_m, self.seen, self.length_m), self.length_m)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GapFlight(Toured):
+    """A flight that shows what was left out."""
+
+    shows: Bools  # (S,) of the samples, those that are missing and that it shows
+    unattainable: Bools  # (S,) of the samples, those that are missing and that no pose of the plan shows
+    zones: tuple[tuple[Bools, Bools], ...]  # (M,) of each zone's samples: shown, and unattainable
 
 
 def gap_flight(
@@ -111,40 +118,64 @@ def gap_flight(
     shown = _shown(parts[0], poses, looks, graph)
     for one in parts[1:]:
         poses = in_a_row([poses, poses_for(one, poses, graph, limits, usual_m)])
-    others = np.zeros(
-        (len(poses) - len(shown), _LOOKS * len(part)), bool
-    )  # what was planned is shown as planned
-    seen = np.concatenate(
-        [np.vstack([shown, others]), *(one.well(poses, graph) for one in parts[1:])], axis=1
-    )
-    can: Bools = np.asarray(seen.any(axis=0), bool)
-    if not can.any():
+    others = np.zeros((len(poses) - len(shown), shown.shape[1]), bool)  # what was planned is shown as planned
+    seen = np.hstack([np.vstack([shown, others]), *(one.well(poses, graph) for one in parts[1:])])
+    if not seen.any():
         raise RefusedError(
             "the gap",
             "can be seen from no pose that is safe now" + "".join(f"; {_none_of(zone)}" for zone in zones),
             "",
             "plan the structure again, or ask less of the zone" if zones else "plan the structure again",
         )
-    seen = seen[:, can]
-    apart = safe_lengths(graph, poses.positions)
-    seen = seen & np.isfinite(apart[np.isfinite(apart).sum(axis=1).argmax()])[:, None]  # of one another
-    can[can] = seen.any(axis=0)
-    seen = seen[:, seen.any(axis=0)]
-    chosen = short_tour(apart, seen)
-    line, at = way_by(poses, chosen, graph)
-    most_mps = _sharp_pace(parts[0], poses.take(chosen), graph, rule)
-    trajectory, is_viewpoint = timed(poses, chosen, line, at, plan, limits, most_mps)
+    tour = toured(poses, seen, graph, plan, limits, lambda some: _sharp_pace(parts[0], some, graph, rule))
     shows, unattainable = np.zeros(len(missing), bool), np.zeros(len(missing), bool)
-    along = stations(trajectory)
+    along = stations(tour.trajectory)
     again = _as_planned(parts[0], along, parts[0].seen(along, graph), looks)
     flown = [_all(np.asarray(again.any(axis=0), bool))]
     flown += [np.asarray(one.seen(along, graph).any(axis=0), bool) for one in parts[1:]]
-    cannot = np.split(~can, np.cumsum([_LOOKS * len(part), *(len(one.cloud) for one in parts[1:])])[:-1])
+    cannot = np.split(~tour.covered, np.cumsum([shown.shape[1], *(len(one.cloud) for one in parts[1:])])[:-1])
     cannot[0] = ~_all(~cannot[0])
     both = [(done, none & ~done) for done, none in zip(flown, cannot, strict=True)]
     shows[part], unattainable[part] = both[0]
-    length = float(leg_lengths(trajectory.positions).sum())
-    return GapFlight(trajectory, is_viewpoint, shows, unattainable, length, tuple(both[1:]), apart, seen)
+    return GapFlight(**vars(tour), shows=shows, unattainable=unattainable, zones=tuple(both[1:]))
+
+
+def toured(
+    poses: Trajectory,
+    seen: Bools,
+    graph: Roadmap,
+    plan: Trajectory,
+    limits: RetimeSettings,
+    most_mps: Callable[[Trajectory], Floats] | None = None,
+) -> Toured:
+    """A short safe flight by poses (P,) that together see all that poses see which safe legs join.
+
+    Parameters
+    ----------
+    poses : Trajectory
+    seen : array of bool, shape (P, L)
+    graph : Roadmap
+    plan : Trajectory
+        No faster than it usually is.
+    limits : RetimeSettings
+    most_mps : callable, optional
+        How fast each of some poses may be passed, m/s.
+
+    Raises
+    ------
+    RefusedError
+        If no safe way joins the poses.
+    """
+    apart = safe_lengths(graph, poses.positions)
+    joined = np.isfinite(apart) & seen.any(axis=1)  # of poses that see something, as many as can be
+    seen = seen & joined[joined.sum(axis=1).argmax()][:, None]
+    covered = np.asarray(seen.any(axis=0), bool)
+    chosen = short_tour(apart, seen[:, covered])
+    line, at = _way_by(poses, chosen, graph)
+    pace = None if most_mps is None else most_mps(poses.take(chosen))
+    path, is_viewpoint = _timed(poses, chosen, line, at, plan, limits, pace)
+    length = float(leg_lengths(path.positions).sum())
+    return Toured(path, is_viewpoint, covered, length, apart, seen[:, covered])
 
 
 def safe_lengths(graph: Roadmap, places: Floats) -> Floats:
@@ -218,7 +249,7 @@ def square_metres(cloud: Cloud, part: Bools) -> float:
     return float(cloud.areas[part].sum())
 
 
-def way_by(poses: Trajectory, chosen: Ints, graph: Roadmap) -> tuple[Floats, Ints]:
+def _way_by(poses: Trajectory, chosen: Ints, graph: Roadmap) -> tuple[Floats, Ints]:
     """The safe way (K, 3) by the chosen poses, and at which of its corners each of them is."""
     line, at = [poses.positions[chosen[0]][None]], [0]
     for start, goal in pairwise(chosen):
@@ -252,7 +283,7 @@ def _sharp_pace(part: Part, chosen: Trajectory, graph: Roadmap, rule: Inspection
     return np.maximum(most, _CREEPING_MPS)
 
 
-def timed(
+def _timed(
     poses: Trajectory,
     chosen: Ints,
     line: Floats,

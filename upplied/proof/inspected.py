@@ -102,6 +102,23 @@ def planned_looks(
     return PlannedLooks(sampled, by_rule, camera, rule)
 
 
+def pictured(
+    path: Trajectory, cloud: Cloud, camera: Camera, scene: Scene, rule: InspectionSettings
+) -> dict[str, Floats]:
+    """Ground sample distance, mm, motion blur, px, and time in sharp view, s, of each sample (N,); NaN: none.
+
+    Distance and blur are those of the finest look that is sharp by the rule.
+    """
+    steps = moments(path)
+    shown = _finest(steps, views(path, cloud, camera, TRULY, scene), cloud, camera, rule)
+    focal = focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
+    return {
+        "gsd_mm": np.where(np.isfinite(shown.sampled_m), 1e3 * shown.sampled_m / focal, np.nan),
+        "blur_px": shown.moved * focal * (camera.exposure_s or rule.exposure_s),
+        "sharp_s": np.where(shown.number > 0, shown.number * float(steps.step_s.mean()), np.nan),
+    }
+
+
 def looks_at(path: Trajectory, moments_s: Floats, breaks: Ints | None = None) -> Moments:
     """A path at moments (K,), s, each with its motion from the half second before it to that after it.
 

@@ -8,7 +8,7 @@ of the plan that is nearest to it around that moment.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -60,20 +60,14 @@ def matched(plan: Trajectory, log: Trajectory, silent_s: float) -> Matched:
     nearer = np.where(log.t_s - coarse.t_s[at] <= coarse.t_s[after] - log.t_s, at, after)
     guess = np.where(apart, moments[pairs[nearer]], guess)
     reach = 2 * max(beat, float(moments[1] - moments[0])) + 1.0
-    moment, place = _projected(plan, log.positions, guess, reach)
-    return Matched(moment, place, back[at])
+    return replace(projected(plan, log.positions, guess, reach), backwards=back[at])
 
 
-def projected(plan: Trajectory, positions: Floats, around_s: Floats) -> Matched:
-    """The same for positions (N, 3) whose moments (N,) are known to a second."""
-    return Matched(*_projected(plan, positions, around_s, 1.0), np.zeros(len(positions), bool))
-
-
-def _projected(
-    plan: Trajectory, positions: Floats, around_s: Floats, reach_s: float
-) -> tuple[Floats, Floats]:
-    path = np.ascontiguousarray(plan.positions)
-    return _nearest(np.ascontiguousarray(positions), around_s, plan.t_s, path, reach_s)
+def projected(plan: Trajectory, positions: Floats, around_s: Floats, reach_s: float = 1.0) -> Matched:
+    """The same for positions (N, 3) whose moments (N,) are known to some seconds."""
+    where, path = np.ascontiguousarray(positions), np.ascontiguousarray(plan.positions)
+    moment, place = _nearest(where, around_s, plan.t_s, path, reach_s)
+    return Matched(moment, place, np.zeros(len(where), bool))
 
 
 @njit(cache=True)

@@ -1,18 +1,19 @@
-"""A short way by some of many poses that together see every sample.
+"""A short safe way by some of many poses that together see every sample.
 
-Poses are chosen greedily, without those that are not needed, put in the order of a short open way by 2-opt,
-and each is exchanged for another that sees the same where that shortens the way. Then a few poses are left
-out, what is lost is seen again from where it costs least, and the shorter way is kept, again and again
-(iterated local search; Lourenco, Martin and Stuetzle 2003). The same poses give the same way.
+Poses are put in where they cost least for what they see, until every sample is seen. The way is made better
+by turning stretches round (2-opt), exchanging poses for others that show what they alone show, and leaving
+out those that are not needed. Then some are left out at random or all about one, what they alone showed is
+seen again by where it costs least, and the shorter way is kept, again and again (iterated local search;
+Lourenco, Martin and Stuetzle 2003). The same poses give the same way.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from upplied.records import Bools, Floats, Ints
 
-_SWEEPS = 6  # of the exchange of poses
 _TRIALS = 120  # of leaving some out: beyond, ways of the sample fleet hardly became shorter
 _LEFT_OUT = 6  # poses at a time, at most
 _WORTH = 1.15  # times the shortest so far, up to which a trial is made better
@@ -31,7 +32,8 @@ def short_tour(apart: Floats, seen: Bools) -> Ints:
         Which pose sees which sample; each is seen by one at least.
     """
     rng = np.random.default_rng(0)
-    best = _better(apart, seen, _order(apart, _cover(seen)))
+    nothing, exact = np.zeros(0, np.int64), np.ones(len(apart))
+    best = _better(apart, seen, _seen_again(apart, seen, nothing, exact))
     least = _length(apart, best)
     for _ in range(_TRIALS if len(best) > 1 else 0):
         count = int(rng.integers(1, max(2, min(_LEFT_OUT, len(best)))))
@@ -49,10 +51,10 @@ def short_tour(apart: Floats, seen: Bools) -> Ints:
 
 
 def _better(apart: Floats, seen: Bools, tour: Ints) -> Ints:
-    """The tour ordered, exchanged and thinned out while that shortens it."""
+    """The tour uncrossed, exchanged and thinned out while that shortens it."""
     while True:
         before = _length(apart, tour)
-        tour = _needed(apart, seen, _exchanged(apart, seen, _order(apart, tour)))
+        tour = _needed(apart, seen, _exchanged(apart, seen, _uncrossed(apart, tour.copy())))
         if _length(apart, tour) > before - _LITTLE_M:
             return tour
 
@@ -63,7 +65,7 @@ def _length(apart: Floats, tour: Ints) -> float:
 
 def _seen_again(apart: Floats, seen: Bools, tour: Ints, noise: Floats) -> Ints:
     """The tour with poses put in where they cost least for what they see that it does not."""
-    left = ~seen[tour].any(axis=0) if len(tour) else np.ones(seen.shape[1], bool)
+    left = ~seen[tour].any(axis=0)
     while left.any():
         gain = seen[:, left].sum(axis=1)
         new = np.flatnonzero(gain)
@@ -97,83 +99,30 @@ def _needed(apart: Floats, seen: Bools, tour: Ints) -> Ints:
     return tour
 
 
-def _cover(seen: Bools) -> Ints:
-    """Poses (K,) that together see every sample: greedily, then without those that are not needed."""
-    left, chosen = np.ones(seen.shape[1], bool), []
-    while left.any():
-        gain = seen[:, left].sum(axis=1)
-        chosen.append(int(gain.argmax()))
-        left &= ~seen[chosen[-1]]
-    for pose in chosen[:-1]:
-        others = [other for other in chosen if other != pose]
-        if seen[others].any(axis=0).all():
-            chosen = others
-    return np.array(sorted(chosen), np.int64)
-
-
-def _order(apart: Floats, chosen: Ints) -> Ints:
-    """The chosen poses in the order of a short open way: nearest first from an end, then 2-opt."""
-    if len(chosen) < 3:
-        return chosen
-    gap = apart[np.ix_(chosen, chosen)]
-    best: list[int] = []
-    least = np.inf
-    for start in {0, len(chosen) - 1, int(gap.sum(axis=1).argmax())}:
-        tour = _two_opt(_nearest_first(gap, start), gap)
-        length = gap[tour[:-1], tour[1:]].sum()
-        if length < least:
-            best, least = tour, length
-    return chosen[best]
-
-
-def _nearest_first(gap: Floats, start: int) -> list[int]:
-    left, tour = set(range(len(gap))) - {start}, [start]
-    while left:
-        tour.append(min(left, key=lambda other: (gap[tour[-1], other], other)))
-        left.remove(tour[-1])
+def _exchanged(apart: Floats, seen: Bools, tour: Ints) -> Ints:
+    """The tour with each pose exchanged for the one that shows what it alone shows on the shortest way."""
+    for at in range(len(tour)):
+        alone = ~seen[np.delete(tour, at)].any(axis=0)
+        fit = np.flatnonzero(seen[:, alone].all(axis=1))
+        ends = tour[[end for end in (at - 1, at + 1) if 0 <= end < len(tour)]]
+        tour[at] = fit[apart[np.ix_(fit, ends)].sum(axis=1).argmin()]
     return tour
 
 
-def _two_opt(tour: list[int], gap: Floats) -> list[int]:
-    """The tour without crossings: stretches are turned round while that shortens it."""
-    order, better = np.array(tour), True
+@njit(cache=True)
+def _uncrossed(apart: Floats, tour: Ints) -> Ints:
+    """The open tour with stretches turned round while that shortens it."""
+    better = True
     while better:
         better = False
-        for i in range(len(order) - 1):
-            for j in range(i + 1, len(order)):
-                before = 0.0 if i == 0 else gap[order[i - 1], order[i]]
-                before += 0.0 if j == len(order) - 1 else gap[order[j], order[j + 1]]
-                after = 0.0 if i == 0 else gap[order[i - 1], order[j]]
-                after += 0.0 if j == len(order) - 1 else gap[order[i], order[j + 1]]
-                if after < before - 1e-9:
-                    order[i : j + 1] = order[i : j + 1][::-1].copy()
+        for i in range(len(tour) - 1):
+            for j in range(i + 1, len(tour)):
+                gain = 0.0
+                if i > 0:
+                    gain += apart[tour[i - 1], tour[i]] - apart[tour[i - 1], tour[j]]
+                if j < len(tour) - 1:
+                    gain += apart[tour[j], tour[j + 1]] - apart[tour[i], tour[j + 1]]
+                if gain > 1e-9:
+                    tour[i : j + 1] = tour[i : j + 1][::-1].copy()
                     better = True
-    return order.tolist()
-
-
-def _exchanged(apart: Floats, seen: Bools, chosen: Ints) -> Ints:
-    """The same with poses exchanged for others that show what they alone show, on a shorter way."""
-    chosen = chosen.copy()
-    for _ in range(_SWEEPS):
-        changed = False
-        at = 0
-        while at < len(chosen):
-            others = np.delete(chosen, at)
-            needed = ~seen[others].any(axis=0) if len(others) else np.ones(seen.shape[1], bool)
-            if len(others) and not needed.any():
-                chosen, changed = others, True
-                continue
-            fit = np.flatnonzero(seen[:, needed].all(axis=1))
-            ends = [chosen[near] for near in (at - 1, at + 1) if 0 <= near < len(chosen)]
-            cost = np.zeros(len(fit))
-            for end in ends:
-                cost += apart[fit, end]
-            best = int(fit[int(cost.argmin())])
-            own = sum(float(apart[chosen[at], end]) for end in ends)
-            if cost.min() < own - 1e-6:
-                chosen[at], changed = best, True
-            at += 1
-        if not changed:
-            break
-        chosen = _order(apart, chosen)
-    return chosen
+    return tour

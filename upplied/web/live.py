@@ -22,7 +22,7 @@ from upplied.outputs.publish import PAGES
 from upplied.outputs.render import brief_transfer, export_transfer
 from upplied.outputs.site import Site
 from upplied.planning.surface.samples import surface_samples
-from upplied.proof.pictured import pictured
+from upplied.proof.inspected import pictured
 from upplied.records import Camera, Cloud, Structure, Trajectory
 from upplied.web.requests import Decisions
 
@@ -38,12 +38,7 @@ def warm() -> None:
 
 
 class LivePages:
-    """Answers the requests of browsers one by one; what was read is cached until the catalog changes.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    """
+    """Answers the requests of browsers one by one; what was read is cached until the catalog changes."""
 
     def __init__(self, catalog: Catalog) -> None:
         self.catalog = catalog

@@ -16,13 +16,7 @@ from starlette.responses import Response
 
 
 class Login:
-    """Who may read, and who may change something.
-
-    Parameters
-    ----------
-    password : str
-        ``NAME:PASSWORD``, or a token without a name.
-    """
+    """Who may read, and who may change something; `password` is ``NAME:PASSWORD``, or a token alone."""
 
     def __init__(self, password: str) -> None:
         self._password = password

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from functools import cached_property
+from collections.abc import Callable, Mapping
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -21,16 +21,9 @@ from upplied.proof.asking import Asking
 from upplied.proof.edit import Viewpoint
 from upplied.records import Floats, Plan
 
-_WORDS = {"reviewed": "is reviewed", "released": "is released", "rejected": "is rejected"}
-
 
 class Decisions:
-    """Decisions about the plans of a catalog.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    """
+    """Decisions about the plans of a catalog."""
 
     def __init__(self, catalog: Catalog) -> None:
         self.catalog = catalog
@@ -53,15 +46,13 @@ class Decisions:
         """
         by, note = signed(request)
         decision, plan = request.get("decision"), self.catalog.find_transfer(str(request.get("id", "")))
-        if decision == "reviewed":
-            self.catalog.review(plan, by, note)
-        elif decision == "released":
-            self.catalog.release(plan, by, note, after=str(request.get("known", "")))
-        elif decision == "rejected":
-            self.catalog.reject(plan, by, note)
-        else:
+        release = partial(self.catalog.release, after=str(request.get("known", "")))
+        review, reject = self.catalog.review, self.catalog.reject
+        acts: dict[str, Callable[..., object]] = {"reviewed": review, "released": release, "rejected": reject}
+        if not isinstance(decision, str) or decision not in acts:
             raise InputError("the decision", f"is {str(decision)[:40]!r}", "reviewed, released or rejected")
-        message = f"Plan {plan} {_WORDS[decision]} by {by}."
+        acts[decision](plan, by, note)
+        message = f"Plan {plan} is {decision} by {by}."
         return {"id": plan, "message": message, "known": self.last(plan)}
 
 
@@ -96,16 +87,7 @@ def place_looked_from(request: Mapping[str, Any]) -> Viewpoint:
 
 
 class ZoneRequests:
-    """Requests about zones of the target of one plan.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    editing : Editing
-        The plan, opened.
-    origin : array, shape (3,), m
-        What coordinates of the page are relative to.
-    """
+    """Requests about zones of the target of one open plan; coordinates of its page count from `origin`, m."""
 
     def __init__(self, catalog: Catalog, editing: Editing, origin: Floats) -> None:
         self._catalog, self._editing, self._origin = catalog, editing, origin

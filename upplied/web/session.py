@@ -22,7 +22,7 @@ from upplied.outputs.along import profile
 from upplied.outputs.display import display_states, nearest_samples, packed, structure_data
 from upplied.outputs.labels import LABELS
 from upplied.outputs.pair_page import path_data
-from upplied.outputs.pairs import decision_words, number
+from upplied.outputs.pairs import decision_words, number, sentence
 from upplied.outputs.reports import Reader
 from upplied.outputs.verdicts import headline
 from upplied.proof.carried_edit import kept_edit
@@ -36,12 +36,7 @@ _DIFFERENCES = LABELS["differences"]
 
 
 class Sessions:
-    """The plans that are open in the studio, by their ids.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    """
+    """The plans that are open in the studio, by their ids."""
 
     def __init__(self, catalog: Catalog) -> None:
         self._catalog, self._lock = catalog, threading.Lock()
@@ -74,12 +69,7 @@ class Sessions:
 class Session:
     """One plan of a catalog, opened; requests come from any thread and are answered one by one.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    transfer_id : str
-    stage : callable
-        Receives what is done now, in words, while the plan opens.
+    While the plan opens, `stage` receives the current step in words.
     """
 
     def __init__(
@@ -226,7 +216,7 @@ class Session:
             "verdict": {
                 "flyable": not faults,
                 "headline": headline(measures | standoff, self.editing.clearance_m(airspace)),
-                "look": [*faults, *judged.plan.warnings],
+                "look": [sentence(each) for each in (*faults, *judged.plan.warnings)],
             },
             "differences": self._differences(measures),
             "words": ", ".join(

@@ -42,7 +42,7 @@ def test_the_safety_distance_itself_is_allowed() -> None:
 
 def test_what_is_wrong_is_said() -> None:
     rules = airspace(ground_z_m=1.0, ceiling_z_m=12.0, keep_out_m=KEEP_OUT, geofence_m=FENCE)
-    assert rules.why(np.array([0.0, 0, 1])) == "1.00 m from the structure, 2 m are to be kept"
+    assert rules.why(np.array([0.0, 0, 1])) == "1.00 m from the structure, 2 m are required"
     assert rules.why(np.array([0.0, 0, 2.25])) == "below 2.50 m, the least height above the ground"
     assert rules.why(np.array([0.0, 0, 12.5])) == "above the ceiling of 12.00 m"
     assert rules.why(np.array([30.0, 0, 5])) == "outside the geofence"

@@ -108,7 +108,7 @@ def test_an_engine_among_others_that_nothing_tells_apart_is_refused_with_the_rea
     flight = fly(source, "engine_left", seed=2)
     plan = plan_transfer(flight, source, scan, asked_for(**asked))
     assert plan.status == "refused" and plan.trajectory is None
-    assert "engine_left=" in plan.reason or "is not told apart" in plan.reason
+    assert "engine_left=" in plan.reason or "cannot be distinguished" in plan.reason
 
 
 def test_an_engine_that_was_modelled_as_one_with_its_wing_is_not_flown_as_a_wing(a320, engine, b747):
@@ -147,7 +147,7 @@ def test_each_found_engine_is_told_and_counted(a320, engine, b747):
     _, (one,), refused = answers(engine, a320, b747, expect=4)
     assert not refused and not one.doubt
     assert (one.twins, one.found, len(one.flown), len(one.left_out)) == (1, 4, 1, 3)
-    assert all("not asked for" in why for why in one.left_out)
+    assert all("not requested" in why for why in one.left_out)
     assert "left" in one.flown[0]
 
 

@@ -107,7 +107,7 @@ def test_what_another_take_flies_is_not_left_out() -> None:
     other = replace(ONE, flown=("b",), left_out=("a", "d"))
     found = _without_flown([ONE, other], SETTINGS)
     assert [one.left_out for one in found] == [
-        ("c: not asked for (--repeat each)",), ("d: not asked for (--repeat each)",)
+        ("c: not requested (--repeat each)",), ("d: not requested (--repeat each)",)
     ]  # fmt: skip
     each = settings_for("recommended", correspondence={"repeat": "mirror"})
     (said,) = _without_flown([ONE], each)[0].left_out[1:]
@@ -119,12 +119,12 @@ def test_why_it_is_not_certain() -> None:
     assert _doubt(take(), "wing", 0.5, side(SOURCE), 0.6, least) == ""
     assert _doubt(take(), "wing", 0.523, side(SOURCE), 0.594, least) == (
         "wing, 52 % of what was inspected, has its counterpart on there with probability 0.59, 0.6 is "
-        "asked for (correspondence.least_probability)"
+        "required (correspondence.least_probability)"
     )
     for pieces, why in ((True, "no part of it was matched"), (False, "its surface is one piece")):
         assert _doubt(take(), "wing", 0.5, side(SOURCE, pieces=pieces), None, least) == (
-            f"wing, 50 % of what was inspected, is not told apart on there: {why}, and what lies nearest "
-            "may be another part"
+            f"wing, 50 % of what was inspected, cannot be distinguished on there: {why}, "
+            "and what lies nearest may be another part"
         )
 
 
@@ -216,7 +216,7 @@ def test_each_of_a_kind_is_in_doubt_where_neither_tells_parts() -> None:
     lone = take(whole, source=whole, skin=SOURCE.part)
     each = settings_for("recommended", correspondence={"repeat": "each"})
     hull = _counterpart(lone, 0, 0.4, side(SOURCE, pieces=False), side(whole, pieces=False), each)
-    assert "is not told apart on here: its surface is one piece" in hull.doubt
+    assert "cannot be distinguished on here: its surface is one piece" in hull.doubt
     once = _counterpart(lone, 0, 0.4, side(SOURCE, pieces=False), side(whole, pieces=False), SETTINGS)
     assert once.doubt == ""
 
@@ -279,7 +279,7 @@ def test_parts_on_a_side_for_which_nothing_is_flown_are_told() -> None:
     left = take(part=1, choice=1)
     (missing,) = _not_repeated([left])
     assert missing.part.startswith("part_2 (") and missing.found == 0 and missing.twins == 1
-    assert missing.doubt == f"no part like {missing.part} is found on its side of there"
+    assert missing.doubt == f"no part like {missing.part} is on its side of there"
     assert missing.inspected_pct == 100.0 and missing.flown == ()
     assert _not_repeated([left, take(part=2, choice=2)]) == [] and _not_repeated([take()]) == []
 

@@ -70,7 +70,7 @@ def test_where_turns_fit_alike_the_declared_one_decides(declared: float, kept: f
     assert found.gap < 0.15
     off = abs(declared - kept)
     assert "; 2 of them fit alike (the next best " in found.evidence
-    assert f"nearest to the declared heading is kept, {off:.0f} deg from it" in found.evidence
+    assert f"nearest to the declared heading is used, {off:.0f} deg from it" in found.evidence
     gap = max(found.gap, 0)
     assert f"(the next best {100 * gap:.0f} % worse)" in found.evidence
 

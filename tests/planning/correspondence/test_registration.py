@@ -207,7 +207,7 @@ def test_symmetric_structures_keep_the_declared_heading_and_say_so() -> None:
     found = register(surface("cube-v1"), surface("cube-v1"), replace(RECOMMENDED, search="heading"))
     np.testing.assert_allclose(found.turn, np.eye(3), atol=1e-9)
     assert found.runner_up_gap < 0.15
-    assert "declared heading is kept" in found.evidence
+    assert "declared heading is used" in found.evidence
 
 
 def test_a_wrong_heading_is_mentioned_and_a_right_one_is_not() -> None:

@@ -47,25 +47,24 @@ def test_a_doubt_about_much_refuses_where_there_are_others(change: dict[str, obj
     said = undecided([SURE, one], asked())
     assert bool(said) == refused
     like = "1 more like it on the source" if one.twins else "none like it on the source"
-    sentence = f"it is doubted ({like}, {one.found} on the target, as far as parts were found)"
+    sentence = f"it is doubted ({like}, {one.found} on the target, as far as its parts are known)"
     assert doubts([SURE, one]) == (sentence,) and said in ("", sentence)
 
 
 def test_a_repetition_of_what_is_doubted_is_refused() -> None:
     alone = replace(DOUBTED, twins=0, found=1)
-    assert undecided([alone], asked(repeat="each")) == "--repeat each was asked for and it is doubted"
+    assert undecided([alone], asked(repeat="each")) == "--repeat each was requested and it is doubted"
 
 
 def test_another_number_than_expected_is_told_of_the_most_inspected() -> None:
     other = replace(SURE, part="part_7", found=2)
     assert undecided([SURE, other], asked(expect=4)) == ""
     assert undecided([other, SURE], asked(expect=4)) == (
-        "2 parts like part_7 were found on the target, 4 are expected (correspondence.expect)"
+        "2 parts like part_7 are on the target, 4 are expected (correspondence.expect)"
     )
     little = replace(DOUBTED, inspected_pct=20.0)
     assert undecided([little], asked(expect=3)) == (
-        "4 parts like part_1 (left) were found on the target, 3 are expected (correspondence.expect); "
-        "it is doubted"
+        "4 parts like part_1 (left) are on the target, 3 are expected (correspondence.expect); it is doubted"
     )
 
 

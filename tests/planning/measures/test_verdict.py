@@ -80,7 +80,7 @@ def test_recommended_is_refused_and_comparisons_carry_the_verdict(asked, monkeyp
     plan = plan_transfer(
         flown, fleet["cube-v1"], target, settings_for("baseline", route={"clearance_m": 30.0})
     )
-    assert plan.status == "ok" and not plan.flyable and "30 m are asked for" in plan.not_flyable
+    assert plan.status == "ok" and not plan.flyable and "30 m are required" in plan.not_flyable
     plan = plan_transfer(flown, fleet["cube-v1"], target, settings_for("recommended"))
     assert plan.status == "ok" and plan.flyable and plan.not_flyable == ""
     monkeypatch.setattr("upplied.planning.plan.shortfalls", lambda *_: ("too little", "too near"))

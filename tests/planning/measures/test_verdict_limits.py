@@ -62,9 +62,9 @@ def test_limits_themselves_are_kept() -> None:
     [
         (
             {"coverage_inspected_pct": 59.99},
-            "shows 60.0 % of what was inspected at least as well, 60 % are asked for",
+            "shows 60.0 % of what was inspected at least as well, 60 % are required",
         ),
-        ({"min_clearance_m": 1.989}, "comes within 1.99 m of the structure, 2 m are asked for"),
+        ({"min_clearance_m": 1.989}, "comes within 1.99 m of the structure, 2 m are required"),
         ({"path_length_m": 650.1}, "flies 650 m where the demonstration is 200 m long at this size, 3 times"),
         ({"duration_s": 380.1}, "takes 380 s where the demonstration takes 80 s at this size, 4 times"),
         ({"peak_speed_mps": 8.41}, "flies 8.4 m/s, 8 m/s are allowed"),

@@ -105,25 +105,31 @@ def _sha256_of(parts: Sequence[Any]) -> str:
     return hashed.hexdigest()
 
 
-def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) -> Iterator[tuple[str, str]]:
+def unlike(
+    name: str, steps: pa.Table, stated: Mapping[tuple[str, str], tuple[int, str]]
+) -> Iterator[tuple[str, str]]:
     """Owners whose steps are not those that their rows say, each with what is wrong, in words.
 
-    The steps (`poses` or `waypoints`) are of one or more owners, ordered by owner and sequence, of each all
-    that are stored; `sha256` is what the row of each owner (id and commit) keeps.
+    The steps (`poses` or `waypoints`) are ordered by owner and sequence, of each owner all that are stored;
+    `stated` is how many the row of each owner (id and commit) says, and their hash.
     """
     key = TABLES[name].names[0]
+    starts = run_starts(steps, (key, "commit_id"))
+    firsts = steps.select([key, "commit_id"]).take(pa.array(starts))
+    names = list(zip(*(column.to_pylist() for column in firsts.columns), strict=True))
+    stops = np.append(starts[1:], len(steps))
+    there = dict(zip(names, (stops - starts).tolist(), strict=True))
+    miscounted = {owner for owner, (count, _) in stated.items() if there.get(owner, 0) != count}
+    for owner in filter(miscounted.__contains__, stated):
+        yield owner[0], f"{there.get(owner, 0)} steps are stored, the row says {stated[owner][0]}"
+    if not len(steps):
+        return
     times = steps["t_s" if name == "waypoints" else "t_ns"].to_numpy()
     flags = np.asarray(steps["is_viewpoint"]) if name == "waypoints" else None
     added = None  # of each owner by itself: plans of other presets store no origin
     if "origin" in steps.column_names:
         added = np.asarray(pc.equal(steps["origin"], ORIGINS[1]).combine_chunks().fill_null(False))
     numbers, (positions, quats), zooms = steps["seq"].to_numpy(), pose_arrays(steps), zoom_of(steps)
-    starts = _starts(steps, (key, "commit_id"))
-    if not len(starts):
-        return
-    firsts = steps.select([key, "commit_id"]).take(pa.array(starts))
-    names = zip(*(column.to_pylist() for column in firsts.columns), strict=True)
-    stops = np.append(starts[1:], len(steps))
     wrong = numbers != np.arange(len(steps)) - np.repeat(starts, stops - starts)
     late = np.diff(times, prepend=0) <= 0
     late[starts] = False
@@ -132,6 +138,8 @@ def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) ->
     quats = stored_quats(quats)
     for at, owner in enumerate(names):
         own = slice(starts[at], stops[at])
+        if owner in miscounted:
+            continue
         if misnumbered[at]:
             yield owner[0], "the steps are not numbered 0, 1, 2 ..."
         elif unordered[at]:
@@ -140,12 +148,12 @@ def unlike(name: str, steps: pa.Table, sha256: Mapping[tuple[str, str], str]) ->
             poses = [times[own], positions[own], quats[own], None if flags is None else flags[own]]
             zoom = zooms[own] if zooms is not None and zooming[at] else None
             more = None if added is None else _if_any(added[own])
-            if _sha256_of([*poses, zoom, more]) != sha256[owner]:
+            if _sha256_of([*poses, zoom, more]) != stated[owner][1]:
                 yield owner[0], "the steps do not match the hash in their row"
 
 
-def _starts(rows: pa.Table, names: tuple[str, ...]) -> Ints:
-    """Where one of these texts is another one than in the row before."""
+def run_starts(rows: pa.Table, names: tuple[str, ...]) -> Ints:
+    """Where one of these texts is another one than in the row before: rows of one owner lie together."""
     if not len(rows):
         return np.empty(0, np.int64)
     differs = np.zeros(len(rows), bool)

@@ -14,8 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from upplied.catalog.schema.codec import decode, encode, sha256_of
-from upplied.catalog.store.errors import remedy_of
-from upplied.catalog.store.files import FileStore
+from upplied.catalog.store.files import FileStore, remedy_of
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import (
     Bools,

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta
 from io import BytesIO
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -28,10 +29,13 @@ _NAMES = ("transfer_id", "key", "waypoints_sha256")  # hardly one twice
 def new_file(files: FileStore, rows: pa.Table, sought: Sequence[str]) -> AddAction:
     """Write a data file that no commit names yet; readers may skip it by the columns that are sought."""
     sink = BytesIO()
-    pq.write_table(rows, sink, row_group_size=ROW_GROUP, compression="zstd")
+    # Without Arrow's own schema, which is as large as a hundred rows; texts may be dictionaries.
+    pq.write_table(rows, sink, row_group_size=ROW_GROUP, compression="zstd", store_schema=False)
     name = f"part-{hashlib.sha256(sink.getbuffer()).hexdigest()}-{secrets.token_hex(4)}.parquet"
     files.write(name, sink.getvalue())
-    return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, statistics(rows.select(sought)))
+    return AddAction(
+        name, sink.tell(), {}, int(time.time() * 1000), True, statistics(decoded(rows.select(sought)))
+    )
 
 
 def statistics(rows: pa.Table) -> str:
@@ -62,4 +66,13 @@ def encoded(rows: pa.Table) -> pa.Table:
     for at, field in enumerate(rows.schema):
         if pa.types.is_string(field.type) and field.name not in _NAMES:
             rows = rows.set_column(at, field.name, rows.column(at).dictionary_encode())
-    return rows.take(pa.array(range(len(rows)), pa.int64()))
+    return rows.take(pa.array(np.arange(len(rows))))
+
+
+def decoded(rows: pa.Table) -> pa.Table:
+    """Rows whose dictionaries are plain columns again."""
+    for at, field in enumerate(rows.schema):
+        if pa.types.is_dictionary(field.type):
+            plain = field.with_type(field.type.value_type)
+            rows = rows.set_column(at, plain, rows.column(at).cast(plain.type))
+    return rows

@@ -17,8 +17,7 @@ from datetime import UTC, datetime, timedelta
 
 import pyarrow as pa
 
-from upplied.catalog.store.errors import remedy_of
-from upplied.catalog.store.files import FileStore
+from upplied.catalog.store.files import FileStore, remedy_of
 from upplied.errors import CatalogError
 
 _FILE = "catalog.json"

@@ -14,10 +14,11 @@ from dataclasses import replace
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.compute as pc
 from deltalake import CommitProperties, DeltaTable, Transaction
 from deltalake.transaction import RemoveAction
 
-from upplied.catalog.store.data_files import new_file
+from upplied.catalog.store.data_files import decoded, encoded, new_file
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.files import FileStore
 from upplied.errors import CatalogError
@@ -68,14 +69,18 @@ def _merged(table: StoredTable, delta: DeltaTable, chosen: list[File]) -> int:
     """
     if len(chosen) < 2:
         return 0
-    rows = table.rows_in(delta, [file["path"] for file in chosen]).to_table()
-    rows = rows.sort_by([(name, "ascending") for name in table.declared.order])
+    # One file after the other, with texts that repeat once: a row's settings alone take kilobytes.
+    files = (table.rows_in(delta, [file["path"]]) for file in chosen)
+    parts = [encoded(rows.to_table(use_threads=False)) for rows in files]
+    rows = pa.concat_tables(parts).unify_dictionaries()
+    order = [(name, "ascending") for name in table.declared.order]
+    rows = rows.take(pc.sort_indices(decoded(rows.select(table.declared.order)), sort_keys=order))
     now = int(time.time() * 1000)
     added = replace(new_file(FileStore(table.uri), rows, table.declared.sought), data_change=False)
     removed = [RemoveAction(file["path"], False, now, file["size_bytes"], {}) for file in chosen]
-    turns = [Transaction("upplied.maintenance", time.time_ns())]
+    turns, schema = [Transaction("upplied.maintenance", time.time_ns())], decoded(rows[:0]).schema
     commit = CommitProperties({"doing": "maintenance"}, max_commit_retries=30, app_transactions=turns)
-    delta.create_write_transaction([added, *removed], "append", rows.schema, commit_properties=commit)
+    delta.create_write_transaction([added, *removed], "append", schema, commit_properties=commit)
     return len(chosen)
 
 
@@ -115,5 +120,5 @@ def _row_bytes(table: StoredTable, delta: DeltaTable, files: list[File]) -> floa
     """What a row takes in memory, bytes, estimated from some."""
     if not files:
         return 0.0
-    some = table.rows_in(delta, [files[0]["path"]]).head(_ROWS_WEIGHED)
+    some = table.rows_in(delta, [files[0]["path"]]).head(_ROWS_WEIGHED, use_threads=False)
     return some.nbytes / max(len(some), 1)

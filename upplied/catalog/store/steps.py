@@ -20,8 +20,7 @@ import pyarrow.parquet as pq
 
 from upplied.catalog.schema.tables import Table
 from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.store.errors import explained
-from upplied.catalog.store.files import FileStore
+from upplied.catalog.store.files import FileStore, explained
 from upplied.catalog.store.identity import Identity
 from upplied.checks import check_id
 

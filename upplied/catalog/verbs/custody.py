@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 import pyarrow as pa
@@ -53,7 +53,7 @@ def alterations(catalog: Reading, transfer_ids: Collection[str], now: Standing) 
         elif decision["plan_sha256"] != row["waypoints_sha256"]:
             found[plan] = "its waypoints are not those that were released"
         elif decision["plan_row_sha256"] and decision["plan_row_sha256"] != hashes[plan]:
-            found[plan] = "what its row says is not what it said when it was released"
+            found[plan] = "its row differs from the one that was released"
     return found
 
 
@@ -88,9 +88,10 @@ def foreign_plans(catalog: Reading) -> list[str]:
     return [row["transfer_id"] for row in rows.to_pylist() if plan_rows.is_foreign(row)]
 
 
-def heads_in_words(heads: dict[str, str], names: Iterable[str] = ("decisions", "flights")) -> str:
-    """The heads of some tables, in one line; empty where they have no rows."""
-    return ", ".join(f"{name} {heads[name][:HEAD_DIGITS]}" for name in names if name in heads)
+def heads_in_words(heads: dict[str, str]) -> str:
+    """The heads of decisions and flights, in one line; empty where there are none."""
+    tables = ("decisions", "flights")
+    return ", ".join(f"{name} {heads[name][:HEAD_DIGITS]}" for name in tables if name in heads)
 
 
 def _stored(catalog: Reading, transfer_ids: Collection[str]) -> tuple[pa.Table, dict[str, str]]:

@@ -21,11 +21,11 @@ from upplied.provenance import code_version
 
 #: Rules that a release keeps unless it is forced by their names, and why.
 RELEASE_RULES = {
-    "preset": "only `recommended` is made to be flown",
+    "preset": "only `recommended` is meant to be flown",
     "verdict": "the plan reaches what it must to be flown",
     "rejected": "nobody rejected it",
     "recalled": "it was not recalled",
-    "changed": "the structure is as it was when the plan was made",
+    "changed": "the structure has not changed since it was planned",
 }
 _LONGEST = 2000  # letters of a name or note: it stands on pages
 
@@ -175,7 +175,7 @@ class Deciding(OwnSettings):
         if row["preset"] != "recommended" and not purpose:
             broken["preset"] = f"it is of preset {row['preset']}"
         if not row["flyable"]:
-            broken["verdict"] = row["not_flyable"] or "it was planned before anybody asked"
+            broken["verdict"] = row["not_flyable"] or "it was planned by a version without a verdict"
         if state in ("rejected", "recalled"):
             broken[state] = f"it was {state}"
         if row["target_sha256"] and row["target_sha256"] != self._target_sha256(row):

@@ -11,6 +11,7 @@ import os
 import re
 import shutil
 import uuid
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ class Generation:
     catalog: str = ""  # its name; empty where an older program made it
     versions: dict[str, int] = field(default_factory=dict)  # of the catalog's tables, at least
     rows: dict[str, int] = field(default_factory=dict)
-    parts: dict[str, str] = field(default_factory=dict)  # file -> what it was made from
+    parts: dict[str, str] = field(default_factory=dict)  # file of a whole table -> what it was made from
     columns: str = ""  # hash of what the program knew of the tables; empty where an older one made it
 
     def has_same(self, name: str, before: Generation | None) -> bool:
@@ -65,24 +66,25 @@ class Before:
     """The files of the generation before in a folder of generations, for those that take its place."""
 
     def __init__(self, tables: Path, generation: Generation | None) -> None:
-        self._parts = {} if generation is None else generation.parts
-        self._place = (tables / "current").resolve()
+        self._generation, self._place = generation, (tables / "current").resolve()
+        found = os.walk(self._place) if generation is not None else ()
+        # As texts, and a folder once: a large fleet has a thousand files.
+        above = len(f"{self._place}/")
+        self._files = {f"{folder}/{name}"[above:] for folder, _, names in found for name in names}
         self._folders = set[str]()
-        self._named = {file.rpartition("-")[0]: file for file in self._parts if "-" in file}
+        self._named = {file.rpartition("-")[0]: file for file in self._files if "-" in file}
 
     def linked(self, draft: Path, file: str, now: Generation) -> bool:
         """Whether a file was published before, made from the same, and now is in the draft as well."""
-        if self._parts.get(file) != now.parts[file]:
+        parts = self._generation.parts if self._generation is not None else {}
+        if file not in self._files or parts.get(file, "") != now.parts.get(file, ""):
             return False
-        # As texts, and a folder once: a large fleet has a thousand files.
         there, goal = f"{self._place}/{file}", f"{draft}/{file}"
         if (folder := os.path.dirname(goal)) not in self._folders:
             os.makedirs(folder, exist_ok=True)
             self._folders.add(folder)
         try:
             os.link(there, goal)
-        except FileNotFoundError:
-            return False
         except OSError:  # a disk without links
             shutil.copy2(there, goal)
         return True
@@ -90,7 +92,17 @@ class Before:
     def like(self, file: str) -> Path | None:
         """The file of the same name but for the hash at its end, where there is one."""
         name = self._named.get(file.rpartition("-")[0])
-        return self._place / name if name and (self._place / name).is_file() else None
+        return self._place / name if name else None
+
+    def is_as(self, now: Generation, parted: Iterable[str]) -> bool:
+        """Whether it holds what a generation holds, and these files that are named by what they hold."""
+        was = self._generation
+        return (
+            was is not None
+            and was.catalog == now.catalog
+            and now.parts.items() <= was.parts.items()
+            and self._files == {_ABOUT, *now.parts, *parted}
+        )
 
 
 def switch(place: Path, draft: Path, now: Generation) -> None:
@@ -100,8 +112,8 @@ def switch(place: Path, draft: Path, now: Generation) -> None:
         json.dump(asdict(now), sink, indent=0, sort_keys=True)
         sink.flush()
         os.fsync(sink.fileno())
-    for folder in [path for path in draft.rglob("*") if path.is_dir()] + [draft]:
-        sync_path(folder)
+    for folder, _, _ in os.walk(draft):
+        sync_path(Path(folder))
     name = f"g{max([int(path.name[1:]) for path in _generations(tables)], default=0) + 1:06d}"
     os.replace(draft, tables / name)
     _link(tables / "current", name)

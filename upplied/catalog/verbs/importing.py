@@ -139,7 +139,7 @@ def _measured_anew(
             known[name] for name, sha256 in siblings_of(row) if name in known and known[name].sha256 == sha256
         )
         if plan.parts_told_by and plan.parts_told_by not in {one.structure_id for one in siblings}:
-            lacking = f"the dataset has no {plan.parts_told_by} as it told its parts"
+            lacking = f"the dataset has no {plan.parts_told_by} as it labelled its parts"
             raise CatalogError(what, f"cannot be measured again: {lacking}")
         found = measured(Recipe(row, flown, source, target, settings, siblings), plan)
         left = []
@@ -148,7 +148,7 @@ def _measured_anew(
             if np.isnan(is_so) and not np.isnan(says):
                 left.append(item.name)
             elif not np.isclose(says, is_so, _SAME, _SAME, equal_nan=True):
-                raise CatalogError(what, f"{item.name} is said to be {says:g}, and is {is_so:g}")
+                raise CatalogError(what, f"{item.name} is stated as {says:g}, and is {is_so:g}")
         yield row, left
 
 
@@ -184,9 +184,9 @@ def _by_owner(steps: pa.Table) -> dict[tuple[str, str], pa.Table]:
 def _steps(place: Path, found: dict[tuple[str, str], pa.Table], name: str, row: Row) -> pa.Table:
     """The steps of a row, checked against it."""
     key = TABLES[name].names[0]
-    steps = found.get((row[key], row["commit_id"]))
-    hashes = {(row[key], row["commit_id"]): row[f"{name}_sha256"]}
-    if steps is None or len(steps) != row[f"n_{name}"] or any(unlike(name, steps, hashes)):
+    owner = (row[key], row["commit_id"])
+    steps = found.get(owner, TABLES[name].schema.empty_table())
+    if any(unlike(name, steps, {owner: (row[f"n_{name}"], row[f"{name}_sha256"])})):
         raise CatalogError(f"{place}: {name} of {row[key]}", "do not match their row")
     return steps
 

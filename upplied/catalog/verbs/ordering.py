@@ -13,7 +13,7 @@ import pyarrow.dataset as ds
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.store.errors import explained
+from upplied.catalog.store.files import explained
 from upplied.records import Ints
 
 PAIR = ["demonstration_id", "target_id", "preset"]
@@ -67,11 +67,10 @@ def by_commit(row: Row) -> tuple[Any, ...]:
 
 def retired(table: StoredTable, where: ds.Expression | None = None) -> list[str]:
     """The ids whose current version is retired."""
-    name = table.declared.names[0]
-    versions = table.read(where, [name, "retired", *_COMMIT]).to_pandas()
-    newest = versions.sort_values(list(_COMMIT), kind="stable").drop_duplicates(name, keep="last")
-    gone: list[str] = newest.loc[newest["retired"].astype(bool), name].tolist()
-    return gone
+    name, every = table.declared.names[0], pc.scalar(True) if where is None else where
+    ids = table.read(every & pc.field("retired"), [name])[name].unique()  # that ever were: few, mostly none
+    newest = newest_rows(table, every & pc.field(name).isin(ids)) if len(ids) else {}
+    return [each for each, row in newest.items() if row["retired"]]
 
 
 def rows_of_keys(table: StoredTable, keys: Iterable[str]) -> dict[str, Row]:

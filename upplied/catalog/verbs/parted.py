@@ -21,9 +21,10 @@ import pyarrow.parquet as pq
 
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import TABLES, Table
+from upplied.catalog.store.data_files import decoded
 from upplied.catalog.verbs import owned, queries
 from upplied.catalog.verbs.generations import Before
-from upplied.catalog.verbs.queries import decoded
+from upplied.catalog.verbs.standing import DERIVED
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.records import Floats, Ints
@@ -55,19 +56,21 @@ class Parted:
 
 def plan_files(plans: pd.DataFrame) -> Parted:
     """The files of `transfers`."""
-    return _files("transfers", plans, list(plans.columns), np.ones(len(plans)), _PLANS)
+    columns = [*NAMED[:3], *DERIVED]  # all else that a row says follows from its commit
+    return _files("transfers", plans, columns, np.ones(len(plans)), _PLANS)
 
 
 def step_files(name: str, owners: pd.DataFrame) -> Parted:
     """The files of `waypoints` or `poses`, of these owners, each with its `kind` and `target_id`."""
     key = TABLES[name].names[0]
     names = [key, "commit_id", f"{name}_sha256", f"n_{name}"]
-    owners = owners[[*names, "kind", "target_id"]].sort_values(key)  # of each one row
-    return _files(name, owners, names, owners[f"n_{name}"].to_numpy(), _STEPS)
+    order = pc.sort_indices(pa.array(owners[key], pa.string())).to_numpy()  # of each there is one row
+    owners = owners[[*names, "kind", "target_id"]].iloc[order]
+    return _files(name, owners, names[:2], owners[f"n_{name}"].to_numpy(), _STEPS)
 
 
 def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, most: int) -> Parted:
-    """Rows by file, so that each file has about so much weight."""
+    """Rows by file, so that each file has about so much weight; it is named by some columns of its rows."""
     rows.attrs.clear()  # which pandas copies with every choice of rows
     made_of = digest([SCHEMA_VERSION, TABLES[name].names])
     texts = _texts(rows[columns])
@@ -87,7 +90,7 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, mo
             file = f"{folder}/{bucket[first] + 1:04}-of-{count:04}-{sha256[:16]}.parquet"
             found[file] = at[order[first:end]]
     nothing = {f"{name}.parquet/none-{made_of[:16]}.parquet": np.empty(0, np.int64)}
-    return Parted(rows[columns], found or nothing)
+    return Parted(rows, found or nothing)
 
 
 def _texts(rows: pd.DataFrame) -> pa.Array:

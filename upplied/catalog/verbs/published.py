@@ -27,10 +27,10 @@ import pyarrow.parquet as pq
 
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.tables import TABLES, Table
+from upplied.catalog.store.data_files import decoded
 from upplied.catalog.store.locking import locked
 from upplied.catalog.verbs import parted
 from upplied.catalog.verbs.generations import Before, Generation, check, clean, current, switch
-from upplied.catalog.verbs.queries import decoded
 from upplied.catalog.verbs.standing import DERIVED
 from upplied.config import digest
 from upplied.errors import CatalogError
@@ -140,11 +140,10 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
             if not now.has_same(name, before) or not was.linked(draft, f"{name}.parquet", now):
                 _put_frame(was, draft, name, frame(), now)
         for name, files in parts.items():
-            now.parts |= dict.fromkeys(files.files, "")
             new = files.of([file for file in sorted(files.files) if not was.linked(draft, file, now)])
             for file, rows in parted.rows_of(catalog, was, name, new):
                 write(draft / file, TABLES[name], iter([rows]))
-        if before is None or (before.parts, before.catalog) != (now.parts, now.catalog):
+        if not was.is_as(now, [file for files in parts.values() for file in files.files]):
             switch(place, draft, now)
     except OSError as error:
         remedy = "free space or rights; what was there still is"

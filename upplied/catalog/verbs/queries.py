@@ -21,10 +21,11 @@ import pyarrow.dataset as ds
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
+from upplied.catalog.store.data_files import decoded
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs.ordering import NEWEST
 from upplied.errors import CatalogError, SettingsError
-from upplied.records import Floats, Trajectory
+from upplied.records import Bools, Floats, Trajectory
 
 When = datetime | str
 
@@ -46,15 +47,6 @@ def frame(table: pa.Table) -> pd.DataFrame:
     units = {field.name: field.metadata[b"unit"].decode() for field in table.schema if field.metadata}
     rows.attrs["units"] = Units(units)
     return rows
-
-
-def decoded(table: pa.Table) -> pa.Table:
-    """A table whose dictionaries are plain columns again."""
-    for at, field in enumerate(table.schema):
-        if pa.types.is_dictionary(field.type):
-            plain = field.with_type(field.type.value_type)
-            table = table.set_column(at, plain, table.column(at).cast(plain.type))
-    return table
 
 
 def moment(when: When) -> pd.Timestamp:
@@ -142,11 +134,9 @@ def steps(table: StoredTable, row: Row) -> pa.Table:
     own = (pc.field("commit_id") == row["commit_id"]) & (pc.field(name) == row[name])
     found = table.read(own, commits=[row["commit_id"]])
     found = found.take(pc.sort_indices(found["seq"]))
-    what, remedy = f"{declared.name} of {row[name]}", "take the damaged files from a backup"
-    if len(found) != count:
-        raise CatalogError(what, f"{len(found)} steps are stored, the row says {count}", "", remedy)
-    hashes = {(row[name], row["commit_id"]): row[f"{declared.name}_sha256"]}
-    for _, wrong in unlike(declared.name, found, hashes):
+    stated = {(row[name], row["commit_id"]): (count, row[f"{declared.name}_sha256"])}
+    for _, wrong in unlike(declared.name, found, stated):
+        what, remedy = f"{declared.name} of {row[name]}", "take the damaged files from a backup"
         raise CatalogError(what, wrong, "", remedy)
     return found
 
@@ -170,11 +160,16 @@ def versions(
     return found.reset_index(drop=True)
 
 
-def _repeated(ordered: pd.DataFrame) -> pd.Series:
-    """Which rows say the same as the one before, apart from when and by which commit they were added."""
-    said = ordered.drop(columns=list(rows.ADDED))
-    before = said.shift()
-    return ((said == before) | (said.isna() & before.isna())).all(axis=1)
+def _repeated(ordered: pd.DataFrame) -> Bools:
+    """Which rows (N,) say the same as the one before, apart from when and by which commit they were added."""
+    names = ordered.iloc[:, 0]
+    again = np.flatnonzero(names == names.shift())  # versions of one id, which are few
+    repeated = np.zeros(len(ordered), bool)
+    if len(again):
+        pairs = (ordered.iloc[at].drop(columns=list(rows.ADDED)) for at in (again, again - 1))
+        now, before = (each.reset_index(drop=True) for each in pairs)
+        repeated[again] = ((now == before) | (now.isna() & before.isna())).all(axis=1)
+    return repeated
 
 
 def moment_of(table: StoredTable, version: int) -> When | None:

@@ -39,7 +39,7 @@ class Recipe:
         if self.settings.sha256 != self.row["settings_sha256"]:
             found.append("settings were added to the program since; they have their defaults here")
         if len(self.siblings) < len(siblings_of(self.row)):
-            found.append("siblings that were asked for the parts of a scan are not in the catalog")
+            found.append("siblings that labelled the parts of a scan are not in the catalog")
         return tuple(found)
 
     def differences(self, plan: Plan) -> list[str]:
@@ -113,6 +113,6 @@ def _version(catalog: Catalog, table: str, name: str, sha256: str) -> Row:
     """The newest version of that id with that hash."""
     versions = _versions(catalog, table, name, sha256)
     if not versions:
-        what, rule = f"{table[:-1]} {name}", "a plan can be made again from the very inputs it had"
+        what, rule = f"{table[:-1]} {name}", "a plan is reproduced from the inputs it had"
         raise CatalogError(what, f"no version with hash {sha256[:12] or '(none)'} is in the catalog", rule)
     return versions[name]

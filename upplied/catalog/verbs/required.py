@@ -157,7 +157,7 @@ def zones_named(catalog: Reading, kind: str, structure_id: str, name: str) -> li
         zones = Zones(catalog, version)
         if zones.named(kind, structure_id) == name:
             return zones.of(kind, structure_id)
-    what = f"that plans were made by ({name[:12]}) are not required any more"
+    what = f"that plans were based on ({name[:12]}) are not required any more"
     raise CatalogError(f"zones of {structure_id}", what, "", "plan it again: upplied transfer")
 
 

@@ -15,9 +15,8 @@ from upplied.catalog.schema.tables import ROW_SHA256, STEPS, TABLES, Column
 from upplied.catalog.store.chain import breaks
 from upplied.catalog.store.contents import NAMED_CONTENTS
 from upplied.catalog.store.data_files import encoded
-from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.delta import HASHED_KEY, StoredTable
 from upplied.catalog.store.files import FileStore
-from upplied.catalog.store.log import HASHED_KEY
 from upplied.catalog.store.log_hashes import rows_added
 from upplied.catalog.verbs.byte_checks import Fault, Folder, changed_files, fault_of, stored_contents
 from upplied.catalog.verbs.custody import alterations
@@ -246,7 +245,7 @@ def _meshes(held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[
         wrong = rows[rows[_COUNTS].ne(counts).any(axis=1)] if counts else rows[:0]
         if len(wrong):
             named = _some(wrong["structure_id"])
-            yield Finding(f"mesh {sha256}", f"has {counts} parts, not as said of {named}")
+            yield Finding(f"mesh {sha256}", f"has {counts} parts, other than stated of {named}")
 
 
 def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:

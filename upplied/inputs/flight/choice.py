@@ -3,8 +3,6 @@
 Several bodies on one topic are separated by the frames they name, by their channels, or by their places.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -66,29 +64,24 @@ def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table
         raise InputError(what, finding, "one source", remedy)
     if not usable:
         return None, []
-    others = len(sources) > 1 and not facts.topic
     same = (usable[0].channel.topic, usable[0].schema)
     table = one_publisher([it for it in tables if (it.channel.topic, it.schema) == same], facts, what)
-    return table, [f"poses of {table.channel.topic}, one of {len(sources)} sources"] if others else []
+    others = len(sources) > 1 and not facts.topic
+    return table, [f"poses of {same[0]}, one of {len(sources)} sources"] if others else []
 
 
 def listed(tables: Sequence[Table]) -> str:
     """Topics with schema, rate and number of messages."""
-    shown = [
-        f"{table.channel.topic} ({table.schema}, {table.rate_hz:.1f} Hz, {table.messages} messages)"
-        for table in tables[: 2 * _MOST]
-    ]
-    return "; ".join(shown) + (f" and {len(tables) - len(shown)} more" if len(tables) > len(shown) else "")
+    words = "{0.channel.topic} ({0.schema}, {0.rate_hz:.1f} Hz, {0.messages} messages)"
+    more = f" and {len(tables) - 2 * _MOST} more" if len(tables) > 2 * _MOST else ""
+    return "; ".join(words.format(table) for table in tables[: 2 * _MOST]) + more
 
 
 def nothing(tables: Sequence[Table], what: str) -> InputError:
     """The error for a log without poses; it says why those that are there cannot be read."""
-    problems = [f"{table.channel.topic}: {table.problem}" for table in tables if table.problem]
-    problems += [
-        f"{table.channel.topic}: {number} of {table.messages} messages are {reason}"
-        for table in tables
-        for reason, number in table.dropped.items()
-    ]
+    problems = [f"{it.channel.topic}: {it.problem}" for it in tables if it.problem]
+    problems += [f"{it.channel.topic}: {number} of {it.messages} messages are {reason}"
+                 for it in tables for reason, number in it.dropped.items()]  # fmt: skip
     reasons = f" ({'; '.join(problems[:10])})" if problems else ""
     return InputError(what, f"{NOTHING}{reasons}", "poses of the aircraft or of its camera")
 
@@ -121,15 +114,13 @@ def _narrowed(tables: list[Table], facts: LogOptions) -> list[Table]:
 def _agreeing(usable: list[Table], tables: Sequence[Table], facts: LogOptions) -> list[Table]:
     """The densest source alone where all others hold the same poses, else all of them."""
     usable = sorted(usable, key=len, reverse=True)
-    tracks: list[Track | None] = []
-    for table in usable:
-        try:
-            tracks.append(clean(READERS[table.schema](table, tables, facts), facts, table.channel.topic))
-        except InputError:
-            tracks.append(None)
-    first, *others = tracks
-    alike = first is not None and all(each is not None and _same(first, each, facts) for each in others)
-    return usable[:1] if alike else usable
+    try:
+        first, *others = (
+            clean(READERS[table.schema](table, tables, facts), facts, table.channel.topic) for table in usable
+        )
+    except InputError:
+        return usable
+    return usable[:1] if all(_same(first, each, facts) for each in others) else usable
 
 
 def _same(first: Track, other: Track, facts: LogOptions) -> bool:
@@ -182,11 +173,11 @@ def _tangled(path: Floats) -> bool:
     far = np.flatnonzero(np.linalg.norm(path - path[0], axis=1) > np.percentile(steps, 60) / 2)
     if not len(far):
         return False
-    ends, length, count = [path[0], path[far[0]]], [0.0, 0.0], [0, 0]
+    ends, length, count = path[[0, far[0]]], np.zeros(2), np.zeros(2)
     for place in path:
-        apart = [float(np.linalg.norm(place - end)) for end in ends]
+        apart = np.linalg.norm(place - ends, axis=1)
         nearer = int(apart[1] < apart[0])
         length[nearer] += apart[nearer]
         count[nearer] += 1
         ends[nearer] = place
-    return min(count) > 0.1 * len(path) and sum(length) < _SHORTER * whole
+    return bool(min(count) > 0.1 * len(path) and sum(length) < _SHORTER * whole)

@@ -1,7 +1,5 @@
 """From the track of a log to one that can be trusted: what is dropped, and where it breaks."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 
@@ -46,8 +44,13 @@ def clean(track: Track, limits: LogOptions, what: str) -> Track:
     near = np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M
     track = track.keep(near, "position off the Earth")
     track = track.keep(are_unit(track.quat_xyzw), "quaternion not of unit length")
-    track = _with_attitude(track)
-    track = _without_spikes(_unrepeated(track.take(np.argsort(track.t_ns, kind="stable"))))
+    # An attitude that was never set is no turn at all, though others of the flight turn.
+    unset = (track.quat_xyzw[:, :3] == 0).all(axis=1) & (np.abs(track.quat_xyzw[:, 3]) == 1)
+    if _UNSET[0] <= unset.sum() <= _UNSET[1] * len(track):
+        track = track.keep(~unset, UNSET)
+    track = _unrepeated(track.take(np.argsort(track.t_ns, kind="stable")))
+    jumps = np.pad(_jumps(track), 1)[: len(track) + 1]  # single samples off the flight before and after them
+    track = track.keep(~(jumps[:-1] & jumps[1:]), "far off its neighbours")
     check_dropped(track, limits, what)
     return replace(track, quat_xyzw=normalised(track.quat_xyzw))
 
@@ -96,16 +99,9 @@ def breaks(track: Track, gap_s: float) -> tuple[Ints, list[str]]:
     resets = np.zeros(len(step_s), bool) if track.epoch is None else np.diff(track.epoch) != 0
     jumps = _jumps(track) & ~gaps & ~resets
     counts = {"gap": gaps.sum(), "jump": jumps.sum()}
-    counts["estimator reset"] = resets.sum() - min(track.clock_steps, resets.sum())
+    counts["estimator reset"] = max(resets.sum() - track.clock_steps, 0)
     words = [f"{number} {kind}{'s' if number > 1 else ''}" for kind, number in counts.items() if number]
     return np.flatnonzero(gaps | jumps | resets) + 1, words
-
-
-def _with_attitude(track: Track) -> Track:
-    """Without poses whose attitude was never set: no turn at all, though others of the flight turn."""
-    unset = (track.quat_xyzw[:, :3] == 0).all(axis=1) & (np.abs(track.quat_xyzw[:, 3]) == 1)
-    least, most = _UNSET
-    return track.keep(~unset, UNSET) if least <= unset.sum() <= most * len(track) else track
 
 
 def _unrepeated(track: Track) -> Track:
@@ -116,15 +112,6 @@ def _unrepeated(track: Track) -> Track:
     dropped[REPEATED] += int((same_time & same_pose).sum())
     dropped["stamp used twice"] += int((same_time & ~same_pose).sum())
     return replace(track.take(~same_time), dropped=+dropped)
-
-
-def _without_spikes(track: Track) -> Track:
-    """Drop single samples that lie off the flight before and after them."""
-    if len(track) < 3:
-        return track
-    jumps = _jumps(track)
-    lone = np.concatenate([[False], jumps[:-1] & jumps[1:], [False]])
-    return track.keep(~lone, "far off its neighbours")
 
 
 def _jumps(track: Track) -> Bools:
@@ -165,14 +152,9 @@ def steady(track: Track) -> Track:
         t_ns[at + 1 :] += int(t_ns[at]) + lasted - int(t_ns[at + 1])
         epoch[at + 1 :] += 1
     seconds = ", ".join(f"{(track.t_ns[at + 1] - track.t_ns[at]) * 1e-9:+.1f} s" for at in steps[:5])
-    before = np.zeros(len(track), np.int64) if track.epoch is None else track.epoch
-    return replace(
-        track,
-        t_ns=t_ns,
-        epoch=before + (epoch << 20),
-        clock_steps=track.clock_steps + len(steps),
-        notes=(*track.notes, f"{STEPPED} {len(steps)} times ({seconds}): split there"),
-    )
+    notes = (*track.notes, f"{STEPPED} {len(steps)} times ({seconds}): split there")
+    epoch = (epoch << 20) + (0 if track.epoch is None else track.epoch)
+    return replace(track, t_ns=t_ns, epoch=epoch, clock_steps=track.clock_steps + len(steps), notes=notes)
 
 
 def _backwards(t_ns: Ints) -> Ints:

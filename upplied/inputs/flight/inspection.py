@@ -6,8 +6,6 @@ an end is cut only where the log begins, or ends, on the ground: standing still 
 started in the air is taken whole, whatever its camera sees.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -66,32 +64,26 @@ def inspected(
 def _inside(track: Track, spans: list[Span]) -> Bools:
     """By the clock of the poses, or by the recorder's where the times are of its domain."""
     for clock in (track.t_ns, track.log_ns):
-        inside = np.zeros(len(track), bool)
-        for start, stop in spans:
-            inside |= (clock >= start) & (clock <= stop)
+        inside = np.any([(clock >= start) & (clock <= stop) for start, stop in spans], axis=0)
         if inside.any():
-            return inside
-    return inside
+            break
+    return np.asarray(inside)
 
 
 def _events(tables: Sequence[Table]) -> list[Span]:
-    spans, labelled = [], []
+    spans: dict[bool, list[Span]] = {True: [], False: []}  # by whether they are named for the inspection
     for table in tables:
-        if table.schema != _EVENT:
-            continue
-        start = stamps(table, "start_time")
-        start = stamps(table, "timestamp") if start is None else start
+        start = stamps(table, "start_time" if "start_time.sec" in table else "timestamp")
         stop, lasts = stamps(table, "end_time"), stamps(table, "duration")
         if start is not None and stop is None and lasts is not None:
             stop = start + lasts
-        if start is None or stop is None:
+        if table.schema != _EVENT or start is None or stop is None:
             continue
-        named = ["inspection" in f"{a} {b}".lower() for a, b in zip(*map(table.texts, _NAMES), strict=True)]
-        for index in np.flatnonzero(stop > start):
-            spans.append((int(start[index]), int(stop[index])))
-            if named[index]:
-                labelled.append(spans[-1])
-    return labelled or (spans if len(spans) == 1 else [])
+        names = (f"{first} {second}".lower() for first, second in zip(*map(table.texts, _NAMES), strict=True))
+        for begin, end, name in zip(start.tolist(), stop.tolist(), names, strict=True):
+            if end > begin:
+                spans["inspection" in name].append((begin, end))
+    return spans[True] or (spans[False] if len(spans[False]) == 1 else [])
 
 
 @dataclass(frozen=True)
@@ -128,21 +120,21 @@ def phases(flown: Track, scene: Scene, reach_m: float) -> Phases | None:
         return None
     looks, distance = met_in_the_middle(places, turns, scene, reach_m).any(axis=1), scene.distance(places)
     flying = np.ones(len(some), bool)
-    for end, order in zip(ends, (slice(None), slice(None, None, -1)), strict=True):
-        if end is not None:
-            flying[order][: end[1]] = False
+    flying[: ends[0][1] if ends[0] else 0] = False
+    flying[::-1][: ends[1][1] if ends[1] else 0] = False
     usual = float(np.median(distance[looks & flying])) if (looks & flying).any() else 0.0
     good = looks & flying & (distance <= _FAR * usual)
     first = _begins(at, good) if ends[0] else 0
     last = len(at) - 1 - _begins(at[-1] - at[::-1], good[::-1]) if ends[1] else len(at) - 1
-    if at[last] - at[first] < max(
-        _LEAST_S, _LEAST_SHARE * (seconds[-1] - sum(end[2] for end in ends if end))
-    ):
+    flown_s = seconds[-1] - sum(end[2] for end in ends if end)
+    if at[last] - at[first] < max(_LEAST_S, _LEAST_SHARE * flown_s):
         return None
     end_s = float(seconds[-1])
     climb, transit = (float(at[end]) for end in ends[0][:2]) if ends[0] else (0.0, 0.0)
-    landing = end_s - float(at[::-1][0] - at[::-1][ends[1][0]]) if ends[1] else end_s
-    return Phases(climb, transit, float(at[first]), float(at[last]) if ends[1] else end_s, landing, end_s)
+    stop, landing = (
+        (float(at[last]), end_s - float(at[-1] - at[::-1][ends[1][0]])) if ends[1] else (end_s, end_s)
+    )
+    return Phases(climb, transit, float(at[first]), stop, landing, end_s)
 
 
 def _in_air(at: Floats, places: Floats) -> tuple[int, int, float] | None:

@@ -3,8 +3,6 @@
 That is declared, or follows from named points by least squares (Umeyama, 1991).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +11,7 @@ from scipy.spatial.transform import Rotation
 from upplied.errors import InputError
 from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track
 from upplied.inputs.schemas.geodetic import STRUCTURE, structure_R_enu
-from upplied.inputs.schemas.gimbal import Gimbal
-from upplied.inputs.schemas.px4 import turned
+from upplied.inputs.schemas.px4 import Gimbal, turned
 from upplied.inputs.schemas.tf import Tree
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Floats, Structure
@@ -32,12 +29,14 @@ def camera_poses(
     these: the attitude of a gimbal, a mount in the facts, the transforms from the body to
     the camera's optical frame, and at last the body itself, with the camera looking ahead.
     """
-    frame = facts.body_frame or _frame_of(track.child, camera_frame, facts)
+    seen = "optical" in track.child or (track.child and track.child == camera_frame)
+    frame = facts.body_frame or ("optical" if seen and not _is_mounted(facts) else "body")
     if frame == "camera":
         return track
     if frame == "optical":
         return mounted(track, _NOWHERE, OPTICAL_R_CAMERA)
-    offset, turn = _given(facts)
+    offset = np.array(facts.body_T_camera_position_m or _NOWHERE)
+    turn = Rotation.from_quat(facts.body_T_camera_quat_xyzw or (0.0, 0.0, 0.0, 1.0))
     if gimbal is not None:
         return _on_gimbal(track, gimbal, offset, turn, facts)
     if _is_mounted(facts):
@@ -94,18 +93,8 @@ def mounted(track: Track, position: Floats, rotation: Rotation) -> Track:
     return replace(track, positions=positions, quat_xyzw=(body * rotation).as_quat())
 
 
-def _frame_of(tracked: str, camera_frame: str, facts: LogOptions) -> str:
-    optical = "optical" in tracked or (tracked and tracked == camera_frame)
-    return "optical" if optical and not _is_mounted(facts) else "body"
-
-
 def _is_mounted(facts: LogOptions) -> bool:
     return facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None
-
-
-def _given(facts: LogOptions) -> tuple[Floats, Rotation]:
-    position = np.array(facts.body_T_camera_position_m or _NOWHERE)
-    return position, Rotation.from_quat(facts.body_T_camera_quat_xyzw or (0.0, 0.0, 0.0, 1.0))
 
 
 def _body(track: Track, tree: Tree, camera_frame: str) -> str:
@@ -118,8 +107,8 @@ def _body(track: Track, tree: Tree, camera_frame: str) -> str:
         return ""
     if track.child and tree.path(camera_frame, track.child):
         return track.child
-    rigid = tree.rigid(camera_frame)
-    return next((frame for frame in rigid[::-1] if frame not in (track.parent, camera_frame)), "")
+    above = tree.rigid(camera_frame)[::-1]
+    return next((frame for frame in above if frame not in (track.parent, camera_frame)), "")
 
 
 def _on_gimbal(track: Track, gimbal: Gimbal, offset: Floats, turn: Rotation, facts: LogOptions) -> Track:

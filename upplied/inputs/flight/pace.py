@@ -4,8 +4,6 @@ What the camera looked at stays. What nobody flew, or flew for hours on one spot
 in every plan as seconds to fly.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,26 +88,21 @@ def _hovers(track: Track, gap: Bools, cap_s: float) -> tuple[Bools, float]:
     broken = np.concatenate([[0], np.cumsum(gap)])
     at = 0
     while at < len(ticks) - 1:
-        start = ticks[at]
-        length, look = 0, 64
-        while True:  # ever farther, while it stands still
+        start, length, look = ticks[at], 64, 64
+        while length == look:  # ever farther, while it stands still
             look *= 4
             later = ticks[at + 1 : at + 1 + look]
-            near = np.linalg.norm(track.positions[later] - track.positions[start], axis=1) < _STILL_M
-            same = np.broadcast_to(track.quat_xyzw[start], (len(later), 4))
-            still = near & (broken[later] == broken[start])
+            still = np.linalg.norm(track.positions[later] - track.positions[start], axis=1) < _STILL_M
+            still &= broken[later] == broken[start]
             if still[0]:
+                same = np.broadcast_to(track.quat_xyzw[start], (len(later), 4))
                 still &= angle_between(track.quat_xyzw[later], same) < _STILL_RAD
             length = len(still) if still.all() else int(np.argmin(still))
-            if length < look:
-                break
-        if length:
-            stop = ticks[at + length]
-            lasted = float(track.t_ns[stop] - track.t_ns[start]) * 1e-9
-            if lasted > cap_s:
-                total += lasted
-                inside = np.arange(start, stop + 1)
-                passed = (track.t_ns[inside] - track.t_ns[start]) * 1e-9
-                keep[inside[(passed > cap_s / 2) & (passed < lasted - cap_s / 2)]] = False
+        stop = ticks[at + length]
+        lasted = float(track.t_ns[stop] - track.t_ns[start]) * 1e-9
+        if lasted > cap_s:
+            total += lasted
+            passed = (track.t_ns[start : stop + 1] - track.t_ns[start]) * 1e-9
+            keep[start : stop + 1] &= (passed <= cap_s / 2) | (passed >= lasted - cap_s / 2)
         at += max(length, 1)
     return keep, total

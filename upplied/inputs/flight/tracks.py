@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -67,9 +66,9 @@ class Track(Record):
 
     def take(self, index: Ints | Bools) -> Track:
         """The samples of this index."""
-        parts = ((name, getattr(self, name)) for name in _OF_SAMPLES)
-        changes: dict[str, Any] = {name: None if part is None else part[index] for name, part in parts}
-        return replace(self, **changes)
+        parts: dict[str, Any] = {name: getattr(self, name) for name in _OF_SAMPLES}
+        parts = {name: part if part is None else part[index] for name, part in parts.items()}
+        return replace(self, **parts)
 
 
 def source_times(table: Table, stamp_ns: Ints | None) -> tuple[Ints, str]:
@@ -169,14 +168,10 @@ def fields_of(family: str) -> dict[str, tuple[str, ...]]:
     """All paths that are read of each schema of a family; ``{x,y}`` stands for several."""
     paths = {schema: shape.paths for schema, shape in shapes_of(family).items()}
     for schema, text in _FAMILIES[family].get("fields", {}).items():
-        paths[schema] = (*paths.get(schema, ()), *_paths(text))
+        words = [word.rstrip("}").partition("{") for word in text.split()]
+        more = [start + end for start, _, ends in words for end in ends.split(",")]
+        paths[schema] = (*paths.get(schema, ()), *more)
     return paths
-
-
-def _paths(text: str) -> Iterator[str]:
-    for word in text.split():
-        start, _, ends = word.rstrip("}").partition("{")
-        yield from (start + end for end in ends.split(","))
 
 
 FIELDS = {schema: paths for family in _FAMILIES for schema, paths in fields_of(family).items()}

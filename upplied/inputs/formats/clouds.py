@@ -1,7 +1,5 @@
 """Point clouds of surveyors: LAS and LAZ by laspy, E57 by pye57, PCD by Open3D; around them, counts."""
 
-from __future__ import annotations
-
 import io
 import re
 import struct
@@ -49,16 +47,14 @@ def read_e57(source: Source) -> RawMesh:
     with extra("formats"):
         import pye57
 
-    count, scans = 0, 0
-    for points in _e57_xml(source).iter("points"):
-        count, scans = count + int(points.get("recordCount", "0")), scans + 1
-        source.most(int(points.get("recordCount", "0")), "points", *_PACKED)
-    source.most(count, "points", *_PACKED)
+    counts = [int(points.get("recordCount", "0")) for points in _e57_xml(source).iter("points")]
+    for count in (*counts, sum(counts)):
+        source.most(count, "points", *_PACKED)
     pieces = [np.empty((0, 3))]
     with file_of(source.data, "e57") as path, pye57.E57(path) as file:
-        if file.scan_count != scans:
-            raise source.error(f"lists {scans} scans, it holds {file.scan_count}", "a complete E57")
-        for scan in range(scans):
+        if file.scan_count != len(counts):
+            raise source.error(f"lists {len(counts)} scans, it holds {file.scan_count}", "a complete E57")
+        for scan in range(len(counts)):
             read = file.read_scan(scan, ignore_missing_fields=True)
             pieces.append(np.column_stack([read[f"cartesian{axis}"] for axis in "XYZ"]))
     return RawMesh(np.concatenate(pieces), unit_m=1.0, up="z")  # metres by specification

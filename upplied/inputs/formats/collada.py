@@ -6,8 +6,6 @@ needs parameters that the schema leaves optional, and cuts polygons as fans; tri
 it, leaves skinned meshes and broken references out in silence.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 
@@ -21,6 +19,7 @@ from upplied.records import Floats, Ints
 _UP = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
 _FACES = ("triangles", "polylist", "polygons", "trifans", "tristrips")
 _LINES = ("lines", "linestrips")
+_NO_POINTS, _NO_TRIANGLES = np.empty((0, 3)), np.empty((0, 3), np.int64)
 
 
 def read_collada(source: Source) -> RawMesh:
@@ -68,7 +67,7 @@ class _Reader:
             elif child.tag in ("instance_geometry", "instance_node", "instance_controller"):
                 children.append(self._target(child))
             elif child.tag in ("skin", "morph") and element.tag == "controller":
-                self._counts["skinned meshes taken in their pose of rest"] += 1
+                self._counts["skinned meshes in their pose of rest"] += 1
                 children.append(self._target(child, "source"))
         return [(child, self._placed(child)) for child in children]
 
@@ -90,10 +89,9 @@ class _Reader:
         return matrix
 
     def _geometry(self, element: Any) -> tuple[Floats, Ints]:
+        if (mesh := element.find("mesh")) is None:
+            raise self._source.error("holds a geometry that is no mesh", "polygons", "tessellate it")
         if id(element) not in self._geometries:
-            mesh = element.find("mesh")
-            if mesh is None:
-                raise self._source.error("holds a geometry that is no mesh", "polygons", "tessellate it")
             self._geometries[id(element)] = self._mesh(mesh)
         return self._geometries[id(element)]
 
@@ -111,17 +109,13 @@ class _Reader:
                 known[id(source)] = (sum(map(len, vertices)), self._positions(source))
                 vertices.append(known[id(source)][1])
             first, positions = known[id(source)]
-            triangles.append(self._triangles(group, positions) + first)
-        return np.concatenate([np.empty((0, 3)), *vertices]), np.concatenate(
-            [np.empty((0, 3), np.int64), *triangles]
-        )
-
-    def _triangles(self, group: Any, positions: Floats) -> Ints:
-        corners, sizes = self._corners(group)
-        if group.tag in ("trifans", "tristrips"):
-            return _strips(corners, sizes, group.tag)  # the assembly checks its indices
-        self._counts["polygons triangulated"] += int((sizes > 3).sum())
-        return self._source.triangulated(positions, corners, sizes)[0]
+            corners, sizes = self._corners(group)
+            if group.tag in ("trifans", "tristrips"):  # the assembly checks their indices
+                triangles.append(_strips(corners, sizes, group.tag) + first)
+                continue
+            self._counts["polygons triangulated"] += int((sizes > 3).sum())
+            triangles.append(self._source.triangulated(positions, corners, sizes)[0] + first)
+        return np.concatenate([_NO_POINTS, *vertices]), np.concatenate([_NO_TRIANGLES, *triangles])
 
     def _input(self, group: Any) -> Any:
         """The source of the positions of a group of faces."""
@@ -135,10 +129,8 @@ class _Reader:
     def _positions(self, element: Any) -> Floats:
         accessor = element.find("technique_common/accessor")
         values = numbers((element.findtext("float_array") or "").encode())
-        count, stride, offset = (
-            int(accessor.get(name, default))
-            for name, default in (("count", "0"), ("stride", "1"), ("offset", "0"))
-        )
+        defaults = {"count": "0", "stride": "1", "offset": "0"}
+        count, stride, offset = (int(accessor.get(*each)) for each in defaults.items())
         if stride < 3 or min(count, offset) < 0 or offset + count * stride > len(values):
             raise self._source.error("its positions are fewer than it says", f"{count} triples")
         return values[offset : offset + count * stride].reshape(count, stride)[:, :3]
@@ -146,10 +138,8 @@ class _Reader:
     def _corners(self, group: Any) -> tuple[Ints, Ints]:
         """Vertex indices and the number of corners of each face of a group."""
         offsets = [(item.get("semantic"), int(item.get("offset", "0"))) for item in group.findall("input")]
-        stride, offset = (
-            1 + max(at for _, at in offsets),
-            next(at for what, at in offsets if what == "VERTEX"),
-        )
+        stride = 1 + max(at for _, at in offsets)
+        offset = next(at for what, at in offsets if what == "VERTEX")
         if stride > 64 or offset < 0:
             raise ValueError("offsets out of all proportion")
         rings = group.findall("p") + group.findall("ph/p")
@@ -169,7 +159,7 @@ class _Reader:
 
 
 def _strips(corners: Ints, sizes: Ints, tag: str) -> Ints:
-    triangles = [np.empty((0, 3), np.int64)]
+    triangles = [_NO_TRIANGLES]
     for ring in np.split(corners, np.cumsum(sizes)[:-1]):
         step = np.arange(max(len(ring) - 2, 0))
         odd = step % 2 if tag == "tristrips" else 0 * step
@@ -178,30 +168,25 @@ def _strips(corners: Ints, sizes: Ints, tag: str) -> Ints:
     return np.concatenate(triangles)
 
 
-def _translate(values: Floats) -> Floats:
-    matrix = np.eye(4)
-    matrix[:3, 3] = values
-    return matrix
+def _placing(axes: Floats, origin: Floats) -> Floats:
+    return np.vstack([np.column_stack([axes, origin.reshape(3)]), [0.0, 0.0, 0.0, 1.0]])
 
 
 def _rotate(values: Floats) -> Floats:
-    axis, matrix = values[:3] / np.linalg.norm(values[:3]), np.eye(4)
-    matrix[:3, :3] = Rotation.from_rotvec(axis * np.radians(values[3])).as_matrix()
-    return matrix
+    turn = values[:3] / np.linalg.norm(values[:3]) * np.radians(values[3])
+    return _placing(Rotation.from_rotvec(turn).as_matrix(), np.zeros(3))
 
 
 def _lookat(values: Floats) -> Floats:
     eye, target, up = values.reshape(3, 3)
     back = (eye - target) / np.linalg.norm(eye - target)
     right = np.cross(up, back) / np.linalg.norm(np.cross(up, back))
-    matrix = np.eye(4)
-    matrix[:3] = np.column_stack([right, np.cross(back, right), back, eye])
-    return matrix
+    return _placing(np.column_stack([right, np.cross(back, right), back]), eye)
 
 
 _TRANSFORMS = {
     "matrix": lambda values: values.reshape(4, 4),
-    "translate": _translate,
+    "translate": lambda values: _placing(np.eye(3), values),
     "rotate": _rotate,
     "scale": lambda values: np.diag([*values.reshape(3), 1.0]),
     "lookat": _lookat,

@@ -5,8 +5,6 @@ that stand for fractions are not scaled, a child of a camera loses its place, an
 twice is placed once.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -52,7 +50,7 @@ def read_gltf(source: Source) -> RawMesh:
             assembly.add(vertices, np.asarray(piece["faces"], np.int64), matrix, name)
     remarks = counted(
         (skipped, "primitives of lines and points left aside"),
-        (skinned, "skinned meshes taken in their pose of rest"),
+        (skinned, "skinned meshes in their pose of rest"),
     )
     return assembly.mesh(unit_m=1.0, up="y", remarks=remarks)
 
@@ -174,10 +172,8 @@ def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
         for primitive in surfaces:
             named = [primitive["attributes"]["POSITION"]]
             named += [primitive["indices"]] if "indices" in primitive else []
-            if (
-                any(not 0 <= number < len(accessors) for number in named)
-                or accessors[named[0]]["type"] != "VEC3"
-            ):
+            known = all(0 <= number < len(accessors) for number in named)
+            if not known or accessors[named[0]]["type"] != "VEC3":
                 raise source.error("a primitive has no positions", "a complete file")
             if any("sparse" in accessors[n] or "bufferView" not in accessors[n] for n in named):
                 raise source.error("uses sparse accessors", "plain accessors", "export it without sparse")

@@ -4,8 +4,6 @@ Ours, not trimesh's: that one counts a negative index from the end of the file i
 face, and cuts every polygon as a fan, which covers a concave one wrongly; both in silence.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -28,17 +26,13 @@ def read_obj(source: Source) -> RawMesh:
     corners = np.where(corners > 0, corners - 1, above + corners)
     triangles, polygon = source.triangulated(vertices, corners, sizes, 1)
     names = lines.text(at_names).decode("utf-8", "replace").split("\n")[: len(at_names)]
-    return RawMesh(
-        vertices,
-        triangles,
-        part=np.searchsorted(at_names, at_faces[polygon]),
-        part_names=("", *(name.strip()[:80] for name in names)),
-        remarks=counted(
-            (int((sizes > 3).sum()), "polygons triangulated"),
-            (len(lines.of("lp")), "lines and points left aside"),
-            (int((sizes < 3).sum()), "faces of less than three corners left aside"),
-        ),
+    part, part_names = np.searchsorted(at_names, at_faces[polygon]), ("", *(it.strip()[:80] for it in names))
+    remarks = counted(
+        (int((sizes > 3).sum()), "polygons triangulated"),
+        (len(lines.of("lp")), "lines and points left aside"),
+        (int((sizes < 3).sum()), "faces of less than three corners left aside"),
     )
+    return RawMesh(vertices, triangles, part=part, part_names=part_names, remarks=remarks)
 
 
 class _Lines:

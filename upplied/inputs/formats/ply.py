@@ -6,8 +6,6 @@ a damaged number without a word; and it cuts every polygon as a fan, which cover
 wrongly. Open3D returns no faces of such files at all.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,7 +35,7 @@ def read_ply(source: Source) -> RawMesh:
     """The faces of a PLY file, triangulated, or its points where it has no faces."""
     elements, body = _header(source)
     vertices = normals = None
-    corners, sizes = np.empty(0, np.int64), np.empty(0, np.int64)
+    corners, sizes = np.empty((2, 0), np.int64)
     for element in elements:
         least = sum((length or kind).itemsize for _, kind, length in element.properties)
         if element.count * max(least, 1) > len(body):
@@ -47,12 +45,10 @@ def read_ply(source: Source) -> RawMesh:
             layout = np.dtype([(name, kind) for name, kind, _ in element.properties])
             rows: Any = np.frombuffer(body, layout, element.count) if names else np.empty(0)
             body = body[element.count * layout.itemsize :]
-            if element.name == "vertex":
-                if not {"x", "y", "z"} <= set(names):
-                    raise source.error("its vertices have no x, y and z", "vertices with x, y, z")
+            if element.name == "vertex" and {"x", "y", "z"} <= set(names):
                 vertices = np.column_stack([rows[axis].astype(float) for axis in "xyz"])
                 if {"nx", "ny", "nz"} <= set(names):
-                    normals = np.column_stack([rows[axis].astype(float) for axis in ("nx", "ny", "nz")])
+                    normals = np.column_stack([rows[f"n{axis}"].astype(float) for axis in "xyz"])
             continue
         if element.name in ("vertex", "tristrips"):
             raise source.error(f"holds {element.name} rows as lists", "plain vertices, faces as lists")
@@ -64,7 +60,7 @@ def read_ply(source: Source) -> RawMesh:
         if element.name == "face":
             corners, sizes = indices, lengths
     if vertices is None:
-        raise source.error("has no element 'vertex'", "vertices with x, y, z")
+        raise source.error("has no element 'vertex' with x, y and z", "vertices with x, y, z")
     if any(body.tobytes().strip(b"\0 \t\r\n")):
         raise source.error(f"goes on for {len(body)} bytes after what its header counts", "a complete file")
     triangles, _ = source.triangulated(vertices, corners, sizes)
@@ -89,8 +85,7 @@ def _header(source: Source) -> tuple[list[_Element], memoryview]:
                 case ["element", name, count]:
                     elements.append(_Element(name, int(count), []))
                 case ["property", "list", length, kind, name]:
-                    kinds = _kind(kind, form), _kind(length, form)
-                    elements[-1].properties.append((name, *kinds))
+                    elements[-1].properties.append((name, _kind(kind, form), _kind(length, form)))
                 case ["property", kind, name]:
                     elements[-1].properties.append((name, _kind(kind, form), None))
                 case _:
@@ -114,13 +109,13 @@ def _kind(name: str, form: str) -> np.dtype:
 
 def _lists(source: Source, body: memoryview, element: _Element, wanted: int) -> tuple[Ints, Ints, int]:
     """The lists of one property, row after row, their lengths, and how many bytes all rows take."""
-    lengths = [length for *_, length in element.properties]
-    if any(length is not None and length.kind == "f" and length.itemsize < 8 for length in lengths):
+    counts = [length for *_, length in element.properties if length is not None]
+    if any(length.kind == "f" and length.itemsize < 8 for length in counts):
         raise source.error("gives the length of a list as a float", "whole numbers")
     single = np.dtype("V0")  # of a property that is no list
     forms = [(length or single, kind) for _, kind, length in element.properties]
     widths = np.array([(form.itemsize, "iuf".find(form.kind), kind.itemsize) for form, kind in forms])
-    data, big = np.frombuffer(body, np.uint8), any(length and length.str[0] == ">" for length in lengths)
+    data, big = np.frombuffer(body, np.uint8), any(length.str[0] == ">" for length in counts)
     sizes, starts = np.zeros((2, element.count), np.int64)
     used = _walk(data, widths, wanted, big, sizes, starts)
     if used < 0:
@@ -133,9 +128,9 @@ def _lists(source: Source, body: memoryview, element: _Element, wanted: int) -> 
 
 
 @njit(cache=True)
-def _walk(
+def _walk(  # pragma: no cover - compiled
     data: np.ndarray, widths: np.ndarray, wanted: int, big: bool, sizes: np.ndarray, starts: np.ndarray
-) -> int:  # pragma: no cover - compiled
+) -> int:
     """Length and start of the wanted list of each row; the end of all rows, or -1 where it lies beyond."""
     at = 0
     for row in range(len(sizes)):
@@ -166,14 +161,12 @@ def _walk(
 
 
 @njit(cache=True)
-def _gathered(
+def _gathered(  # pragma: no cover - compiled
     data: np.ndarray, starts: np.ndarray, lengths: np.ndarray
-) -> np.ndarray:  # pragma: no cover - compiled
+) -> np.ndarray:
     """The pieces of data that start so, one after the other."""
-    pieces = np.empty(lengths.sum(), np.uint8)
-    at = 0
+    pieces, at = np.empty(lengths.sum(), np.uint8), 0
     for start, length in zip(starts, lengths):  # noqa: B905 - numba knows no strict
-        for k in range(length):
-            pieces[at + k] = data[start + k]
+        pieces[at : at + length] = data[start : start + length]
         at += length
     return pieces

@@ -1,7 +1,5 @@
 """The reader of each format, by suffix, held against the content; what to do with those not read."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

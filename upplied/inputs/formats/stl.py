@@ -1,7 +1,5 @@
 """STL: triangles and nothing else, in binary or in text, by trimesh; here, the checks that it lacks."""
 
-from __future__ import annotations
-
 import io
 import re
 

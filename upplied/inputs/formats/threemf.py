@@ -5,8 +5,6 @@ part once for each reference to it, so a plate with two placed objects holds fou
 archive, whatever its size, and builds every path through components, however many there are.
 """
 
-from __future__ import annotations
-
 import io
 import zipfile
 import zlib

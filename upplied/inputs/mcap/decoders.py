@@ -4,8 +4,6 @@ A value that a message does not hold becomes NaN; a path that no message holds g
 Paths may lead into one sequence of messages (``transforms[].rotation.w``): a row is an element then.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -100,11 +98,11 @@ def _protobuf(name: str, schema: bytes) -> Callable[[bytes], Any]:
     try:
         record = Schema(id=1, name=name, encoding="protobuf", data=schema)
         decode = DecoderFactory().decoder_for("protobuf", record)
-        if decode is not None and decode(b"") is not None:
-            return decode
+        if decode is None or decode(b"") is None:
+            raise TypeError(name)
+        return decode
     except Exception as error:  # the descriptor library raises many kinds on hostile bytes
         raise DefinitionError(f"its descriptors cannot be used ({type(error).__name__})") from None
-    raise DefinitionError("its descriptors cannot be used")
 
 
 def _walk(value: Any, steps: list[tuple[str, ...]]) -> Any:

@@ -6,13 +6,12 @@ damage costs the chunks it hit and no more. Records are read by `mcap`; its `See
 the first damaged chunk ends it, it unpacks a chunk that stands in the summary, and it sorts by time.
 """
 
-from __future__ import annotations
-
 import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -20,7 +19,7 @@ from mcap.records import Channel as ChannelRecord
 from mcap.records import Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema, Statistics
 
 from upplied.errors import InputError
-from upplied.inputs.mcap.stream import DAMAGE, OPCODES, Budget, DamagedError, records_in, unpacked
+from upplied.inputs.mcap.stream import DAMAGE, MESSAGE, OPCODES, READ, DamagedError, records_in, unpacked
 from upplied.inputs.tables import Channel
 
 # Bounds on the content of a log: so much, plus so much for each byte of the file.
@@ -30,8 +29,7 @@ MAX_MESSAGES = (500_000, 0.125)  # of the wanted channels, and rows in their tab
 MAX_NAME = 500  # characters of a topic or schema
 MAX_RECORD_BYTES = 16 * 2**20  # of a schema, channel, metadata or statistics record
 MAGIC = b"\x89MCAP0\r\n"
-_MESSAGE, _CHUNK, _INDEX = 5, 6, 7
-_READ = frozenset([2, 3, 4, 11, 12, 15])  # footer, schema, channel, statistics, metadata, end of the data
+_CHUNK, _INDEX = 6, 7
 _ANCHORS = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4")  # the compression's name in a chunk
 _ANCHOR_AT = 9 + 28  # from the start of the chunk's record
 _WINDOW = 2**20
@@ -67,10 +65,6 @@ class Recording:
         """Forget which channels a chunk holds: without a summary any chunk may define one."""
         self.chunks = [Ref(ref.start, ref.stop) for ref in self.chunks]
 
-    def budget(self) -> Budget:
-        """How often a reader of all its records may read."""
-        return Budget(8 * self.limit(MAX_RECORDS))
-
     def channel(self, channel_id: int) -> Channel | None:
         """The channel of this id with its schema, or None where the log does not define it."""
         record = self.channels.get(channel_id)
@@ -94,7 +88,7 @@ class Recording:
         shown = [f"{c.topic} ({c.schema_short or 'no schema'})" for c in channels if c]
         return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
 
-    def add(self, record: McapRecord) -> None:
+    def add(self, record: McapRecord | None) -> None:
         """Note a record of the file, or of a chunk."""
         if isinstance(record, Schema | ChannelRecord):
             names = (record.name, record.encoding) if isinstance(record, Schema) else (record.topic,)
@@ -112,7 +106,7 @@ class Recording:
 
         Damaged chunks are skipped and named in `losses`.
         """
-        most, budget, lost, size = self.limit(MAX_MESSAGES), self.budget(), Counter[str](), 0
+        most, lost, size, number = self.limit(MAX_MESSAGES), Counter[str](), 0, 0
         sinks: dict[int, Sink | None] = {}
 
         def sink_at(channel_id: int) -> Sink | None:
@@ -127,14 +121,14 @@ class Recording:
                     continue
                 try:
                     stream.seek(ref.start)
-                    record = next(records_in(stream.read(ref.stop - ref.start), budget))
-                    inside = iter([record])
-                    if isinstance(record, Chunk):
+                    inside = records_in(stream.read(ref.stop - ref.start))
+                    if isinstance(record := next(inside), Chunk):
                         content = unpacked(record)
                         size += len(content)
                         self.check(size, MAX_UNPACKED, "bytes after decompression")
-                        inside = records_in(content, budget)
-                    for inner in inside:
+                        record, inside = None, records_in(content)
+                    for inner in chain([record], inside):
+                        number += 1
                         if not isinstance(inner, Message):
                             self.add(inner)
                         elif (sink := sink_at(inner.channel_id)) is not None:
@@ -144,7 +138,7 @@ class Recording:
                 except (*DAMAGE, StopIteration) as error:
                     lost[str(error) or type(error).__name__] += 1
                     self.lost_bytes += ref.stop - ref.start
-                self.check(self.limit(MAX_RECORDS) - budget.reads // 8, MAX_RECORDS, "records")
+                self.check(number, MAX_RECORDS, "records")
                 yield
         for reason, number in lost.items():
             self.losses.append(f"{number} of {len(self.chunks)} chunks lost: {reason}")
@@ -187,8 +181,8 @@ def open_recording(path: Path) -> Recording:
 
 def _walk(stream: BinaryIO, recording: Recording) -> None:
     """Note every record from front to back; what stands in the summary, only where that is whole."""
-    at, size, budget = len(MAGIC), recording.size, recording.budget()
-    summary: list[McapRecord] = []
+    at, size = len(MAGIC), recording.size
+    summary: list[McapRecord | None] = []
     ids: set[int] = set()  # of the channels in the last chunk
     end: DataEnd | None = None
     while at < size:
@@ -202,13 +196,13 @@ def _walk(stream: BinaryIO, recording: Recording) -> None:
                 recording.chunks.append(Ref(at, stop, ids := set()))
             elif opcode == _INDEX:
                 ids.add(int.from_bytes(channel_id, "little"))
-            elif opcode == _MESSAGE:
+            elif opcode == MESSAGE:
                 recording.loose.append(Ref(at, stop, {int.from_bytes(channel_id, "little")}))
-            elif opcode in _READ:
+            elif opcode in READ:
                 if stop - at > MAX_RECORD_BYTES:
                     raise DamagedError("a record is larger than any of its kind")
                 stream.seek(at)
-                record = next(records_in(stream.read(stop - at), budget))
+                record = next(records_in(stream.read(stop - at)))
                 if isinstance(record, Footer):
                     return _close(stream, recording, record, at, summary)
                 if end is not None:
@@ -237,7 +231,7 @@ def _walk(stream: BinaryIO, recording: Recording) -> None:
 
 
 def _close(
-    stream: BinaryIO, recording: Recording, footer: Footer, at: int, summary: list[McapRecord]
+    stream: BinaryIO, recording: Recording, footer: Footer, at: int, summary: Sequence[McapRecord | None]
 ) -> None:
     """Take the summary where the footer, which begins at a byte, and its checksum are whole."""
     start, crc = footer.summary_start, footer.summary_crc

@@ -6,8 +6,6 @@ does. It makes Python code of a definition, though, a line for each element of a
 sees lines of a type and a name, rebuilt from what the definition says, and nothing that is large.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from functools import lru_cache

@@ -1,26 +1,28 @@
-"""Records of an MCAP file by the `mcap` library, behind one guard.
+"""Records of an MCAP file by the `mcap` library, each from its own bytes alone.
 
 `mcap.stream_reader.StreamReader` believes a file's own sizes: it takes memory before it looks, returns short
-reads as records, reads everything where a length is negative, and walks records of unknown kinds for ever.
-`Guard` stands between it and the bytes and refuses all of that; `unpacked` bounds what a chunk becomes.
+reads as records, reads everything where a length is negative, and walks records of unknown kinds for ever. So
+records are parted here, and the library reads what is in one; `unpacked` bounds what a chunk becomes.
 """
-
-from __future__ import annotations
 
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
 
 import lz4.frame
 import zstandard
-from mcap.exceptions import EndOfFile, McapError
-from mcap.records import Chunk, McapRecord
-from mcap.stream_reader import StreamReader
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.records import Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema, Statistics
 
 MAX_CHUNK_BYTES = 256 * 2**20  # of one chunk, unpacked; recorders write 1 to 16 MiB
 # Of the specification, and those it leaves to others; a record of a reserved kind is damage.
 OPCODES = frozenset([*range(1, 16), *range(128, 256)])
+#: What is read of the others, by opcode.
+READ: dict[int, Any] = {2: Footer, 3: Schema, 4: Channel, 6: Chunk, 11: Statistics, 12: Metadata, 15: DataEnd}
+MESSAGE = 5
 
 
 class DamagedError(ValueError):
@@ -31,44 +33,31 @@ class DamagedError(ValueError):
 DAMAGE = (McapError, ValueError, struct.error, OverflowError, MemoryError)
 
 
-@dataclass
-class Budget:
-    """How often the readers of one file may still read: short records cost time, whatever their bytes."""
+class _Content(BytesIO):
+    """The bytes of one record: never more are read than there are."""
 
-    reads: int
-
-
-class Guard:
-    """Bytes as the library reads them: never more than there are."""
-
-    def __init__(self, data: bytes, budget: Budget) -> None:
-        self._data, self._budget, self._at = data, budget, 0
-        self._record_at, self._opcode = 0, 1
-
-    def read(self, size: int) -> bytes:
-        """The next `size` bytes; none at the end, where a record would begin."""
-        self._budget.reads -= 1
-        if size == 1 and self._at == len(self._data):
-            return b""
-        if not 0 <= size <= len(self._data) - self._at or self._budget.reads < 0:
+    def read(self, size: int | None = -1) -> bytes:
+        data = super().read(size)
+        if size is None or len(data) != size:
             raise DamagedError("a record ends before its content")
-        if size == 8 and self._record_at == self._at - 1 and self._opcode not in OPCODES:
-            raise DamagedError("a record is of no known kind")
-        data = self._data[self._at : self._at + size]
-        if size == 1:
-            self._record_at, self._opcode = self._at, data[0]
-        self._at += size
         return data
 
 
-def records_in(data: bytes, budget: Budget) -> Iterator[McapRecord]:
-    """The records that these bytes hold, one after the other."""
-    limit = 2 * MAX_CHUNK_BYTES
-    reader = StreamReader(Guard(data, budget), skip_magic=True, emit_chunks=True, record_size_limit=limit)
-    try:
-        yield from reader.records
-    except EndOfFile:
-        return
+def records_in(data: bytes) -> Iterator[McapRecord | None]:
+    """The records that these bytes hold, one after the other; None for one of a kind that is not read."""
+    at = 0
+    while at < len(data):
+        opcode, stop = data[at], at + 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+        if opcode not in OPCODES:
+            raise DamagedError("a record is of no known kind")
+        if stop > len(data):
+            raise DamagedError("a record ends before its content")
+        if opcode == MESSAGE:
+            yield Message.read(ReadDataStream(_Content(data[at + 9 : stop])), stop - at - 9)
+        else:
+            kind = READ.get(opcode)
+            yield kind and kind.read(ReadDataStream(_Content(data[at + 9 : stop])))
+        at = stop
 
 
 def unpacked(chunk: Chunk) -> bytes:

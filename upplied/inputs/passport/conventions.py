@@ -5,8 +5,6 @@ of nothing, and a stand-off that comes and goes. Each convention here is one mis
 exporters make. The fit of a convention is the share of the poses that could be of an inspection if it held.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -42,22 +40,14 @@ class Convention:
         return f"if it is so, write {remedy} into the side-car" if "=" in remedy else remedy
 
 
-def _turned(positions: Floats, quats: Floats, left: Rotation, right: Rotation | None = None) -> Poses:
-    turns = left * Rotation.from_quat(quats)
-    return left.apply(positions), (turns if right is None else turns * right).as_quat()
-
-
 def _looking(positions: Floats, quats: Floats, right: Rotation) -> Poses:
     return positions, (Rotation.from_quat(quats) * right).as_quat()
 
 
-def _heading(positions: Floats, quats: Floats, degrees: float) -> Poses:
-    left = Rotation.from_euler("z", degrees, degrees=True)
-    return positions, (left * Rotation.from_quat(quats)).as_quat()
-
-
-def _drifting(positions: Floats, quats: Floats, degrees: float, whole: bool) -> Poses:
-    left = Rotation.from_rotvec(np.linspace([0.0, 0, 0], [0, 0, np.radians(degrees)], len(positions)))
+def _turned(positions: Floats, quats: Floats, first: float, last: float, whole: bool) -> Poses:
+    """Headings, and positions too, turned to the left by so many degrees from end to end."""
+    about = np.radians(np.linspace([0.0, 0, first], [0, 0, last], len(positions)))
+    left = Rotation.from_rotvec(about)
     return (left.apply(positions) if whole else positions), (left * Rotation.from_quat(quats)).as_quat()
 
 
@@ -78,21 +68,14 @@ def _moved(positions: Floats, quats: Floats, offset: Floats) -> Poses:
     return positions + offset, quats
 
 
-def _pitched(positions: Floats, quats: Floats) -> Poses:
-    yaw, pitch = yaw_pitch(quats)
-    return positions, from_yaw_pitch(yaw, -pitch)
-
-
-def _inverse(positions: Floats, quats: Floats) -> Poses:
-    turns = Rotation.from_quat(quats).inv()
-    return -turns.apply(positions), turns.as_quat()
-
-
 _SPECIAL: dict[str, Change] = {
     "w-first": lambda p, q: (p, q[:, [1, 2, 3, 0]]),
     "inverse-quaternion": lambda p, q: (p, Rotation.from_quat(q).inv().as_quat()),
-    "inverse-pose": _inverse,
-    "pitch-sign": _pitched,
+    "inverse-pose": lambda p, q: (
+        -Rotation.from_quat(q).inv().apply(p),
+        Rotation.from_quat(q).inv().as_quat(),
+    ),
+    "pitch-sign": lambda p, q: (p, from_yaw_pitch(*(yaw_pitch(q) * np.array([[1.0], [-1.0]])))),
 }
 
 
@@ -117,7 +100,7 @@ def converted(track: Track, name: str, of_camera: bool = False) -> Track:
     good = are_unit(track.quat_xyzw)
     positions, quats = track.positions.copy(), track.quat_xyzw.copy()
     positions[good], quats[good] = NAMED[name].change(positions[good], quats[good])
-    note = f"poses converted as asked: {NAMED[name].words}"
+    note = f"poses converted as requested: {NAMED[name].words}"
     return replace(track, positions=positions, quat_xyzw=quats, notes=(*track.notes, note))
 
 
@@ -146,18 +129,18 @@ def turns() -> Sequence[Convention]:
     conventions = []
     for degrees in range(10, 360, 10):
         angle = (degrees + 180) % 360 - 180
-        left = Rotation.from_euler("z", angle, degrees=True)
-        quat = ", ".join(f"{value:.4f}" for value in left.inv().as_quat())
+        quat = ", ".join(f"{v:.4f}" for v in Rotation.from_euler("z", -angle, degrees=True).as_quat())
         conventions += [
             Convention(f"yaw offset {angle:+d} deg", f"the frame turned by {angle:+d} deg about the vertical",
-                       partial(_turned, left=left), f"structure_quat_xyzw = [{quat}]", 0.05),
+                       partial(_turned, first=angle, last=angle, whole=True),
+                       f"structure_quat_xyzw = [{quat}]", 0.05),
             Convention(f"heading offset {angle:+d} deg", f"headings off by {angle:+d} deg, positions right",
-                       partial(_heading, degrees=float(angle)), "calibrate the compass", 0.05),
+                       partial(_turned, first=angle, last=angle, whole=False), "calibrate the compass", 0.05),
         ]  # fmt: skip
     for degrees in (-180, -120, -90, -60, -40, -20, 20, 40, 60, 90, 120, 180):
         conventions += [
             Convention(f"yaw drift {degrees:+d} deg", f"a yaw that drifts by {degrees:+d} deg",
-                       partial(_drifting, degrees=-degrees, whole=whole), "correct the drift", 0.06)
+                       partial(_turned, first=0.0, last=-degrees, whole=whole), "correct the drift", 0.06)
             for whole in (False, True)
         ]  # fmt: skip
     return conventions

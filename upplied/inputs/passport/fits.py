@@ -1,7 +1,5 @@
 """How well the poses of a flight fit as given and in other conventions, and how steady and level they are."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -19,6 +17,8 @@ _POSES = 96  # of a flight, spread evenly, on which conventions are compared
 _STEADY = np.array([0.05, 1.0])  # logarithm of the stand-off, and roll, deg: no pilot keeps them better
 _AS_WELL = 0.02  # share of the poses by which what is steadier may fit worse
 
+ToCamera = Callable[[Track], Track]
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -29,12 +29,7 @@ class Fit:
 
 
 def best_fits(
-    track: Track,
-    to_camera: Callable[[Track], Track],
-    scene: Scene,
-    ground_m: float,
-    reach_m: float,
-    enough: float = 2.0,
+    track: Track, to_camera: ToCamera, scene: Scene, ground_m: float, reach_m: float, enough: float = 2.0
 ) -> tuple[float, list[Fit]]:
     """How well the poses fit as they are, and the conventions in which they would fit better, best first.
 
@@ -53,24 +48,18 @@ def best_fits(
     share = float(fits(given[0][None], given[1][None], scene, ground_m, reach_m)[0])
     if share >= enough:
         return share, []
+    of_camera = (*(item for item in NAMED.values() if item.of_camera), *MOUNTS, *turns())
     tried = _as_logged(thin, to_camera)
-    of_camera = [item for item in NAMED.values() if item.of_camera]
-    of_camera += [*MOUNTS, *turns(), *offsets(given, scene)]
-    tried += [(item, item.change(*given)) for item in of_camera]
+    tried += [(item, item.change(*given)) for item in (*of_camera, *offsets(given, scene))]
     whole = [(item, poses) for item, poses in tried if len(poses[0]) == len(given[0])]
-    positions, quats = (np.stack(part) for part in zip(*(poses for _, poses in whole), strict=True))
+    positions, quats = map(np.stack, zip(*(poses for _, poses in whole), strict=True))
     shares = fits(positions, quats, scene, ground_m, reach_m)
     candidates = [Fit(item, float(other)) for (item, _), other in zip(whole, shares, strict=True)]
     return share, sorted(candidates, key=lambda fit: fit.convention.rare - round(fit.share, 2))
 
 
 def steadier(
-    track: Track,
-    to_camera: Callable[[Track], Track],
-    scene: Scene,
-    ground_m: float,
-    reach_m: float,
-    ratio: float,
+    track: Track, to_camera: ToCamera, scene: Scene, ground_m: float, reach_m: float, ratio: float
 ) -> tuple[Floats, Floats, list[Fit]]:
     """How unsteady the flight is, how much so in other conventions, and those in which it is the steadier.
 
@@ -83,25 +72,27 @@ def steadier(
     if (as_given < ratio * _STEADY).all():
         return as_given, as_given, []
     measured = [(_unsteadiness(poses, scene), item, poses) for item, poses in _as_logged(thin, to_camera)]
-    tried = [each for each in measured if (ratio * np.maximum(each[0], _STEADY) <= as_given).any()]
-    tried = [each for each in tried if len(each[2][0]) == len(given[0])]
-    poses = [given, *(poses for _, _, poses in tried)]
-    positions, quats = (np.stack(part) for part in zip(*poses, strict=True))
+    tried = [
+        (varies, item, poses) for varies, item, poses in measured
+        if (ratio * np.maximum(varies, _STEADY) <= as_given).any() and len(poses[0]) == len(given[0])
+    ]  # fmt: skip
+    poses = [given, *(poses for *_, poses in tried)]
+    positions, quats = map(np.stack, zip(*poses, strict=True))
     share, *shares = fits(positions, quats, scene, ground_m, reach_m).tolist()
-    good = [(varies, Fit(item, fit)) for (varies, item, _), fit in zip(tried, shares, strict=True)
-            if fit >= share - _AS_WELL]  # fmt: skip
+    fitting = [(varies, Fit(item, fit)) for (varies, item, _), fit in zip(tried, shares, strict=True)]
+    good = [each for each in fitting if each[1].share >= share - _AS_WELL]
     best = sorted(good, key=lambda each: (-round(each[1].share, 2), *each[0]))
     return as_given, best[0][0] if best else as_given, [fit for _, fit in best]
 
 
-def _thinned(track: Track, to_camera: Callable[[Track], Track]) -> tuple[Track, Poses]:
+def _thinned(track: Track, to_camera: ToCamera) -> tuple[Track, Poses]:
     """Some poses of a flight, as logged, and those of its camera."""
     thin = track.take(np.linspace(0, len(track) - 1, min(_POSES, len(track))).astype(np.int64))
     flown = to_camera(thin)
     return thin, (flown.positions, flown.quat_xyzw)
 
 
-def _as_logged(thin: Track, to_camera: Callable[[Track], Track]) -> list[tuple[Convention, Poses]]:
+def _as_logged(thin: Track, to_camera: ToCamera) -> list[tuple[Convention, Poses]]:
     """The camera's poses by each named convention of what was logged."""
     tried = []
     for item in NAMED.values():

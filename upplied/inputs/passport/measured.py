@@ -1,7 +1,5 @@
 """What is measured of a flight: against its structure, against what a vehicle can do, and of its log."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,18 +13,10 @@ from upplied.inputs.flight.clean import UNSET
 from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.pace import Pace
 from upplied.inputs.flight.tracks import Track
+from upplied.inputs.passport import velocity
 from upplied.inputs.passport.fits import Fit, best_fits, steadier
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Aim, Sight, aim_of, ground_of, sight_of
-from upplied.inputs.passport.velocity import (
-    Motion,
-    Pace99,
-    Steadiness,
-    motion_of,
-    pace99_of,
-    steadiness,
-    turning_of,
-)
 from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, UNVERIFIED, ZOOM_UNHEARD
 from upplied.inputs.sources.source import Source
@@ -58,7 +48,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Measured(Steadiness, Motion, Pace99, Aim, Pace):
+class Measured(velocity.Steadiness, velocity.Motion, velocity.Pace99, Aim, Pace):
     """The figures of a passport; NaN where one could not be measured."""
 
     poses: int = 0
@@ -73,7 +63,7 @@ class Measured(Steadiness, Motion, Pace99, Aim, Pace):
     range_m: float = float("nan")  # along the axis, median
     fit_pct: float = 0.0  # of the poses that an inspection could hold
     other: str = ""  # convention that fits best besides
-    other_words: str = ""
+    other_words: str = ""  # with its name, and what fits as well
     other_advice: str = ""
     other_fit_pct: float = 0.0
     stand_off_varies: float = 0.0  # standard deviation of its logarithm
@@ -112,21 +102,20 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     floor = ground_of(structure) - settings.ground_slack_m if declared else -np.inf
     off, sure = _off_centre(sight, turns)
     clearance = _least_clearance(flown, spread, sight, scene.distance)
-    off_m = float(np.hypot(*off)) if sure > 0.8 else 0.0
+    off_m, seen_m = float(np.hypot(*off)) if sure > 0.8 else 0.0, SEEN * camera.max_range_m
     doubtful = clearance < settings.least_clearance_m or sight.inside.any() or off_m >= settings.off_centre_m
     enough = 2.0 if doubtful else 1 - settings.fit_gain_pct / 100  # no other could explain enough more
-    given, others = best_fits(logged, reading.to_camera, scene, floor, SEEN * camera.max_range_m, enough)
-    seen_m = SEEN * camera.max_range_m
+    given, others = best_fits(logged, reading.to_camera, scene, floor, seen_m, enough)
     varies, least, steady = steadier(logged, reading.to_camera, scene, floor, seen_m, settings.steadier_ratio)
-    varies, least = varies.tolist(), least.tolist()
     if steady and (not others or others[0].share - given < settings.fit_gain_pct / 100):
         others = steady
+    least = least if others is steady else varies
     zoomed = _zoomed(flown, settings.zoom_pct) or [(camera.hfov_deg, 0.0)]
     return Measured(
         **vars(pace),
-        **vars(steadiness(logged, flown, reading.gap_s)),
-        **vars(motion_of(logged, reading.velocity)),
-        **vars(pace99_of(flown, reading.gap_s)),
+        **vars(velocity.steadiness(logged, flown, reading.gap_s)),
+        **vars(velocity.motion_of(logged, reading.velocity)),
+        **vars(velocity.pace99_of(flown, reading.gap_s)),
         **vars(aim_of(flown.positions, flown.quat_xyzw, scene)),
         **_best(others),
         poses=len(reading.shortened),
@@ -140,13 +129,13 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         shown_pct=_pct(sight.shown > 0),
         range_m=float(np.median(sight.range_m[sight.meets])) if sight.meets.any() else float("nan"),
         fit_pct=100 * given,
-        stand_off_varies=varies[0],
-        other_varies=(least if others is steady else varies)[0],
-        rolls_deg=varies[1],
-        other_rolls_deg=(least if others is steady else varies)[1],
+        stand_off_varies=float(varies[0]),
+        other_varies=float(least[0]),
+        rolls_deg=float(varies[1]),
+        other_rolls_deg=float(least[1]),
         off_centre_m=(round(off[0], 1), round(off[1], 1)),
         off_centre_sure=sure,
-        felt_turn_pct=100 * turning_of(logged, reading.gyroscopes),
+        felt_turn_pct=100 * velocity.turning_of(logged, reading.gyroscopes),
         unset=flown.dropped.get(UNSET, 0),
         stills=reading.source.stills,
         planned=reading.source.planned,
@@ -177,10 +166,10 @@ def _best(others: Sequence[Fit]) -> dict[str, Any]:
     item, share = others[0].convention, round(others[0].share, 2)
     second = [fit.convention for fit in others[1:2] if round(fit.share, 2) == share]
     alike = [each for each in second if each.rare == item.rare]
-    words = item.words + "".join(f", or as {each.words} ({each.name})" for each in alike)
-    advice = f"the poses fit both alike: {item.advice}" if alike else item.advice
+    words = ", or as ".join(f"{each.words} ({each.name})" for each in (item, *alike))
+    advice = f"the poses fit both alike: of the first, {item.advice}" if alike else item.advice
     named = {"other": item.name, "other_words": words, "other_advice": advice}
-    return {**named, "other_fit_pct": 100 * others[0].share}
+    return named | {"other_fit_pct": 100 * others[0].share}
 
 
 def _least_clearance(flown: Track, spread: Ints, sight: Sight, distance: Callable[[Floats], Floats]) -> float:

@@ -1,7 +1,5 @@
 """A flight's passport: its figures, the rules it breaks, as it is stored and as a refusal."""
 
-from __future__ import annotations
-
 import math
 import operator
 import re
@@ -32,18 +30,16 @@ def judged(
     """The rules that a flight breaks, in the order of the table, those of the names in `allow` overruled."""
     verdicts = []
     for rule in CHECKS:
-        if _is_broken(rule, measured, settings):
+        if rule.name in _BROKEN:
+            is_broken = _BROKEN[rule.name](measured, settings)
+        else:
+            figure, sign, bound = rule.broken.split()
+            is_broken = _SIGNS[sign](getattr(measured, figure), getattr(settings, bound, 0))
+        if is_broken:
             words = _WORDS[rule.name](measured) if rule.name in _WORDS else ""
             finding = rule.finding.format(m=measured, s=settings, words=words)
             verdicts.append(broken(rule, finding, remedy=rule.remedy or measured.other_advice))
     return decided(verdicts, allow, strict)
-
-
-def _is_broken(rule: Rule, measured: Measured, settings: PassportSettings) -> bool:
-    if not rule.broken:
-        return bool(_BROKEN[rule.name](measured, settings))
-    figure, sign, bound = rule.broken.split()
-    return _SIGNS[sign](getattr(measured, figure), 0 if bound == "0" else getattr(settings, bound))
 
 
 def _off_m(m: Measured) -> float:
@@ -57,7 +53,7 @@ def _ratio(value: float) -> float:
 
 
 def _ned(m: Measured) -> list[str]:
-    converted = any("converted as asked" in note for note in m.frames)
+    converted = any("converted as requested" in note for note in m.frames)
     return [] if converted else [name for name in (m.frame, m.child) if _NED.search(name)]
 
 
@@ -98,16 +94,6 @@ def _side(angle_deg: float) -> str:
     return f"{abs(angle_deg):.0f} deg to the {'left' if angle_deg > 0 else 'right'}"
 
 
-def _gaps(m: Measured) -> str:
-    joined = f", {m.long_gaps} of them flown as transits" if m.long_gaps else ""
-    return f"{m.gaps} gaps of up to {m.longest_gap_s:.1f} s, {m.skipped_m:.1f} m from end to end{joined}"
-
-
-def _zoom(m: Measured) -> str:
-    listed = [f"{fov:.1f} deg from {at:.0f} s on" for fov, at in zip(m.hfov_deg, m.hfov_from_s, strict=True)]
-    return ", ".join([*listed[:6], *["..."] * (len(listed) > 6)])
-
-
 # What a finding says beside its figures.
 _WORDS: dict[str, Callable[[Measured], str]] = {
     "frame-name": lambda m: _ned(m)[0],
@@ -117,8 +103,14 @@ _WORDS: dict[str, Callable[[Measured], str]] = {
     "looks-aside": lambda m: f"{100 - m.axis_pct:.0f}",
     "aim-drifts": lambda m: _side(m.aim_drift_deg),
     "aim-off": lambda m: _side(m.aim_off_deg),
-    "gaps": _gaps,
-    "zoom": _zoom,
+    "gaps": lambda m: (
+        f"{m.gaps} gaps of up to {m.longest_gap_s:.1f} s, {m.skipped_m:.1f} m from end to end"
+        + (f", {m.long_gaps} of them flown as transits" if m.long_gaps else "")
+    ),
+    "zoom": lambda m: ", ".join(
+        [f"{fov:.1f} deg from {at:.0f} s on" for fov, at in zip(m.hfov_deg[:6], m.hfov_from_s, strict=False)]
+        + ["..."] * (len(m.hfov_deg) > 6)
+    ),
     "assumed": lambda m: ", ".join(m.assumed),
     "salvaged": lambda m: "; ".join(m.losses),
 }
@@ -132,9 +124,12 @@ def passport_of(reading: Reading, structure: Structure, facts: LogOptions, what:
     measured = measure(reading, structure, facts.passport)
     verdicts = (*reading.overruled, *judged(measured, facts.passport, facts.allow, facts.strict))
     refuse(f"{what}, flown on {facts.structure_id}", _with_hint(verdicts, measured))
-    overruled = any(verdict.overruled for verdict in verdicts)
     return {
-        "verdict": "overruled" if overruled else "warned" if verdicts else "good",
+        "verdict": "overruled"
+        if any(verdict.overruled for verdict in verdicts)
+        else "warned"
+        if verdicts
+        else "good",
         "findings": [asdict(verdict) for verdict in verdicts],
         "allowed": sorted(facts.allow),
         "structure_sha256": structure.sha256,
@@ -151,25 +146,20 @@ def findings_of(passport: Mapping[str, Any]) -> tuple[Verdict, ...]:
 def _with_hint(verdicts: tuple[Verdict, ...], measured: Measured) -> list[Verdict]:
     """What is refused, the last of it with the convention that comes nearest to making sense of it."""
     hinted = list(verdicts)
-    names = {verdict.rule for verdict in refusals(verdicts)}
-    if (
-        names
-        and not names & {"fits-otherwise", "stand-off", "horizon"}
-        and measured.other_fit_pct - measured.fit_pct >= 5
-    ):
+    refused = {verdict.rule for verdict in refusals(verdicts)}
+    named = refused & {"fits-otherwise", "stand-off", "horizon"}
+    if refused and not named and measured.other_fit_pct - measured.fit_pct >= 5:
         share = f"{measured.other_fit_pct:.0f} %, as given {measured.fit_pct:.0f} %"
-        hint = f"; the nearest other convention, {measured.other_words} ({measured.other}), fits {share}"
-        last = max(at for at, verdict in enumerate(hinted) if verdict.rule in names)
+        hint = f"; the nearest other convention, {measured.other_words}, fits {share}"
+        last = max(at for at, verdict in enumerate(hinted) if verdict.rule in refused)
         hinted[last] = replace(hinted[last], found=hinted[last].found + hint)
     return hinted
 
 
-def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+def _plain(value: Any) -> Any:
     """Numbers rounded to what they are worth; None for what is not finite."""
-    return {name: _rounded(value) for name, value in values.items()}
-
-
-def _rounded(value: Any) -> Any:
     if isinstance(value, float):
         return round(value, 3) if math.isfinite(value) else None
-    return [_rounded(item) for item in value] if isinstance(value, tuple | list) else value
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, tuple | list) else value

@@ -1,7 +1,5 @@
 """The bounds of the rules that a flight is judged by on import, each with its default."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -4,8 +4,6 @@ Who inspects looks at the surface before the camera, now a little to the left an
 heading that drifts turns that steadily to one side; one that is off holds it on one side from end to end.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,9 +44,8 @@ def sight_of(
     ahead = turns.apply([1.0, 0.0, 0.0])
     range_m = scene.cast(positions, ahead)[0]
     rays = picture_rays(camera)
-    directions = turns.as_matrix() @ rays.T  # (M, 3, R)
-    starts = np.repeat(positions, len(rays), axis=0)
-    depth = scene.cast(starts, np.swapaxes(directions, 1, 2).reshape(-1, 3))[0].reshape(-1, len(rays))
+    directions = (turns.as_matrix() @ rays.T).swapaxes(1, 2).reshape(-1, 3)
+    depth = scene.cast(np.repeat(positions, len(rays), axis=0), directions)[0].reshape(-1, len(rays))
     return Sight(
         clearance_m=scene.distance(positions),
         inside=inside(positions, scene),

@@ -4,8 +4,6 @@ An estimator that knows its velocity did not take it from the poses that an expo
 was mirrored, in another unit or in other axes moves otherwise, though somebody could have flown it so.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -42,8 +40,10 @@ class Pace99:
     turn_p99_degps: float = 0.0
 
 
-def _strided(track: Track) -> tuple[Ints, Floats]:
-    """Poses about half a second apart, and the times of all, s."""
+def _strided(track: Track, least: int) -> tuple[Ints, Floats]:
+    """Poses about half a second apart, and the times of all, s; none where there are less than `least`."""
+    if len(track) < least:
+        return np.empty(0, np.int64), np.empty(0)
     seconds = (track.t_ns - track.t_ns[0]) * 1e-9
     stride = max(1, round(_SPAN_S / max(float(np.median(np.diff(seconds))), 1e-4)))
     return np.arange(0, len(track), stride), seconds
@@ -51,7 +51,7 @@ def _strided(track: Track) -> tuple[Ints, Floats]:
 
 def pace99_of(track: Track, gap_s: float) -> Pace99:
     """Speeds and turns over half a second, but for gaps and resets."""
-    at, seconds = _strided(track) if len(track) >= 4 else (np.empty(0, np.int64), np.empty(0))
+    at, seconds = _strided(track, 4)
     if len(at) < 4:
         return Pace99()
     breaks = np.diff(seconds) > gap_s
@@ -63,9 +63,9 @@ def pace99_of(track: Track, gap_s: float) -> Pace99:
     velocity = np.diff(track.positions[at], axis=0) / lasted[:, None]
     turned = np.degrees(angle_between(track.quat_xyzw[at][1:], track.quat_xyzw[at][:-1])) / lasted
     gained = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / ((lasted[1:] + lasted[:-1]) / 2)
-    gained = np.append(gained[whole[1:] & whole[:-1]], [] if (whole[1:] & whole[:-1]).any() else 0.0)
-    speed = np.linalg.norm(velocity[whole], axis=1)
-    return Pace99(*(float(np.percentile(values, 99)) for values in (speed, gained, turned[whole])))
+    gained, speed = gained[whole[1:] & whole[:-1]], np.linalg.norm(velocity[whole], axis=1)
+    parts = (speed, gained if len(gained) else np.zeros(1), turned[whole])
+    return Pace99(*(float(np.percentile(values, 99)) for values in parts))
 
 
 def turning_of(track: Track, gyroscopes: Sequence[tuple[Ints, Floats]]) -> float:
@@ -93,9 +93,7 @@ def turning_of(track: Track, gyroscopes: Sequence[tuple[Ints, Floats]]) -> float
 
 def _steps(track: Track) -> tuple[Ints, Ints, Floats]:
     """First and last pose, and seconds, of steps of about half a second that no gap interrupts."""
-    if len(track) < _LEAST:
-        return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
-    at, seconds = _strided(track)
+    at, seconds = _strided(track, _LEAST)
     lasted = np.diff(seconds[at])
     whole = (lasted > 1e-3) & (lasted < _LONGEST_S)
     return at[:-1][whole], at[1:][whole], lasted[whole]
@@ -197,7 +195,6 @@ def _off(track: Track, gap_s: float) -> tuple[Floats, Bools]:
 
 def _roll_deg(quats: Floats) -> float:
     turns = Rotation.from_quat(quats).as_matrix()
-    level = np.abs(turns[:, 2, 0]) < _STEEP
-    if level.sum() < _TELLING:
-        return float("nan")
-    return float(np.degrees(np.median(np.abs(np.arctan2(turns[level, 2, 1], turns[level, 2, 2])))))
+    turns = turns[np.abs(turns[:, 2, 0]) < _STEEP]
+    rolls = np.degrees(np.abs(np.arctan2(turns[:, 2, 1], turns[:, 2, 2])))
+    return float(np.median(rolls)) if len(rolls) >= _TELLING else float("nan")

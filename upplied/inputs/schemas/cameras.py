@@ -1,8 +1,5 @@
 """Field of view from the calibration in a log: ROS CameraInfo and Foxglove CameraCalibration."""
 
-from __future__ import annotations
-
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -69,27 +66,20 @@ def calibrated(table: Table) -> tuple[Camera, str, Zoom, str] | None:
     if not good.any():
         return None
     model = str(names(table, "distortion_model")[good][0]).lower()
-    frame = "frame_id" if "frame_id" in table else "header.frame_id"
-    prefix = "timestamp" if "frame_id" in table else "header.stamp"
+    frame, prefix = ("frame_id", "timestamp") if "frame_id" in table else ("header.frame_id", "header.stamp")
     t_ns = source_times(table, stamps(table, prefix))[0][good]
-    fields = np.array([[_fov_deg(w, fx, model), _fov_deg(h, fy, model)] for w, h, fx, fy in values[good]])
+    share = values[good, :2] / values[good, 2:]  # of the sides over the focal length
+    fields = np.degrees(share if model.startswith(_FISHEYE) else 2 * np.arctan(share / 2))
     fields = np.minimum(fields, [360.0, 180.0])
-    width, height = np.median(values[good][:, :2], axis=0)
-    middle = np.median(fields, axis=0)
-    camera = Camera(
-        hfov_deg=float(middle[0]),
-        vfov_deg=float(middle[1]),
-        width_px=int(min(width, 1e6)),
-        height_px=int(min(height, 1e6)),
-    )
     shown = table.columns.get("d", table.columns.get("D"))
     if shown is None or shown.dtype == object or shown.ndim != 2:
         shown = np.empty((len(table), 0))
-    values = np.median(shown[good], axis=0)
-    middle = np.median(matrix[good][:, [2, 5]], axis=0)
-    lens, note = lens_of(model, values, middle, np.array([width, height]))
-    zoom = Zoom(t_ns, table.log_ns[good], *fields.T)
-    return replace(camera, lens=lens), str(names(table, frame)[good][0]), zoom, note
+    size, middle_px = np.median(values[good, :2], axis=0), np.median(matrix[good][:, [2, 5]], axis=0)
+    lens, note = lens_of(model, np.median(shown[good], axis=0), middle_px, size)
+    hfov_deg, vfov_deg = np.median(fields, axis=0).tolist()
+    width_px, height_px = map(int, np.minimum(size, 1e6))
+    camera = Camera(hfov_deg=hfov_deg, vfov_deg=vfov_deg, width_px=width_px, height_px=height_px, lens=lens)
+    return camera, str(names(table, frame)[good][0]), Zoom(t_ns, table.log_ns[good], *fields.T), note
 
 
 def lens_of(model: str, values: Floats, middle_px: Floats, size: Floats) -> tuple[Lens | None, str]:
@@ -106,15 +96,13 @@ def lens_of(model: str, values: Floats, middle_px: Floats, size: Floats) -> tupl
     size : array, shape (2,)
         Width and height, px.
     """
-    fisheye, note = any(model.startswith(name) for name in _FISHEYE), ""
+    fisheye, note = model.startswith(_FISHEYE), ""
     most = 4 if fisheye else 8
     count = int(np.flatnonzero(values)[-1]) + 1 if values.any() else 0
     known = model in (_FISHEYE[:3] if fisheye else _BROWN)
     if count > most or (count and not (known and np.isfinite(values).all())):
-        note, count = (
-            f"distortion of the camera is not used: {count} coefficients of the model {model[:40]!r}",
-            0,
-        )
+        note = f"distortion of the camera is not used: {count} coefficients of the model {model[:40]!r}"
+        count = 0
     if not ((middle_px > 0) & (middle_px < size)).all() or (abs(middle_px - size / 2) <= _CENTRED_PX).all():
         middle_px = size / 2
     if not (count or fisheye) and (middle_px == size / 2).all():
@@ -132,15 +120,15 @@ def camera_of(
 
     Raises InputError if the log holds several cameras and nothing says which.
     """
-    calibrations = [table for table in tables if table.schema in _SCHEMAS]
-    by_topic = {t.channel.topic: cam for t in calibrations if (cam := calibrated(t)) is not None}
+    known = [(table.channel.topic, calibrated(table)) for table in tables if table.schema in _SCHEMAS]
+    by_topic = {topic: each for topic, each in known if each is not None}
     if facts.camera_frame_id:
         frame = facts.camera_frame_id.lstrip("/")
         by_topic = {topic: each for topic, each in by_topic.items() if each[1] == frame}
     if len({(cam.hfov_deg, cam.vfov_deg, frame) for cam, frame, *_ in by_topic.values()}) > 1:
         named = (f"{topic} (frame {of[1]}, {of[0].hfov_deg:.0f} deg)" for topic, of in by_topic.items())
-        listed = ", ".join(named)
-        raise InputError(what, f"holds several cameras: {listed}", "one camera", "give camera_frame_id")
+        finding = f"holds several cameras: {', '.join(named)}"
+        raise InputError(what, finding, "one camera", "give camera_frame_id")
     camera, frame, zoom, note = next(iter(by_topic.values()), (Camera(), "", None, NO_CALIBRATION))
     notes = [note] if note else []
     names = ("hfov_deg", "vfov_deg", "min_range_m", "max_range_m", *_OPTICS)
@@ -209,16 +197,9 @@ def _declared_lens(camera: Camera, facts: LogOptions, what: str) -> Lens | None:
     size = np.array([camera.width_px, camera.height_px], float)
     middle = size / 2 if facts.camera_middle_px is None else np.array(facts.camera_middle_px)
     if facts.camera_middle_px is not None and not size.all():
-        raise InputError(
-            f"{what}, camera_middle_px", "has no size of the picture", "camera_width_px, camera_height_px"
-        )
+        rule = "camera_width_px, camera_height_px"
+        raise InputError(f"{what}, camera_middle_px", "has no size of the picture", rule)
     lens, note = lens_of(model, values, middle, np.where(size > 0, size, 1.0))
     if note:
         raise InputError(f"{what}, camera_distortion", note, "at most 8 numbers, of a fisheye 4")
     return lens
-
-
-def _fov_deg(pixels: float, focal_px: float, model: str) -> float:
-    if any(model.startswith(name) for name in _FISHEYE):
-        return math.degrees(pixels / focal_px)
-    return math.degrees(2 * math.atan(pixels / (2 * focal_px)))

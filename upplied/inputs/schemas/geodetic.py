@@ -6,8 +6,6 @@ differ by tens of metres: where log and structure use different ones, the undula
 must be given.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -19,8 +17,7 @@ from upplied.errors import InputError
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.inputs.flight.clean import attitude_track
 from upplied.inputs.flight.tracks import Track, are_unit, fields_of, source_times, stamps
-from upplied.inputs.schemas import gimbal, px4
-from upplied.inputs.schemas.geoid import undulation_m
+from upplied.inputs.schemas import px4
 from upplied.inputs.schemas.ros import IMU
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
@@ -34,6 +31,12 @@ _NAMES = {"ellipsoid": "ellipsoid", "amsl": "mean sea level", TAKEOFF: "place of
 STRUCTURE = "structure"  # name of the frame of these tracks: no further placing is needed
 MAX_DISTANCE_M = 20_000.0
 _NO_FIX = -1
+# Grids of PROJ on this machine, the finest first; none is fetched.
+GRIDS = ("us_nga_egm08_25.tif", "us_nga_egm96_15.tif", "egm08_25.gtx", "egm96_15.gtx")
+_PIPELINE = (
+    "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad"
+    " +step +proj=vgridshift +grids={} +multiplier=1 +step +proj=unitconvert +xy_in=rad +xy_out=deg"
+)
 
 
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
@@ -51,7 +54,11 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
         facts.structure_lat_deg, facts.structure_lon_deg, (facts.structure_alt_m or 0.0) + own
     )  # fmt: skip
     enu = np.column_stack([east, north, up])
-    _check_near(enu, table)
+    distance = np.linalg.norm(enu, axis=1)
+    if np.isfinite(distance).any() and np.nanmedian(distance) > MAX_DISTANCE_M:
+        finding = f"lies {np.nanmedian(distance) / 1000:.0f} km from the structure"
+        rule, remedy = f"within {MAX_DISTANCE_M / 1000:.0f} km", "check the structure's place on the Earth"
+        raise InputError(table.channel.topic, finding, rule, remedy)
     track = Track(times, enu, np.full((len(table), 4), np.nan), table.log_ns, "enu", "base_link", clock)
     notes = (f"altitudes above the {_NAMES[datum]}", *words)
     track = replace(track.during(_valid(table), "fix"), notes=notes)
@@ -81,14 +88,6 @@ def _check_placed(table: Table, facts: LogOptions) -> None:
         finding = f"gives positions on the Earth, but the structure's place is unknown ({', '.join(missing)})"
         rule = "latitude, longitude, altitude and heading of the structure"
         raise InputError(table.channel.topic, finding, rule, "write them into the side-car")
-
-
-def _check_near(enu: Floats, table: Table) -> None:
-    distance = np.linalg.norm(enu, axis=1)
-    if np.isfinite(distance).any() and np.nanmedian(distance) > MAX_DISTANCE_M:
-        finding = f"lies {np.nanmedian(distance) / 1000:.0f} km from the structure"
-        rule, remedy = f"within {MAX_DISTANCE_M / 1000:.0f} km", "check the structure's place on the Earth"
-        raise InputError(table.channel.topic, finding, rule, remedy)
 
 
 def _fixes(table: Table, facts: LogOptions) -> tuple[Ints, str, Floats, str]:
@@ -142,7 +141,7 @@ def _with_attitude(track: Track, table: Table, tables: Sequence[Table], facts: L
         quats = from_yaw_pitch(np.pi / 2 - heading, np.zeros(len(heading)))
         note = "heading of the fix: the attitude is taken to be level"
         return _from_antenna(replace(track, quat_xyzw=quats, notes=(*track.notes, note)), facts)
-    if gimbal.earth_fixed(tables) and facts.body_T_antenna_position_m is None:
+    if px4.earth_fixed(tables) and facts.body_T_antenna_position_m is None:
         return replace(track, quat_xyzw=np.tile([0.0, 0, 0, 1], (len(track), 1)))
     finding = "gives positions, but the log holds no attitude of the vehicle"
     gimbals = "" if facts.body_T_antenna_position_m else ", or a gimbal's attitude"
@@ -170,3 +169,21 @@ def _imu(tables: Sequence[Table], facts: LogOptions) -> Track | None:
                 times = source_times(table, stamps(table, "header.stamp"))
                 tracks.append(attitude_track(table, times, quats, facts, good))
     return max(tracks, key=len, default=None)
+
+
+def undulation_m(lat_deg: float, lon_deg: float) -> tuple[float | None, str]:
+    """Undulation of the geoid, m (EGM2008, else EGM96), and by which grid; None, and what is missing."""
+    try:
+        from pyproj import Transformer, network
+        from pyproj.exceptions import ProjError
+    except ImportError:
+        return None, 'pip install "upplied[geoid]", and a grid of PROJ such as us_nga_egm96_15.tif'
+    network.set_network_enabled(False)
+    for grid in GRIDS:
+        try:
+            transformer = Transformer.from_pipeline(_PIPELINE.format(grid))
+            height = transformer.transform((lon_deg + 180) % 360 - 180, lat_deg, 0.0, errcheck=True)[2]
+        except ProjError:  # the grid is not here, or does not reach there
+            continue
+        return float(height), f"by the grid {grid}"
+    return None, f"none of PROJ's grids {', '.join(GRIDS[:2])} is on this machine (projsync --file NAME)"

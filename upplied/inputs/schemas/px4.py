@@ -1,21 +1,21 @@
-"""PX4 by uXRCE-DDS: odometry, or local position joined with attitude.
+"""PX4 by uXRCE-DDS: odometry, or local position joined with attitude; and gimbals, as MAVROS has them too.
 
 PX4 says north, east, down and forward, right, down, quaternions w x y z, microseconds. Turned to
 east, north, up and forward, left, up here. Fields differ by firmware: what is read is what the
-schema in the log says.
+schema in the log says. The yaw of a gimbal (MAVLink's GIMBAL_DEVICE_ATTITUDE_STATUS: forward, right, down)
+counts from north or from the heading of the vehicle, by its flags; pitch and roll count from the horizon.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
+from upplied.geometry.poses import yaw_pitch
 from upplied.inputs.flight.clean import attitude_track
-from upplied.inputs.flight.tracks import Track, are_unit, at_times, source_times
+from upplied.inputs.flight.tracks import Track, are_unit, at_times, fields_of, source_times, stamps
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints
@@ -27,6 +27,8 @@ NED_R_ENU = Rotation.from_quat([_HALF, _HALF, 0, 0])  # its own inverse
 FRD_R_FLU = Rotation.from_quat([1, 0, 0, 0])
 _NED, _FRD = 1, 2  # VehicleOdometry.pose_frame
 _OTHER_FRAME = "pose frame not stated, or another than before"
+_GIMBALS = fields_of("gimbal")
+_YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 16, 32, 64
 
 
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
@@ -95,18 +97,13 @@ def turned(left: Rotation, quats: Floats, right: Rotation) -> Floats:
 def _odometry(table: Table) -> Track:
     times, clock = stamps_us(table)
     positions, quats, frame = table.vectors("position", 3), xyzw(table), table.integers("pose_frame")
+    ned = np.count_nonzero(frame == _NED) >= len(frame) / 2
+    notes = () if ned else ("the heading of the log's frame is arbitrary (PX4 frame FRD)",)
+    positions = _enu(positions) if ned else positions * (1.0, -1.0, -1.0)
+    quats = enu_flu(quats) if ned else turned(FRD_R_FLU, quats, FRD_R_FLU)
     epoch = table.integers("reset_counter")
-    track = Track(times, positions, quats, table.log_ns, "", "base_link", clock, epoch)
-    if np.count_nonzero(frame == _NED) >= len(frame) / 2:
-        track = replace(track, positions=_enu(positions), quat_xyzw=enu_flu(quats))
-        return track.keep(frame == _NED, _OTHER_FRAME)
-    track = replace(
-        track,
-        positions=positions * (1.0, -1.0, -1.0),
-        quat_xyzw=turned(FRD_R_FLU, quats, FRD_R_FLU),
-        notes=("the heading of the log's frame is arbitrary (PX4 frame FRD)",),
-    )
-    return track.keep(frame == _FRD, _OTHER_FRAME)
+    track = Track(times, positions, quats, table.log_ns, "", "base_link", clock, epoch, notes=notes)
+    return track.keep(frame == (_NED if ned else _FRD), _OTHER_FRAME)
 
 
 def _local(table: Table) -> Track:
@@ -120,3 +117,54 @@ def _local(table: Table) -> Track:
 
 def _enu(ned: Floats) -> Floats:
     return np.asarray(ned[:, [1, 0, 2]] * (1.0, 1.0, -1.0))
+
+
+@dataclass(frozen=True)
+class Gimbal:
+    """Attitude of a gimbal, forward, right, down, from north or from the vehicle's heading."""
+
+    track: Track
+    from_north: bool
+    topic: str
+
+    def orientations(self, body: Track, gap_s: float) -> Floats:
+        """Orientation (N, 4) of the gimbal, x forward, y left, z up, in the body's ENU frame; NaN in gaps."""
+        _, quats = at_times(self.track, body.t_ns, gap_s)
+        if self.from_north:
+            return enu_flu(quats)
+        level = turned(FRD_R_FLU, quats, FRD_R_FLU)
+        heading = Rotation.from_euler("z", yaw_pitch(body.quat_xyzw)[0][:, None])
+        known = np.isfinite(level[:, 0])
+        level[known] = (heading[known] * Rotation.from_quat(level[known])).as_quat()
+        return level
+
+
+def gimbal(tables: Sequence[Table], facts: LogOptions) -> Gimbal | None:
+    """The gimbal of a log; None where it has none. Of several, the one that reports most often."""
+    table = max(_gimbals(tables), key=len, default=None)
+    if table is None:
+        return None
+    if table.schema.startswith("px4"):
+        times, quats = stamps_us(table), xyzw(table)
+    else:
+        times = source_times(table, stamps(table, "header.stamp"))
+        quats = table.stack("q.x", "q.y", "q.z", "q.w")
+    north = _from_north(table)
+    most = bool(north.mean() >= 0.5)
+    return Gimbal(attitude_track(table, times, quats, facts, north == most), most, table.channel.topic)
+
+
+def earth_fixed(tables: Sequence[Table]) -> bool:
+    """Whether a gimbal in the log holds its orientation without the vehicle's."""
+    return any(_from_north(table).mean() >= 0.5 for table in _gimbals(tables))
+
+
+def _gimbals(tables: Sequence[Table]) -> list[Table]:
+    return [table for table in tables if table.schema in _GIMBALS and len(table) > 1]
+
+
+def _from_north(table: Table) -> Bools:
+    name = "device_flags" if "device_flags" in table else "flags"
+    flags = table.integers(name)
+    stated = (flags & (_YAW_IN_VEHICLE | _YAW_IN_EARTH)) != 0
+    return np.where(stated, (flags & _YAW_IN_EARTH) != 0, (flags & _YAW_LOCK) != 0)

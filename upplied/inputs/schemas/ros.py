@@ -2,10 +2,9 @@
 
 ROS has ENU and x forward, y left, z up (REP-103, REP-105), quaternions x y z w: nothing is converted.
 MAVROS publishes these too, already turned from the autopilot's NED and FRD. Foxglove states no axes; its
-poses are taken as those of ROS.
+poses are taken as those of ROS. Of wind PX4 and ArduPilot log how fast the air moves to the north and to the
+east, MAVROS a twist in east, north and up (its plugin `wind_estimation`).
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 
@@ -16,12 +15,15 @@ from upplied.inputs.flight.tracks import Track, fields_of, pose_track, shapes_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Floats, Ints
+from upplied.records.flights import LoggedWind
 
 _SHAPES, _FIELDS = shapes_of("ros"), fields_of("ros")
 SOURCES = tuple(_SHAPES)
 IMU = "sensor_msgs/Imu"
 _MOTION, _INERTIAL = _FIELDS["nav_msgs/Odometry"][-6:], _FIELDS[IMU][-6:]
 _GRAVITY_MPS2 = (6.0, 14.0)  # mean of an accelerometer: others had it taken out, or are none
+_EAST_NORTH = fields_of("wind")
+_MOST_MPS = 60.0  # a hurricane: an estimate of the wind beyond has diverged
 
 
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
@@ -29,8 +31,12 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     return pose_track(table, _SHAPES[table.schema], facts.publisher)
 
 
-def velocity(table: Table | None) -> tuple[Ints, Floats] | None:
-    """When (N,), ns, and the velocity (N, 6), m/s and rad/s, of odometry; None where it has none."""
+def velocity(tables: Sequence[Table], topic: str) -> tuple[Ints, Floats] | None:
+    """When (N,), ns, and the velocity (N, 6), m/s and rad/s, of the odometry of a topic; None without.
+
+    Where several publish on it, that of most messages counts.
+    """
+    table = max((each for each in tables if each.channel.topic == topic), key=len, default=None)
     if table is None or _MOTION[0] not in table or not len(table):
         return None
     motion = table.stack(*_MOTION)
@@ -63,3 +69,28 @@ def turning(tables: Sequence[Table]) -> list[tuple[Ints, Floats]]:
         about = uniform_filter1d((felt[order, :3] * up).sum(axis=1), max(round(rate / 2), 1), mode="nearest")
         units.append((t_ns[order], about))
     return units
+
+
+def wind_of(tables: Sequence[Table], track: Track, heading_deg: float | None) -> LoggedWind | None:
+    """The wind while the poses of a track were logged; None where the log holds none.
+
+    Without the heading of the structure's +X, clockwise from north, where it blows to is not known.
+    """
+    usable = []
+    for table in tables:
+        topic = table.channel.topic  # a twist tells of a vehicle, unless it is named for the wind
+        if table.schema not in _EAST_NORTH or (table.schema[:4] == "geom" and "wind" not in topic.lower()):
+            continue
+        air = table.stack(*_EAST_NORTH[table.schema])
+        speed = np.linalg.norm(air, axis=1)
+        good = (table.log_ns >= track.log_ns.min()) & (table.log_ns <= track.log_ns.max())
+        good &= np.isfinite(speed) & (speed <= _MOST_MPS)
+        if (speed[good] > 0).any():  # an estimate that never began is zero
+            usable.append((int(good.sum()), topic, air[good]))
+    if not usable:
+        return None
+    _, topic, air = max(usable, key=lambda each: each[:2])
+    speed, mean = np.linalg.norm(air, axis=1), air.mean(axis=0)
+    bearing = np.degrees(np.arctan2(mean[0], mean[1]))
+    towards = None if heading_deg is None else float((heading_deg - bearing) % 360.0)
+    return LoggedWind(topic, float(speed.mean()), float(speed.max()), towards)

@@ -4,8 +4,6 @@ Several publishers fill one tree at different rates. A chain is evaluated at the
 busiest link; the others are interpolated, never across a gap; static links hold at all times.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -62,13 +60,12 @@ class Tree:
     def camera(self) -> str:
         """The one frame on a static link that is called a camera's; empty where none or several are."""
         named = [child for _, child in self.static if re.search(r"optical|cam", child, re.IGNORECASE)]
-        optical = [name for name in named if "optical" in name.lower()]
-        candidates = optical or named
+        candidates = [name for name in named if "optical" in name.lower()] or named
         return candidates[0] if len(candidates) == 1 else ""
 
-    def moves(self, frame: str) -> bool:
-        """Whether a moving link lies above a frame."""
-        return any(link in self.moving for link in self.path(frame))
+    def moves(self, frame: str, root: str = "") -> bool:
+        """Whether a moving link lies above a frame, below `root` (or the top)."""
+        return any(link in self.moving for link in self.path(frame, root))
 
     def at(self, leaf: str, root: str, t_ns: Ints, gap_s: float) -> tuple[Floats, Rotation, Bools]:
         """Poses of `leaf` in `root` at these times (N,), and where known; static links always are."""
@@ -76,10 +73,8 @@ class Tree:
         known = np.ones(len(t_ns), bool)
         for link in self.path(leaf, root):
             step, turn = self.static.get(link, (np.zeros(3), Rotation.identity()))
-            if track := self.moving.get(link):
-                usual_s = (
-                    float(np.median(np.diff(track.t_ns))) * 1e-9
-                )  # a localisation corrects once a second
+            if track := self.moving.get(link):  # a localisation corrects once a second
+                usual_s = float(np.median(np.diff(track.t_ns))) * 1e-9
                 step, quats = at_times(track, t_ns, max(gap_s, 3 * usual_s))
                 there = np.isfinite(step).all(axis=1)
                 step[~there], quats[~there] = 0.0, (0.0, 0.0, 0.0, 1.0)
@@ -92,9 +87,8 @@ class Tree:
         links = self.path(leaf, root)
         lead = max((self.moving[link] for link in links if link in self.moving), key=len)
         positions, rotation, known = self.at(leaf, root, lead.t_ns, limits.gap_s)
-        chain = replace(
-            lead, positions=positions, quat_xyzw=rotation.as_quat(), parent=links[0][0], child=leaf
-        )
+        quats, parent = rotation.as_quat(), links[0][0]
+        chain = replace(lead, positions=positions, quat_xyzw=quats, parent=parent, child=leaf)
         return chain.during(known, "complete chain of transforms")
 
 
@@ -116,12 +110,14 @@ def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
     if len(loose) + len(tree.static) > _MAX_FRAMES:
         raise InputError(tree.topic, f"holds more than {_MAX_FRAMES} links", "fewer")
     for link, tracks in loose.items():
-        track = _cleaned(_merged(tracks), limits)
-        poses = np.hstack([track.positions, track.quat_xyzw])
-        if len(track) > 1 and np.ptp(poses, axis=0).any():
+        try:
+            track = clean(_merged(tracks), replace(limits, max_dropped=1.0), "a transform")
+        except InputError:  # nothing usable: as if the link had never been published
+            continue
+        if len(track) > 1 and np.ptp(np.hstack([track.positions, track.quat_xyzw]), axis=0).any():
             tree.moving[link] = track
             tree.static.pop(link, None)
-        elif len(track):
+        else:
             _hold(tree, link, track)
     return tree
 
@@ -133,8 +129,7 @@ def samples(tree: Tree, facts: LogOptions, camera_frame: str, what: str) -> Trac
     """
     leaf = _leaf(tree, facts, camera_frame, what)
     root = facts.frame_id.lstrip("/")
-    under = any(link in tree.moving for link in tree.path(leaf, root))
-    return tree.track(leaf, root if under else "", facts)
+    return tree.track(leaf, root if tree.moves(leaf, root) else "", facts)
 
 
 def _leaf(tree: Tree, facts: LogOptions, named: str, what: str) -> str:
@@ -171,18 +166,10 @@ def _links(table: Table) -> list[tuple[Link, Track]]:
     ]
 
 
-def _cleaned(track: Track, limits: LogOptions) -> Track:
-    try:
-        return clean(track, replace(limits, max_dropped=1.0), "a transform")
-    except InputError:  # nothing usable: as if the link had never been published
-        return track.take(np.zeros(len(track), bool))
-
-
 def _merged(tracks: list[Track]) -> Track:
     names = ("t_ns", "positions", "quat_xyzw", "log_ns")
     whole: dict[str, Any] = {name: np.concatenate([getattr(it, name) for it in tracks]) for name in names}
-    order = np.argsort(whole["log_ns"], kind="stable")  # as recorded
-    return replace(tracks[0], **whole).take(order) if len(tracks) > 1 else tracks[0]
+    return replace(tracks[0], **whole).take(np.argsort(whole["log_ns"], kind="stable"))  # as recorded
 
 
 def _hold(tree: Tree, link: Link, track: Track) -> None:

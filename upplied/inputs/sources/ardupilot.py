@@ -3,8 +3,6 @@
 An aircraft that flies on its filter's origin and on satellites logs both: the place of the structure decides.
 """
 
-from __future__ import annotations
-
 import struct
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -27,8 +25,7 @@ Rows = dict[str, list[tuple[int, Any]]]
 
 
 def _fixes(topic: str, t_ns: Ints, values: Floats) -> Table:
-    lat, lon, alt = (values * (1e-7, 1e-7, 1e-3) if topic == "/global_position_int" else values).T
-    return fill.fixes(topic, t_ns, lat, lon, alt=alt)
+    return fill.fixes(topic, t_ns, values[:, 0], values[:, 1], alt=values[:, 2])
 
 
 def _mount(topic: str, t_ns: Ints, values: Floats) -> Table:
@@ -43,7 +40,8 @@ def _local(topic: str, t_ns: Ints, values: Floats) -> Table:
 
 
 def _wind(topic: str, t_ns: Ints, values: Floats) -> Table:
-    return fill.table(topic, "px4_msgs/Wind", t_ns, windspeed_north=values[:, 0], windspeed_east=values[:, 1])
+    north, east = values.T
+    return fill.table(topic, "px4_msgs/Wind", t_ns, windspeed_north=north, windspeed_east=east)
 
 
 # Message -> the fields that are read of it, and what makes a table of them.
@@ -55,7 +53,9 @@ _MESSAGES: dict[str, tuple[tuple[str, ...], Callable[[str, Ints, Floats], Table]
     "NKF1": (("PN", "PE", "PD", "C"), _local),
     "XKF2": (("VWN", "VWE"), _wind),
     "NKF2": (("VWN", "VWE"), _wind),
-    "GLOBAL_POSITION_INT": (("lat", "lon", "alt"), _fixes),
+    "GLOBAL_POSITION_INT": (
+        ("lat", "lon", "alt"), lambda topic, t, v: _fixes(topic, t, v * (1e-7, 1e-7, 1e-3)),
+    ),
     "ATTITUDE": (("yaw", "pitch", "roll"), lambda topic, t, v: fill.attitudes(topic, t, *np.degrees(v).T)),
     "LOCAL_POSITION_NED": (("x", "y", "z"), _local),
     "GIMBAL_DEVICE_ATTITUDE_STATUS": (

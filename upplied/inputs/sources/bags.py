@@ -4,8 +4,6 @@ A bag of ROS 1 is opened by `rosbags`; one of ROS 2 is two tables of SQLite, the
 Before ROS Iron it holds no definitions: types then mean what `rosbags` knows by their names.
 """
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -29,11 +27,8 @@ def read(path: Path, fields: Fields) -> Source:
     """The tables of a log."""
     with path.open("rb") as stream:
         head = stream.read(8)
-    log: Recording
-    if head == MAGIC:
-        log = open_recording(path)
-    else:
-        log = (_ros1 if head.startswith(b"#ROSBAG") else _ros2)(path, path.stat().st_size)
+    bag = _ros1 if head.startswith(b"#ROSBAG") else _ros2
+    log = open_recording(path) if head == MAGIC else bag(path, path.stat().st_size)
     tables = read_tables(log, lambda channel: fields.get(channel.schema_short, ()))
     return Source(tables, log.metadata, log.losses, log.listed(), log.read_pct)
 
@@ -100,6 +95,7 @@ def _ros2(path: Path, size: int) -> _Bag:
     files: list[tuple[Path, dict[int, int]]] = []  # each with the channels of its topics
     texts: dict[str, str] = {}
     channels: dict[tuple[str, str], int] = {}
+    known = get_typestore(Stores.ROS2_HUMBLE)  # types that a bag names without their definition
     for file in siblings(path):
         files.append((file, numbers := {}))
         with _opened(file) as database:
@@ -111,7 +107,9 @@ def _ros2(path: Path, size: int) -> _Bag:
                 texts |= dict(database.execute(query))
         for number, name, kind, encoding in topics[:_MAX_TOPICS]:
             at = numbers[number] = channels.setdefault((name, kind), len(channels))
-            text = texts.get(kind) or _known(kind)
+            text = texts.get(kind) or (
+                known.generate_msgdef(kind, ros_version=2)[0] if kind in known.fielddefs else ""
+            )
             bag.channels[at] = Channel(at, name, encoding, kind, "ros2msg", text.encode())
 
     def messages(wanted: set[int]) -> Iterator[tuple[int, int, bytes]]:
@@ -131,9 +129,3 @@ def _ros2(path: Path, size: int) -> _Bag:
 
 def _opened(path: Path) -> Any:
     return closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True))
-
-
-def _known(kind: str) -> str:
-    """The definition of a type that a bag names without one; empty where it is unknown."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    return store.generate_msgdef(kind, ros_version=2)[0] if kind in store.fielddefs else ""

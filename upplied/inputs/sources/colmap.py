@@ -1,7 +1,5 @@
 """COLMAP's sparse models, as text and as binary: images from the world to the camera, centres, lenses."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from pathlib import Path

@@ -3,8 +3,6 @@
 Nothing is dropped in silence: every file is a flight, part of one, none, or refused with the reason.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 import re
@@ -22,6 +20,7 @@ from defusedxml.common import DefusedXmlException
 
 from upplied.errors import InputError
 from upplied.inputs.files import table
+from upplied.inputs.sidecar import sidecar_of
 from upplied.inputs.sources import bags, photos, records, trajectories
 from upplied.inputs.sources.source import Fields, Source
 
@@ -42,6 +41,7 @@ class FileKind:
     path: Path
     status: str  # "flight", "part" of one, "other", or "refused": looks like one and cannot be read
     words: str  # what it is, or why it is refused
+    remedy: str = ""  # of what is refused
 
     @property
     def is_flight(self) -> bool:
@@ -123,14 +123,12 @@ def read(path: Path, fields: Fields) -> Source:
         rule = f"one of: {', '.join(dict.fromkeys(words for words, _ in KINDS.values()))}"
         raise InputError(str(path), "is no flight that can be read", rule, "check that it is the right file")
     words, name = KINDS[kind]
-    module = import_module(
-        f"upplied.inputs.sources.{name}"
-    )  # its `ERRORS` are what bytes make it raise besides
+    module = import_module(f"upplied.inputs.sources.{name}")
     try:
         return module.read(path, fields)
     except InputError as error:
         raise InputError(error.what or str(path), error.found, error.rule, error.remedy) from None
-    except (*_PARSING, *getattr(module, "ERRORS", ())) as error:
+    except (*_PARSING, *getattr(module, "ERRORS", ())) as error:  # and what bytes make it raise besides
         finding = f"cannot be read as {words}: {type(error).__name__}: {str(error)[:200]}"
         rule = "a whole file, as its program writes it"
         raise InputError(str(path), finding, rule, "copy or export it again") from error
@@ -164,6 +162,7 @@ def survey(paths: Iterable[str | Path]) -> list[FileKind]:
     for each in files:
         if each.is_flight and each.path.is_file() and each.path not in parts:
             parts |= set(parts_of(each.path, kind_of(each.path))[1:])
+    parts |= {sidecar_of(each.path) for each in files if each.is_flight or each.status == _REFUSED}
     words = "part of a flight beside it"
     return [FileKind(it.path, _PART, words) if it.path in parts else it for it in files]
 
@@ -172,12 +171,10 @@ def _file(path: Path, alone: bool = False) -> list[FileKind]:
     try:
         kind = kind_of(path)
     except InputError as error:
-        return [FileKind(path, _REFUSED, error.found)]
+        return [FileKind(path, _REFUSED, error.found, error.remedy)]
     if kind == "photos" and not alone:
         return []
-    if kind:
-        return [FileKind(path, _FLIGHT, KINDS[kind][0])]
-    return [FileKind(path, _OTHER, "side-car of a flight" if path.suffix.lower() == ".toml" else "no flight")]
+    return [FileKind(path, _FLIGHT, KINDS[kind][0]) if kind else FileKind(path, _OTHER, "no flight")]
 
 
 def _folder(folder: Path) -> list[FileKind]:

@@ -4,8 +4,6 @@ A planned flight is marked so from its passport on: it is what somebody intended
 Between waypoints the camera is taken to turn steadily; the time is that of the stated speed.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -62,9 +60,8 @@ def read(path: Path, fields: Fields) -> Source:
         notes.append("it states no heading at some waypoints: the camera looks along the path")
     place, yaw, pitch, seconds = _flown(rows)
     t_ns = 1_000_000_000 + np.round(seconds * 1e9).astype(np.int64)
-    tables = [fixes("/mission", t_ns, place[:, 0], place[:, 1], **{route.datum: place[:, 2]}),
-              gimbals("/mission", t_ns, yaw, pitch, 0 * yaw)]  # fmt: skip
-    return Source(tables, notes=notes, planned=True)
+    places = fixes("/mission", t_ns, place[:, 0], place[:, 1], **{route.datum: place[:, 2]})
+    return Source([places, gimbals("/mission", t_ns, yaw, pitch, 0 * yaw)], notes=notes, planned=True)
 
 
 def _flown(rows: Floats) -> tuple[Floats, Floats, Floats, Floats]:

@@ -1,7 +1,5 @@
 """The head of a photo: tags of EXIF, and attitudes in each maker's XMP."""
 
-from __future__ import annotations
-
 import logging
 import re
 from pathlib import Path
@@ -52,7 +50,11 @@ def head_of(path: Path) -> dict[str, Any]:
         values["focal_px"] = float(focal_of_35mm(values["width"], values["height"], focal_mm))
     values |= {name: _ratio(tags.get(f"EXIF {tag}")) for name, tag in _LENS.items()}
     text = str(tags.get("EXIF DateTimeOriginal", tags.get("Image DateTime", "")))
-    values["t_ms"] = dated(text.replace(":", "-", 2)) + _fraction(tags) * 1e3 - _zone_ms(tags)
+    part = str(tags.get("EXIF SubSecTimeOriginal", "")).strip()
+    part_s = float(f"0.{part}") if part.isdigit() else 0.0
+    zone = re.fullmatch(r"([+-])(\d\d):(\d\d)", str(tags.get("EXIF OffsetTimeOriginal", "")).strip())
+    ahead_s = float(f"{zone[1]}1") * (int(zone[2]) * 60 + int(zone[3])) * 60 if zone else 0.0
+    values["t_ms"] = dated(text.replace(":", "-", 2)) + (part_s - ahead_s) * 1e3
     if np.isfinite(values["utc_us"]):
         values["t_ms"] = values["utc_us"] / 1e3
     return values
@@ -95,13 +97,3 @@ def _ratio(tag: Any) -> float:
         return float(tag.values[0])
     except (AttributeError, IndexError, TypeError, ValueError, ZeroDivisionError):
         return float("nan")
-
-
-def _fraction(tags: Any) -> float:
-    text = str(tags.get("EXIF SubSecTimeOriginal", "")).strip()
-    return float(f"0.{text}") if text.isdigit() else 0.0
-
-
-def _zone_ms(tags: Any) -> float:
-    hit = re.fullmatch(r"([+-])(\d\d):(\d\d)", str(tags.get("EXIF OffsetTimeOriginal", "")).strip())
-    return 0.0 if hit is None else float(f"{hit[1]}1") * (int(hit[2]) * 60 + int(hit[3])) * 60_000

@@ -5,8 +5,6 @@ write the yaw from the aircraft's nose, which shows in a series. Heights count f
 of the others is unknown, but for those of satellites that were fixed to the centimetre (RTK).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -41,13 +39,15 @@ def read(path: Path, fields: Fields) -> Source:
     with ThreadPoolExecutor(4) as threads:
         heads = list(threads.map(head_of, names))
     placed = [
-        head for head in heads if np.isfinite(head["lat"] + head["lon"]) and (head["lat"] or head["lon"])
+        head
+        for head in heads
+        if np.isfinite(head["lat"] + head["lon"]) and (head["lat"], head["lon"]) != (0, 0)
     ]
+    finding = f"{len(placed)} of {len(heads)} photos have a place"
     if len(placed) < 2:
-        finding = f"{len(placed)} of {len(heads)} photos hold their place"
         remedy = "copy the originals: programs that resize or edit photos drop their tags"
         raise refusal(finding, "at least two", remedy)
-    notes = [f"{len(placed)} of {len(heads)} photos have a place"] if len(placed) < len(heads) else []
+    notes = [finding] if len(placed) < len(heads) else []
     models = sorted({head.pop("camera") for head in placed})
     if len(models) > 1:
         finding = f"holds photos of {len(models)} cameras ({', '.join(models[:5])})"
@@ -62,10 +62,11 @@ def read(path: Path, fields: Fields) -> Source:
 
 def _lens(at: dict[str, Floats], model: str) -> dict[str, Any]:
     """What EXIF says of camera and lens, as facts: of exposures the longest, which blurs the most."""
-    known = {name: values[np.isfinite(values) & (values > 0)] for name, values in at.items()}
-    longest = {name: known[name].max() for name in ("exposure_s",) if len(known[name])}
-    usual = {name: np.median(known[name]) for name in ("f_number", "focal_mm") if len(known[name])}
-    facts = {f"camera_{name}": float(value) for name, value in (longest | usual).items()}
+    counts: dict[str, Any] = {"exposure_s": np.max, "f_number": np.median, "focal_mm": np.median}
+    known = {name: at[name][np.isfinite(at[name]) & (at[name] > 0)] for name in counts}
+    facts: dict[str, Any] = {
+        f"camera_{name}": float(counts[name](values)) for name, values in known.items() if len(values)
+    }
     name = named_by_exif(model, facts.get("camera_focal_mm", 0.0))
     return facts | ({"camera_model": name} if name else {})
 

@@ -1,7 +1,5 @@
 """Cameras of Metashape and RealityCapture, which place a project on the Earth themselves."""
 
-from __future__ import annotations
-
 import csv
 import io
 from pathlib import Path
@@ -95,8 +93,9 @@ def _realitycapture(text: str) -> Source:
     if (np.abs(x) <= 180).all() and (np.abs(y) <= 90).all():
         notes.append("RealityCapture: x and y are taken for longitude and latitude, alt above the ellipsoid")
         place = fill.fixes("/cameras", t_ns, y, x, alt_ellipsoid=alt)
-        tables = [place, fill.gimbals("/cameras", t_ns, yaw, pitch, roll), *tables]
-        return Source(tables, notes=notes, stills=True)
+        return Source(
+            [place, fill.gimbals("/cameras", t_ns, yaw, pitch, roll), *tables], notes=notes, stills=True
+        )
     turns = Rotation.from_euler("ZYX", np.column_stack([90 - yaw, -pitch, roll]), degrees=True).as_quat()
-    tables = [fill.poses("/cameras", t_ns, np.column_stack([x, y, alt]), turns, "project"), *tables]
-    return Source(tables, notes=notes, defaults={"body_frame": "camera"}, stills=True)
+    poses = fill.poses("/cameras", t_ns, np.column_stack([x, y, alt]), turns, "project")
+    return Source([poses, *tables], notes=notes, defaults={"body_frame": "camera"}, stills=True)

@@ -1,7 +1,5 @@
 """A photogrammetry project as a structure and a flight: the surface beside its cameras, in the same frame."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -65,13 +63,14 @@ def project_at(cameras: Path, options: LogOptions) -> Project | None:
         return None
     what = str(cameras)
     if not declared.kind:
-        rule = "the kind of structure: it is planned for among its kind alone"
-        raise InputError(what, "is a project without it", rule, "give --kind, e.g. --kind building")
+        rule = "a structure is planned for among its kind alone"
+        finding = "does not state the kind of its structure"
+        raise InputError(what, finding, rule, "give --kind, e.g. --kind building")
     source = door.read(cameras, {})
     facts = stated(declared, source.defaults)
     if facts.unit_m is not None and not facts.unit_m > 0:
-        rule = "unit_m: metres per unit of the model"
-        raise InputError(what, "is a reconstruction without scale", rule, "give --unit-m, or georegister it")
+        rule, remedy = "unit_m: metres per unit of the model", "give --unit-m, or georegister it"
+        raise InputError(what, "is a reconstruction without scale", rule, remedy)
     up = "z" if source.place is not None else _up(source, what)
     forward = "x" if up[-1] != "x" else "y"
     name = safe_id(surface[1].name)

@@ -4,8 +4,6 @@ Cameras look along z, x right, y down, unless a format has it otherwise; a pose 
 project's frame, in which its mesh lies too. COLMAP, Metashape and RealityCapture have modules of their own.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence
@@ -23,13 +21,10 @@ from upplied.inputs.sources.source import MAX_BYTES, SHAPE, Fields, Source, refu
 from upplied.records import Floats, Ints, Lens, Placement
 
 _FLIPPED = np.diag([1.0, -1.0, -1.0])  # of cameras that look along -z, y up
-Size = tuple[
-    float, float, float, Lens | None
-]  # width, height and focal length, pixels; None: of another model
+# Width, height and focal length, pixels; None: a lens of another model.
+Size = tuple[float, float, float, Lens | None]
 NO_SIZE = (math.nan, math.nan, math.nan, Lens())
-UNKNOWN_LENS = (
-    "distortion of the camera is not used: its model is not one of Brown and Conrady, or a plain fisheye"
-)
+UNKNOWN_LENS = "distortion of the camera is not used: it is not Brown and Conrady's, or a plain fisheye's"
 _OPENSFM = ("perspective", "simple_radial", "radial", "brown", "fisheye", "fisheye_opencv")
 ERRORS = SHAPE
 
@@ -47,13 +42,9 @@ def read(path: Path, fields: Fields) -> Source:
 
 
 def reconstructed(
-    matrices: Floats,
-    centres: Floats,
-    times: Ints | None = None,
-    sizes: Sequence[Size] = (),
-    scaled: bool = False,
-    notes: Sequence[str] = (),
-) -> Source:
+    matrices: Floats, centres: Floats, times: Ints | None = None, sizes: Sequence[Size] = (),
+    scaled: bool = False, notes: Sequence[str] = (),
+) -> Source:  # fmt: skip
     """The flight of cameras (N, 3, 3), to the project's frame, at (N, 3) in it."""
     matrices, centres = np.reshape(matrices, (-1, 3, 3)), np.reshape(centres, (-1, 3))
     if len(centres) < 2:
@@ -69,10 +60,9 @@ def reconstructed(
     known = np.array([size[:3] for size in sizes], float).reshape(-1, 3)
     if len(known) == len(centres) and np.isfinite(known).all():
         lenses = [lens for *_, lens in sizes if lens is not None]
-        width, height, focal = known.T
-        lenses = lenses if len(lenses) == len(known) else []
-        tables.append(fill.cameras("/cameras", times, width, height, focal, lenses))
-        notes += [UNKNOWN_LENS] if len(lenses) < len(known) else []
+        unknown, (width, height, focal) = len(lenses) < len(known), known.T
+        tables.append(fill.cameras("/cameras", times, width, height, focal, () if unknown else lenses))
+        notes += [UNKNOWN_LENS] * unknown
     defaults: dict[str, Any] = {"body_frame": "camera"} | ({} if scaled else {"unit_m": math.nan})
     return Source(tables, notes=notes, defaults=defaults, stills=True)
 
@@ -84,8 +74,7 @@ def _opensfm(content: list[Any]) -> Source:
         raise refusal("holds no reconstructed photo", "a reconstruction with shots", "run the project again")
     part = max(parts, key=lambda each: len(each["shots"]))
     shots = [shot for _, shot in sorted(part["shots"].items())]
-    stamps = np.array([float(shot.get("capture_time") or 0) for shot in shots])
-    times = None
+    stamps, times = np.array([float(shot.get("capture_time") or 0) for shot in shots]), None
     if (stamps > 1).all() and np.ptp(stamps) > 0:
         times = fill.spread(np.round(stamps * 1e9).astype(np.int64))
         order = np.argsort(times, kind="stable")

@@ -1,7 +1,5 @@
 """Flight records (.csv) of DJI and Airdata, and captions of DJI's videos (.srt): columns by name."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re
@@ -48,12 +46,10 @@ def _record(text: str) -> Source:
     least = max(at["lat"][0], at["lon"][0])
     rows = [row for row, _ in zip(reader, range(MAX_ROWS), strict=False) if len(row) > least]
     cells = {
-        name: [row[column] if column < len(row) else "" for row in rows] for name, (column, _) in at.items()
+        name: [row[place] if place < len(row) else "" for row in rows] for name, (place, _) in at.items()
     }
     dates = np.array([fill.dated(cell) for cell in cells.pop("date", [""] * len(rows))])
-    columns = {
-        name: at[name][1] * np.array([_float(cell) for cell in column]) for name, column in cells.items()
-    }
+    columns = {name: at[name][1] * np.array([*map(_float, column)]) for name, column in cells.items()}
     since = columns["s"] * 1e3 if "s" in columns else columns.get("ms", np.full(len(rows), np.nan))
     notes: list[str] = []
     return _source("/record", _times(since, dates, notes), columns, notes)
@@ -84,8 +80,8 @@ def _captions(text: str) -> Source:
             row |= dict(zip(("pitch", "roll", "yaw"), map(float, hit.groups()), strict=True))
         rows.append(row)
         clock = _CLOCK.search(block)
-        hours, minutes, seconds, ms = map(int, clock.groups()) if clock else (0, 0, 0, 0)
-        since.append(((hours * 60 + minutes) * 60 + seconds) * 1e3 + ms if clock else np.nan)
+        parts = (3_600_000.0, 60_000.0, 1000.0, 1.0)
+        since.append(np.dot(parts, [*map(int, clock.groups())]) if clock else np.nan)
     names = {name for row in rows for name in row}
     if not names & {"lat", "first"}:
         finding = f"has {len(blocks) if text.strip() else 0} captions, none with a place"
@@ -126,8 +122,7 @@ def _source(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str]
     new &= np.isfinite(values).all(axis=1) & (np.diff(t_ns, prepend=-1) > 0)
     if not (np.abs(values[new][:, :2]) > 0).any():
         raise refusal("gives no place: 0, 0 throughout", "a satellite fix", "use another log of the flight")
-    t_ns, height = t_ns[new], height[new]
-    level = np.zeros(len(t_ns))
+    t_ns, height, level = t_ns[new], height[new], np.zeros(new.sum())
     columns = {name: column[new] for name, column in columns.items()}
     tables = [fill.fixes(topic, t_ns, columns["lat"], columns["lon"], **{datum: height})]
     heading = columns.get("heading")

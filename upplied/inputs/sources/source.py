@@ -4,8 +4,6 @@ The tables bear the schemas that `upplied.inputs.schemas` reads, so frames, cloc
 are the same for all kinds of file.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,6 +19,7 @@ from upplied.inputs.files import read_regular
 from upplied.inputs.tables import Channel, Table
 from upplied.records import Floats, Ints, Lens, Placement
 
+Numbers = Floats | float
 Fields = Mapping[str, Sequence[str]]  # schema -> the paths that are read of it
 MAX_ROWS = 5_000_000
 SHAPE = (TypeError, AttributeError)  # what a value of another type in JSON or XML makes of a reader
@@ -47,8 +46,7 @@ class Source:
     @property
     def topics(self) -> str:
         """Topics and schemas in words."""
-        shown = (f"{table.channel.topic} ({table.schema})" for table in self.tables[:12])
-        return self.listed or ", ".join(shown)
+        return self.listed or ", ".join(f"{it.channel.topic} ({it.schema})" for it in self.tables[:12])
 
 
 def refusal(finding: str, rule: str = "", remedy: str = "") -> InputError:
@@ -64,9 +62,8 @@ def text_of(path: Path) -> str:
 def table(topic: str, schema: str, t_ns: Ints, channel_id: int = 0, /, **columns: Any) -> Table:
     """A table of one topic, stamped as its schema is; ``__`` in the name of a column stands for a dot."""
     t_ns = np.asarray(t_ns, np.int64)
-    px4 = schema.startswith("px4_msgs/")
-    stamp = {"timestamp": t_ns // 1000} if px4 else {"header.stamp.sec": t_ns // 10**9}
-    stamp |= {} if px4 else {"header.stamp.nanosec": t_ns % 10**9}
+    stamp = {"header.stamp.sec": t_ns // 10**9, "header.stamp.nanosec": t_ns % 10**9}
+    stamp = {"timestamp": t_ns // 1000} if schema.startswith("px4_msgs/") else stamp
     named = {name.replace("__", "."): np.asarray(column) for name, column in columns.items()}
     return Table(Channel(channel_id, topic, "", schema), stamp | named, t_ns, t_ns, len(t_ns))
 
@@ -103,12 +100,7 @@ def gimbal_status(topic: str, t_ns: Ints, flags: Ints, quat_wxyz: Floats) -> Tab
 
 
 def cameras(
-    topic: str,
-    t_ns: Ints,
-    width: Floats | float,
-    height: Floats | float,
-    focal: Floats | float,
-    lenses: Sequence[Lens] = (),
+    topic: str, t_ns: Ints, width: Numbers, height: Numbers, focal: Numbers, lenses: Sequence[Lens] = ()
 ) -> Table:
     """A camera in time: sizes and focal length, pixels, and of each photo the lens, where that is known."""
     matrix = np.zeros((len(t_ns), 9))
@@ -132,7 +124,7 @@ def ned_wxyz(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
     return quats
 
 
-def focal_of_35mm(width: Floats | float, height: Floats | float, focal_mm: Floats | float) -> Floats:
+def focal_of_35mm(width: Numbers, height: Numbers, focal_mm: Numbers) -> Floats:
     """Focal lengths, pixels, of lengths for a picture of 43.27 mm from corner to corner."""
     return np.asarray(np.hypot(width, height) * np.asarray(focal_mm, float) / 43.2666)
 
@@ -144,12 +136,11 @@ def numbered(count: int) -> Ints:
 
 def spread(t_ns: Ints) -> Ints:
     """Stamps, ns, those that are the same spread over their second."""
-    t_ns = t_ns.copy()
-    stamps, count = np.unique(t_ns, return_counts=True)
-    for stamp in stamps[count > 1]:
-        same = np.flatnonzero(t_ns == stamp)
-        t_ns[same] += np.arange(len(same)) * 10**9 // len(same)
-    return t_ns
+    _, stamp, count = np.unique(t_ns, return_inverse=True, return_counts=True)
+    order = np.argsort(stamp, kind="stable")
+    nth = np.empty_like(order)
+    nth[order] = np.arange(len(order)) - np.repeat(np.cumsum(count) - count, count)
+    return np.asarray(t_ns + nth * 10**9 // count[stamp])
 
 
 def dated(text: str) -> float:

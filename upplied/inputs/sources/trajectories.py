@@ -1,7 +1,5 @@
 """Poses as research writes them: TUM, EuRoC and KITTI, a pose a line."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

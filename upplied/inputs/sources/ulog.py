@@ -1,7 +1,5 @@
 """PX4 logs (ULog), by `pyulog`: the topics are those of `px4_msgs`, a message is an array."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any
@@ -26,7 +24,9 @@ def read(path: Path, fields: Fields) -> Source:
     with open_regular(path) as stream:
         if _HUGE.search(stream.read(_HEAD)):
             raise refusal("defines an array larger than any message", "a log that PX4 wrote")
-    names = {_snake(schema): schema for schema in fields if schema.startswith("px4_msgs/")}
+    # The log calls px4_msgs/VehicleLocalPosition vehicle_local_position.
+    names = {re.sub(r"(?<!^)(?=[A-Z])", "_", schema.removeprefix("px4_msgs/")).lower(): schema
+             for schema in fields if schema.startswith("px4_msgs/")}  # fmt: skip
     log = ULog(str(path), [*names, *_GPS])
     offset_us, notes = _start(log)
     tables = []
@@ -65,8 +65,3 @@ def _columns(data: dict[str, Any], wanted: Any) -> dict[str, Any]:
         elif parts := [f"{name}[{at}]" for at in range(16) if f"{name}[{at}]" in data]:
             columns[name] = np.column_stack([data[part] for part in parts])
     return columns
-
-
-def _snake(schema: str) -> str:
-    """``px4_msgs/VehicleLocalPosition`` as the log calls it."""
-    return re.sub(r"(?<!^)(?=[A-Z])", "_", schema.removeprefix("px4_msgs/")).lower()

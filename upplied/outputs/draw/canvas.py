@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from upplied.geometry.discs import Discs
 from upplied.geometry.scene import Scene
@@ -114,7 +115,7 @@ class _Painter:
     def __init__(self, body: Solid, lines: Tubes, frame: Frame) -> None:
         self.body, self.lines, self.frame = body, lines, frame
         self.line_scene = Scene(lines.vertices, lines.triangles) if len(lines.triangles) else None
-        self._ambient_of_grid()
+        self._sky = self._ambient_of_grid()
 
     def surface(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Colour (N, 3) in 0 .. 1 and distance (N,), m, of the surface at picture points x, y (N,), px."""
@@ -122,7 +123,8 @@ class _Painter:
         out = np.tile(_WHITE, (len(x), 1))
         at = np.flatnonzero(hit)
         if len(at):
-            sky = self._ambient(x[at], y[at], points[at], normals[at])
+            grid = np.stack([y[at], x[at]]) / _COARSE - 0.5
+            sky = map_coordinates(self._sky, grid, order=1, mode="nearest")
             paint = self.body.colours(points[at], normals[at])
             out[at] = shade.lit(paint, normals[at], self.frame.back, self.frame.up, sky)
         return out, reach
@@ -154,38 +156,13 @@ class _Painter:
         normals[hit] = np.where((away == same)[:, None], -mixed, mixed)
         return reach, points, normals, hit
 
-    def _ambient_of_grid(self) -> None:
+    def _ambient_of_grid(self) -> Floats:
+        """Open sky (rows, columns) at every second picture point; all of it where nothing is hit."""
         columns, rows = -(-self.frame.width // _COARSE), -(-self.frame.height // _COARSE)
         x, y = np.meshgrid(
             np.arange(columns) * _COARSE + _COARSE / 2, np.arange(rows) * _COARSE + _COARSE / 2
         )
         _, points, normals, hit = self._surface(*self.frame.rays(x.ravel(), y.ravel()))
-        sky = np.ones(len(hit))
-        size = self.body.size_m
+        sky, size = np.ones(len(hit)), self.body.size_m
         sky[hit] = shade.open_sky(self.body.scene, points[hit], normals[hit], 0.25 * size, 2e-3 * size)
-        self._grid = (
-            sky.reshape(rows, columns),
-            points.reshape(rows, columns, 3),
-            normals.reshape(rows, columns, 3),
-            hit.reshape(rows, columns),
-        )
-
-    def _ambient(self, x: Floats, y: Floats, points: Floats, normals: Floats) -> Floats:
-        """Open sky between the four nearest grid points that lie on the same piece of surface."""
-        sky, grid_points, grid_normals, grid_hit = self._grid
-        u, v = x / _COARSE - 0.5, y / _COARSE - 0.5
-        left, top = np.floor(u).astype(int), np.floor(v).astype(int)
-        total, weight = np.zeros(len(x)), np.full(len(x), 1e-9)
-        near = (3 * _COARSE / self.frame.metre_px) ** 2
-        for across in (0, 1):
-            for down in (0, 1):
-                column = np.clip(left + across, 0, sky.shape[1] - 1)
-                row = np.clip(top + down, 0, sky.shape[0] - 1)
-                share = np.abs((1 - across) - (u - left)) * np.abs((1 - down) - (v - top)) + 1e-3
-                gap = points - grid_points[row, column]
-                off_plane = np.einsum("ij,ij->i", gap, normals) ** 2
-                alike = np.clip(np.einsum("ij,ij->i", normals, grid_normals[row, column]), 1e-3, 1) ** 8
-                share = share * grid_hit[row, column] * alike / (1 + (4 * off_plane / near) ** 2)
-                total += share * sky[row, column]
-                weight += share
-        return np.where(weight > 2e-9, total / weight, 1.0)
+        return sky.reshape(rows, columns)

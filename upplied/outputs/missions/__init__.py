@@ -11,13 +11,14 @@ import numpy as np
 from upplied.errors import SettingsError
 from upplied.outputs.files import replace_file
 from upplied.outputs.mission_options import MissionOptions
-from upplied.outputs.missions import dji_wpml, gate, kml, litchi, mavlink
-from upplied.outputs.missions.csv import csv_text
+from upplied.outputs.missions import gate, maps
+from upplied.outputs.missions.dji_wpml import dji_kmz
 from upplied.outputs.missions.fences import fence_text, fenced, rally_text
-from upplied.outputs.missions.flying import Flying
-from upplied.outputs.missions.geojson import geojson_text
+from upplied.outputs.missions.flying import FORMATS, Flying
+from upplied.outputs.missions.litchi import litchi_text
+from upplied.outputs.missions.mavlink import mavlink_text
 from upplied.outputs.missions.mcap import mcap_bytes
-from upplied.outputs.missions.mission import ANYTHING, missions_of
+from upplied.outputs.missions.mission import missions_of
 from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.qgc_plan import qgc_plan_text
 from upplied.outputs.missions.read_back import read_mcap, read_mission
@@ -26,18 +27,16 @@ from upplied.records import Camera, Plan, Structure, Trajectory
 
 __all__ = ["FORMATS", "Exported", "Mission", "MissionOptions", "export", "missions_of"]
 
-#: Format -> usual ending, what flies it, writer.
-_WRITERS: dict[str, tuple[str, Flying, Callable[[Mission, MissionOptions], bytes | str]]] = {
-    "qgc-plan": (".plan", mavlink.FLYING, qgc_plan_text),
-    "mavlink": (".waypoints", mavlink.FLYING, mavlink.mavlink_text),
-    "dji-wpml": (".kmz", dji_wpml.FLYING, dji_wpml.dji_kmz),
-    "litchi": (".csv", litchi.FLYING, lambda mission, _: litchi.litchi_text(mission)),
-    "kml": (".kml", kml.FLYING, lambda mission, _: kml.kml_text(mission)),
-    "geojson": (".geojson", ANYTHING, lambda mission, _: geojson_text(mission)),
-    "csv": (".csv", ANYTHING, lambda mission, _: csv_text(mission)),
+#: Writers of all formats but MCAP, which holds the plan itself.
+_WRITERS: dict[str, Callable[[Mission, MissionOptions], bytes | str]] = {
+    "qgc-plan": qgc_plan_text,
+    "mavlink": mavlink_text,
+    "dji-wpml": dji_kmz,
+    "litchi": lambda mission, _: litchi_text(mission),
+    "kml": lambda mission, _: maps.kml_text(mission),
+    "geojson": lambda mission, _: maps.geojson_text(mission),
+    "csv": lambda mission, _: maps.csv_text(mission),
 }
-#: Format -> usual ending of its files.
-FORMATS: dict[str, str] = {name: ending for name, (ending, _, _) in _WRITERS.items()} | {"mcap": ".mcap"}
 
 
 @dataclass(frozen=True)
@@ -100,39 +99,32 @@ def export(
         named += gate.breaches(read_mcap(content), structure, limits, supposed)
         overruled = gate.pass_or_refuse(structure.structure_id, named, options.overruled)
         notes = (*gate.notes_of(overruled), *zones(()))
-        if notes:
-            content = mcap_bytes(plan, structure, camera, notes)
+        content = mcap_bytes(plan, structure, camera, notes) if notes else content
         keep(overruled)
         written = replace_file(goal, content)
         return Exported((written,), (), ("in the structure frame, metres", *notes), overruled)
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
-    write = _WRITERS[format][2]
     missions = fenced(missions_for(format, plan, structure, options, camera, objections), structure, supposed)
-    overruled_breaches: dict[str, gate.Breach] = {}  # of what was overruled, by its words
+    by_words: dict[str, gate.Breach] = {}  # what was overruled
     for mission in missions:  # all, before the first is written
-        reading = read_mission(format, encoded(write(mission, options)), mission)
-        passed = gate.pass_or_refuse(
-            mission.name, gate.breaches(reading, structure, limits, supposed), options.overruled
-        )
-        overruled_breaches |= {str(breach): breach for breach in passed}
-    more = tuple(breach for breach in overruled_breaches.values() if breach not in missions[0].overruled)
+        reading = read_mission(format, _written(format, mission, options), mission)
+        broken = gate.breaches(reading, structure, limits, supposed)
+        by_words |= {str(one): one for one in gate.pass_or_refuse(mission.name, broken, options.overruled)}
+    more = tuple(breach for breach in by_words.values() if breach not in missions[0].overruled)
     notes = (*gate.notes_of(more), *zones(missions))
     missions = [
         replace(one, notes=(*notes, *one.notes), overruled=(*one.overruled, *more)) for one in missions
     ]
     keep(missions[0].overruled)
-    paths = [replace_file(_numbered(goal, mission), encoded(write(mission, options))) for mission in missions]
+    paths = [replace_file(_numbered(goal, one), _written(format, one, options)) for one in missions]
     if format == "mavlink":  # files of their own there, for all sorties
         beside = {
             "fence": fence_text(missions[0]) if missions[0].fences else "",
             "rally": rally_text(missions[0]) if len(missions[0].rally) else "",
         }
-        paths += [
-            replace_file(goal.with_name(f"{goal.stem}.{name}{goal.suffix}"), text.encode())
-            for name, text in beside.items()
-            if text
-        ]
+        names = {goal.with_name(f"{goal.stem}.{name}{goal.suffix}"): text for name, text in beside.items()}
+        paths += [replace_file(place, text) for place, text in names.items() if text]
     return Exported(tuple(paths), tuple(missions), missions[0].notes, missions[0].overruled)
 
 
@@ -145,9 +137,7 @@ def missions_for(
     objections: Sequence[gate.Breach] = (),
 ) -> list[Mission]:
     """The sorties of a plan as the software behind a format flies them; parameters as of `export`."""
-    flying = ANYTHING if format == "mcap" else _WRITERS[format][1]
-    if format in ("qgc-plan", "mavlink"):
-        flying = replace(flying, note=mavlink.NOTES[options.firmware])
+    flying = Flying.of(format, options.firmware)
     missions = missions_of(plan, structure, options, flying, camera, (*gate.plan_breaches(plan), *objections))
     if format == "mcap":
         return missions
@@ -159,7 +149,7 @@ def _waiting(format: str, mission: Mission, options: MissionOptions, interval_s:
     """The mission, hovering before each photo that its file, with rounded figures, triggers too early."""
     if mission.photo.sum() < 2:
         return mission
-    reading = read_mission(format, encoded(_WRITERS[format][2](mission, options)), mission)
+    reading = read_mission(format, _written(format, mission, options), mission)
     missing_s = interval_s - np.diff(reading.photo_s)
     extra_s = np.where(missing_s > 0, missing_s + SHORTEST_HOLD_S, 0.0)
     hold_s = mission.hold_s.copy()
@@ -167,9 +157,9 @@ def _waiting(format: str, mission: Mission, options: MissionOptions, interval_s:
     return replace(mission, hold_s=hold_s, duration_s=mission.duration_s + float(extra_s.sum()))
 
 
-def encoded(content: bytes | str) -> bytes:
-    """What is written to the file."""
-    return content if isinstance(content, bytes) else content.encode("utf-8")
+def _written(format: str, mission: Mission, options: MissionOptions) -> bytes:
+    content = _WRITERS[format](mission, options)
+    return content if isinstance(content, bytes) else content.encode()
 
 
 def _numbered(goal: Path, mission: Mission) -> Path:

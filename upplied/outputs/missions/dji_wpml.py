@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Mapping
+from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -17,37 +18,20 @@ from upplied.errors import SettingsError
 from upplied.geometry.polylines import leg_lengths
 from upplied.outputs.labels import table
 from upplied.outputs.mission_options import MissionOptions
-from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.gate import written
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 
-MAX_WAYPOINTS = 200  # what importers are known to take; the format itself counts to 65535
-#: It passes waypoints where it may; at a stop it brakes, turns the gimbal, takes the photo, and starts again.
-FLYING = Flying(
-    MAX_WAYPOINTS,
-    stop_s=3.0,
-    turning="evenly",
-    altitudes=("relative",),
-    altitude_rule="DJI files are written with heights above take-off",
-    passes=True,
-    zooms=True,
-    zoom_note=", written as focal lengths for film 36 mm wide: check that the camera supports them",
-)
 _FILM_MM = 36.0
-#: Model -> drone type, sub type, and the payload that is built in, if one is.
-DRONES: dict[str, list[int]] = table("missions/drones.toml")
 _SAFE_HEIGHT_M = (2.0, 1500.0)
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <kml xmlns="http://www.opengis.net/kml/2.2" xmlns:wpml="http://www.dji.com/wpmz/1.0.2">
 <Document>
 """
 _TAIL = "</Document>\n</kml>\n"
-# Straight legs, the ones that were checked; passing rounds the corner within a distance that was checked too.
-_HEADING = {
-    "waypointHeadingMode": "smoothTransition",
-    "waypointHeadingAngle": "",
-    "waypointHeadingPathMode": "followBadArc",
-}
+#: Elements that are the same in every mission, in the order of the schema; empty ones are filled here.
+_ELEMENTS: dict[str, Any] = table("missions/dji.toml")
+#: Model -> drone type, sub type, and the payload that is built in, if one is.
+DRONES: dict[str, list[int]] = _ELEMENTS["drones"]
 _STOPS, _PASSES = "toPointAndStopWithDiscontinuityCurvature", "toPointAndPassWithContinuityCurvature"
 
 
@@ -66,7 +50,7 @@ def dji_kmz(mission: Mission, options: MissionOptions) -> bytes:
 def _mission_config(mission: Mission, options: MissionOptions) -> str:
     known = ", ".join(DRONES)
     if options.drone not in DRONES:
-        fault = f"is {options.drone!r}"
+        fault = f"is {options.drone!r}" if options.drone else "is missing"
         raise SettingsError("mission option drone", fault, f"one of {known}", "set the model: --drone")
     kind, sub_kind, *built_in = DRONES[options.drone]
     payload = next(iter(built_in), None) if options.payload is None else options.payload
@@ -75,11 +59,7 @@ def _mission_config(mission: Mission, options: MissionOptions) -> str:
         raise SettingsError("mission option payload", f"the {options.drone} has none built in", rule)
     climb = float(np.clip(mission.height_m[0], *_SAFE_HEIGHT_M))
     back = float(np.clip(mission.return_height_m, *_SAFE_HEIGHT_M))
-    config = {
-        "flyToWaylineMode": "safely",
-        "finishAction": "goHome",
-        "exitOnRCLost": "executeLostAction",
-        "executeRCLostAction": "goBack",
+    config = _ELEMENTS["config"] | {
         "takeOffSecurityHeight": f"{climb:.1f}",
         "globalTransitionalSpeed": f"{options.transit_mps:.2f}",
         "globalRTHHeight": f"{back:.1f}",
@@ -90,18 +70,8 @@ def _mission_config(mission: Mission, options: MissionOptions) -> str:
 
 
 def _template(mission: Mission) -> str:
-    frame = {"coordinateMode": "WGS84", "heightMode": "relativeToStartPoint", "positioningType": "GPS"}
-    head = {
-        "templateType": "waypoint",
-        "templateId": 0,
-        "waylineCoordinateSysParam": frame,
-        "autoFlightSpeed": f"{_cruise(mission):.2f}",
-        "gimbalPitchMode": "usePointSetting",
-        "globalHeight": f"{float(mission.height_m.max()):.2f}",
-        "globalWaypointHeadingParam": _HEADING | {"waypointHeadingAngle": 0},
-        "globalWaypointTurnMode": _STOPS,
-        "globalUseStraightLine": 1,
-    }
+    height = f"{float(mission.height_m.max()):.2f}"
+    head = _ELEMENTS["template"] | {"autoFlightSpeed": _cruise(mission), "globalHeight": height}
     payload = {"payloadPositionIndex": 0, "imageFormat": "wide" if mission.fov_deg is None else "zoom"}
     comments = "".join(f"<!-- {note.replace('--', '- -')} -->\n" for note in written(mission.notes))
     marks = _placemarks(mission, template=True)
@@ -109,22 +79,17 @@ def _template(mission: Mission) -> str:
 
 
 def _waylines(mission: Mission) -> str:
-    head = {
-        "templateId": 0,
-        "executeHeightMode": "relativeToStartPoint",
-        "waylineId": 0,
+    head = _ELEMENTS["waylines"] | {
         "distance": f"{leg_lengths(mission.local).sum():.1f}",
         "duration": f"{mission.duration_s:.1f}",
-        "autoFlightSpeed": f"{_cruise(mission):.2f}",
+        "autoFlightSpeed": _cruise(mission),
     }
     return f"<Folder>\n{_xml(head)}{_placemarks(mission, template=False)}</Folder>\n"
 
 
 def _placemarks(mission: Mission, template: bool) -> str:
-    zooms = mission.zooms_at
-    return "".join(
-        _placemark(mission, number, stop, zooms, template) for number, stop in enumerate(mission.stops)
-    )
+    marks = enumerate(mission.stops)
+    return "".join(_placemark(mission, number, stop, mission.zooms_at, template) for number, stop in marks)
 
 
 def _placemark(mission: Mission, number: int, stop: range, zooms: dict[int, float], template: bool) -> str:
@@ -144,7 +109,8 @@ def _placemark(mission: Mission, number: int, stop: range, zooms: dict[int, floa
     mode = _PASSES if passing > 0 else _STOPS
     mark |= {
         "waypointSpeed": f"{after:.2f}",
-        "waypointHeadingParam": _HEADING | {"waypointHeadingAngle": _signed(mission.heading_deg[at])},
+        "waypointHeadingParam": _ELEMENTS["heading"]
+        | {"waypointHeadingAngle": _signed(mission.heading_deg[at])},
         "waypointTurnParam": {"waypointTurnMode": mode, "waypointTurnDampingDist": f"{passing:.2f}"},
         "useStraightLine": 1,
         "actionGroup": _actions(mission, number, stop, zooms),
@@ -178,12 +144,9 @@ def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]
     if actions:
         groups.append(_action_group(3 * number, number, number, {"actionTriggerType": "reachPoint"}, actions))
     if stop[-1] + 1 < len(mission):
-        pitch = {
-            "gimbalPitchRotateAngle": f"{mission.pitch_deg[stop[-1] + 1]:.1f}",
-            "payloadPositionIndex": 0,
-        }
+        pitch = f"{mission.pitch_deg[stop[-1] + 1]:.1f}"
+        turns = [("gimbalEvenlyRotate", {"gimbalPitchRotateAngle": pitch, "payloadPositionIndex": 0})]
         between = {"actionTriggerType": "betweenAdjacentPoints"}
-        turns = [("gimbalEvenlyRotate", pitch)]
         groups.append(_action_group(3 * number + 1, number, number + 1, between, turns))
     if mission.photo_distance_m and mission.inspects_behind(stop[-1]):
         every = {"actionTriggerType": "multipleDistance", "actionTriggerParam": mission.photo_distance_m}
@@ -198,19 +161,7 @@ def _zoom(hfov_deg: float) -> dict[str, object]:
 
 
 def _gimbal(pitch_deg: float) -> dict[str, object]:
-    return {
-        "gimbalHeadingYawBase": "north",
-        "gimbalRotateMode": "absoluteAngle",
-        "gimbalPitchRotateEnable": 1,
-        "gimbalPitchRotateAngle": f"{pitch_deg:.1f}",
-        "gimbalRollRotateEnable": 0,
-        "gimbalRollRotateAngle": 0,
-        "gimbalYawRotateEnable": 0,
-        "gimbalYawRotateAngle": 0,
-        "gimbalRotateTimeEnable": 0,
-        "gimbalRotateTime": 0,
-        "payloadPositionIndex": 0,
-    }
+    return _ELEMENTS["gimbal"] | {"gimbalPitchRotateAngle": f"{pitch_deg:.1f}"}
 
 
 def _photo(at: int) -> dict[str, object]:
@@ -238,20 +189,16 @@ def _action_group(
     }
 
 
-def _cruise(mission: Mission) -> float:
-    """One speed for the whole route, which each waypoint overrides."""
-    return float(np.median(mission.speed_mps))
+def _cruise(mission: Mission) -> str:
+    """One speed for the whole route, m/s, which each waypoint overrides."""
+    return f"{float(np.median(mission.speed_mps)):.2f}"
 
 
 def _xml(values: Mapping[str, object]) -> str:
     """Elements by their names; a mapping is the content of one, a list stands for several."""
-    elements = (
-        (name, each)
-        for name, value in values.items()
-        for each in (value if isinstance(value, list) else [value])
-    )
-    texts = (
-        (name, f"\n{_xml(each)}" if isinstance(each, Mapping) else escape(str(each)))
-        for name, each in elements
-    )
-    return "".join(f"<wpml:{name}>{text}</wpml:{name}>\n" for name, text in texts)
+    texts = []
+    for name, value in values.items():
+        for each in value if isinstance(value, list) else [value]:
+            text = f"\n{_xml(each)}" if isinstance(each, Mapping) else escape(str(each))
+            texts.append(f"<wpml:{name}>{text}</wpml:{name}>\n")
+    return "".join(texts)

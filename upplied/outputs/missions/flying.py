@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from upplied.geometry.poses import from_yaw_pitch, interpolate, yaw_pitch
+from upplied.outputs.labels import table
 from upplied.records import Floats, Trajectory
 
 #: The camera turns along each leg, at its start to what the next waypoint wants, or heading along it and
 #: pitch on arrival.
 Turning = Literal["evenly", "ahead", "on arrival"]
+#: What is known of each format.
+_TABLE: dict[str, dict[str, Any]] = table("missions/formats.toml")
+#: Format -> usual ending of its files.
+FORMATS: dict[str, str] = {name: each["ending"] for name, each in _TABLE.items()}
+#: Format -> what a person looks at it with before a flight.
+OPENED_IN: dict[str, str] = {name: each["opened_in"] for name, each in _TABLE.items()}
 
 
 @dataclass(frozen=True)
@@ -29,6 +36,14 @@ class Flying:
     zooms_not_by: str = ""  # firmware that does not understand it
     zoom_note: str = ""  # how the file commands it, in words
     note: str = ""  # what the person who flies must set, as the file cannot say it
+
+    @classmethod
+    def of(cls, format: str, firmware: str = "") -> Flying:
+        """What flies a format, by the table of formats."""
+        stated = dict(_TABLE[_TABLE[format].get("like", format)])
+        notes = stated.pop("notes", {})
+        rest = {name: value for name, value in stated.items() if name not in ("ending", "opened_in")}
+        return cls(**rest, note=notes.get(firmware, notes.get("any", "")))
 
 
 def as_flown(path: Trajectory, t_s: Floats, turning: Turning) -> Trajectory:

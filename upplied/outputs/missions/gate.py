@@ -18,7 +18,7 @@ from upplied.geometry.scene import Scene
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.labels import table
 from upplied.outputs.mission_options import DRAFTS, MissionOptions
-from upplied.outputs.missions.ways import ground_z_m
+from upplied.outputs.missions.transits import ground_z_m
 from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.planning.airspace.rules import Airspace, crosses_box
 from upplied.records import Floats, Plan, Record, Structure, SupposedSurface, Surroundings, Trajectory

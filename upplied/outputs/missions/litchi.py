@@ -12,19 +12,8 @@ import csv
 import io
 import math
 
-from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 
-MAX_WAYPOINTS = 99
-#: Without curves it stops at each waypoint.
-FLYING = Flying(
-    MAX_WAYPOINTS,
-    stop_s=2.0,
-    altitudes=("relative",),
-    altitude_rule="Litchi flies above take-off",
-    note="in Litchi set heading mode to Custom (WD), path mode to straight lines, finish action to RTH: the "
-    "file cannot set them",
-)
 _ACTIONS = 15
 COLUMNS = (
     "latitude", "longitude", "altitude(m)", "heading(deg)", "curvesize(m)", "rotationdir", "gimbalmode",

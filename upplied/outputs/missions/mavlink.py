@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 from upplied.outputs.mission_options import MissionOptions
-from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 
 WAYPOINT, RETURN, TAKEOFF = 16, 20, 22
@@ -22,19 +21,6 @@ _ZOOM_BY_FIELD_OF_VIEW = 4.0
 _NAN = float("nan")
 _SHORT_S = 0.3  # shorter than this nobody hovers, unless photos are taken
 _SLOWER = 0.03  # that a leg may be flown more slowly before the speed is commanded again
-#: Commands for the gimbal and the heading come into force when the leg to their waypoint begins.
-FLYING = Flying(
-    turning="ahead",
-    altitudes=("relative", "amsl"),
-    altitude_rule="MAVLink knows take-off and mean sea level",
-    zooms=True,
-    zooms_not_by="ardupilot",
-    zoom_note=", by MAV_CMD_SET_CAMERA_ZOOM with ZOOM_TYPE_HORIZONTAL_FOV: check that the camera supports it",
-)
-NOTES = {
-    "px4": "written for PX4; for ArduPilot export with --firmware ardupilot",
-    "ardupilot": "written for ArduPilot: set WP_YAW_BEHAVIOR to 0, or the nose turns to the next waypoint",
-}
 
 
 @dataclass(frozen=True)

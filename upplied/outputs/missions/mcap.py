@@ -103,28 +103,17 @@ def _frusta(plan: Plan | Trajectory, path: Trajectory, camera: Camera) -> dict[s
 
 
 def _marker(name: str, kind: int, points: Floats, colour: str, size: float) -> dict[str, Any]:
-    scale = {"x": size, "y": size, "z": size}
-    empty_image = {"header": header(0, FRAME), "format": "", "data": b""}
+    """A marker in the structure's frame; the writer fills the other fields with zeros."""
     return {
         "header": header(0, FRAME),
         "ns": name,
-        "id": 0,
         "type": kind,
-        "action": 0,
         "pose": pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])),
-        "scale": scale,
+        "scale": dict.fromkeys("xyz", size),
         "color": _colour(colour),
-        "lifetime": {"sec": 0, "nanosec": 0},
         "frame_locked": True,
         "points": [dict(zip("xyz", point, strict=True)) for point in points.tolist()],
-        "colors": [],
-        "texture_resource": "",
-        "texture": empty_image,
-        "uv_coordinates": [],
-        "text": "",
-        "mesh_resource": "",
-        "mesh_file": {"filename": "", "data": b""},
-        "mesh_use_embedded_materials": False,
+        "texture": {"header": header(0, FRAME)},
     }
 
 

@@ -20,7 +20,7 @@ from upplied.outputs.missions.photos import shots_of
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.sorties import SLOWEST_MPS, Cutter, Sortie
 from upplied.outputs.missions.thinning import thinned
-from upplied.outputs.missions.ways import USUAL_CEILING_M, Transits, default_home, ground_z_m
+from upplied.outputs.missions.transits import USUAL_CEILING_M, Transits, default_home, ground_z_m
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.rules import Airspace
 from upplied.records import (
@@ -35,7 +35,7 @@ from upplied.records import (
     Trajectory,
 )
 
-ANYTHING = Flying(zooms=True)
+ANYTHING = Flying(zooms=True)  # a reader of the plan itself
 _SAME_PLACE_M = 0.05
 _HOVER_S = 0.05  # shorter than this nobody hovers
 _EXACT_M = 0.02  # within which a clearance is known
@@ -171,7 +171,7 @@ def _notes(
     sorties: list[Sortie], options: MissionOptions, flying: Flying, transits: Transits, stops: int
 ) -> list[str]:
     """What the person who flies must know of heights, return and sorties."""
-    transit_legs = [leg for sortie in sorties for leg in (sortie.way_in, sortie.way_out) if len(leg)]
+    transit_legs = [leg for sortie in sorties for leg in (sortie.outbound, sortie.inbound) if len(leg)]
     highest = max((float(leg[:, 2].max()) for leg in transit_legs), default=float(transits.home[2]))
     over_ground = max(highest, float(transits.inspection[:, 2].max())) - ground_z_m(transits.structure)
     heights = {
@@ -230,7 +230,9 @@ def _inspection(
 def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) -> dict[str, Any]:
     """Fields of a mission; on its transit legs the camera keeps its direction and its zoom."""
     path, inside = cutter.path, slice(sortie.first, sortie.last + 1)
-    before, after = (np.full(len(leg), cutter.options.transit_mps) for leg in (sortie.way_in, sortie.way_out))
+    before, after = (
+        np.full(len(leg), cutter.options.transit_mps) for leg in (sortie.outbound, sortie.inbound)
+    )
 
     def held(values: Floats) -> Floats:
         ends = (
@@ -245,7 +247,7 @@ def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) ->
     photos[inspect], passed[inspect] = photo[inside], passing[inside]
     passed[np.flatnonzero(inspect)[[0, -1]]] = 0.0
     return {
-        "local": np.concatenate([sortie.way_in, path.positions[inside], sortie.way_out]),
+        "local": np.concatenate([sortie.outbound, path.positions[inside], sortie.inbound]),
         "quat_xyzw": held(path.quat_xyzw),
         "speed_mps": np.concatenate([before, here + cutter.options.transit_mps, cutter.speeds[legs], after]),
         "hold_s": np.concatenate([before * 0, here, cutter.holds_s[legs], after * 0]),

@@ -10,8 +10,9 @@ import csv
 import io
 import json
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,8 @@ def read_mission(format: str, content: bytes, mission: Mission) -> Reading:
     """
     try:
         file = _READERS[format](content)
-        local = _local(file.places, mission, format)
+        places = np.array([stop.place for stop in file.stops], float).reshape(-1, 3)
+        local = _local(places, mission, format)
     except (ValueError, KeyError, IndexError, AttributeError, zipfile.BadZipFile) as error:
         raise RefusedError(mission.name, f"the {format} file cannot be read back: {error}") from error
     if len(local) == 0 or not np.isfinite(local).all():
@@ -74,32 +76,27 @@ def read_mcap(content: bytes) -> Reading:
 def _whole(local: Floats, file: _File, home: Floats) -> Reading:
     """Straight up from home to the height of the first waypoint, and down from that of the last."""
     up, down = (np.array([[home[0], home[1], at[2]]]) for at in (local[0], local[-1]))
-    unknown = np.full(2, np.nan)
+    unknown, speeds = np.full(2, np.nan), np.array([stop.speed for stop in file.stops])
     starts, ends = [np.empty((0, 3))], [np.empty((0, 3))]
-    for at in np.flatnonzero(file.passing[1:-1] > 0) + 1:
-        before, after = local[at - 1] - local[at], local[at + 1] - local[at]
-        units = before / np.linalg.norm(before), after / np.linalg.norm(after)
-        start, end = triangle(local[at], *units, float(file.passing[at]))
-        starts += [start, end[:-1]]
-        ends += [end, end[1:]]
+    for at, stop in enumerate(file.stops[1:-1], 1):
+        if stop.passing > 0:
+            before, after = local[at - 1] - local[at], local[at + 1] - local[at]
+            units = before / np.linalg.norm(before), after / np.linalg.norm(after)
+            start, end = triangle(local[at], *units, stop.passing)
+            starts += [start, end[:-1]]
+            ends += [end, end[1:]]
+    # When photos are taken, s from the first waypoint: what speeds and holds give at the least.
+    took = np.nan_to_num(leg_lengths(local) / np.maximum(speeds[1:], 1e-3))
+    reached = cumulated(took + [stop.hold for stop in file.stops[:-1]])
     return Reading(
         np.concatenate([home[None], up, local, down, home[None]]),
-        np.concatenate([unknown, file.speeds, unknown]),
+        np.concatenate([unknown, speeds, unknown]),
         fan_start=np.concatenate(starts),
         fan_end=np.concatenate(ends),
         photo_m=local[[at for at, _ in file.photos]],
-        photo_s=np.array(file.photo_s) if file.photo_s else _photo_times(local, file),
-        every_s=min(
-            (m / file.speeds[at + 1] for at, m in file.every.items() if at + 1 < len(local)), default=np.inf
-        ),
+        photo_s=np.array(file.photo_s or [reached[at] + stay for at, stay in file.photos]),
+        every_s=min((a.every / b.speed for a, b in pairwise(file.stops) if a.every), default=np.inf),
     )
-
-
-def _photo_times(local: Floats, file: _File) -> Floats:
-    """When photos are taken (K,), s from the first waypoint: what speeds and holds give at the least."""
-    took = leg_lengths(local) / np.maximum(file.speeds[1:], 1e-3)
-    reached = cumulated(np.nan_to_num(took) + file.holds[:-1])
-    return np.array([reached[at] + stay for at, stay in file.photos])
 
 
 def _local(places: Floats, mission: Mission, format: str) -> Floats:
@@ -115,38 +112,38 @@ def _local(places: Floats, mission: Mission, format: str) -> Floats:
 
 
 @dataclass
-class _File:
-    """What a file states, waypoint by waypoint."""
+class _Stop:
+    """What a file states of a waypoint."""
 
-    places: Floats  # (N, 3) latitude and longitude, deg, altitude as it is written, m
-    speeds: Floats  # (N,) of the leg that ends at each; NaN where it is not stated
-    passing: Floats  # (N,) m
-    holds: Floats  # (N,) s, that the vehicle stays at each
+    place: Sequence[float]  # latitude and longitude, deg, altitude as it is written, m
+    speed: float = np.nan  # of the leg that ends here, m/s; NaN where it is not stated
+    hold: float = 0.0  # s, that the vehicle stays
+    passing: float = 0.0  # m
+    every: float = 0.0  # m between photos on the leg behind it; 0: none by distance
+
+
+@dataclass
+class _File:
+    """The waypoints of a file, and its photos."""
+
+    stops: list[_Stop]
     photos: list[tuple[int, float]] = field(default_factory=list)  # waypoint, and s after it is reached
-    every: dict[int, float] = field(default_factory=dict)  # m between photos on the leg behind a waypoint
     photo_s: list[float] = field(default_factory=list)  # where the file states the times themselves
 
 
 def _items(rows: list[tuple[int, list[float]]]) -> _File:
     """Waypoints of MAVLink commands with their seven parameters."""
-    places: list[list[float]] = []
-    speeds, holds, speed, every_m = [], [], np.nan, 0.0
-    photos, every = [], dict[int, float]()
+    file, speed, every = _File([]), np.nan, 0.0
     for command, params in rows:
         if command == _SPEED:
             speed = params[1]
         if command == _WAYPOINT:
-            places.append(params[4:7])
-            speeds.append(speed)
-            holds.append(params[0])
+            file.stops.append(_Stop(params[4:7], speed, params[0], every=every))
         if command == _DISTANCE:
-            every_m = params[0]
-            every.pop(len(places) - 1, None)
+            every = file.stops[-1].every = params[0]
         if command in _PHOTOS:
-            photos.append((len(places) - 1, holds[-1]))
-        if every_m:
-            every[len(places) - 1] = every_m
-    return _File(_places(places), np.array(speeds), np.zeros(len(places)), np.array(holds), photos, every)
+            file.photos.append((len(file.stops) - 1, file.stops[-1].hold))
+    return file
 
 
 def _qgc(content: bytes) -> _File:
@@ -162,92 +159,89 @@ def _mavlink(content: bytes) -> _File:
     return _items([(int(each[3]), [float(value) for value in each[4:11]]) for each in fields])
 
 
+def _behind(file: _File) -> _File:
+    """The file with each speed at the end of its leg, where it states them at the beginning."""
+    speeds = [np.nan, *(stop.speed for stop in file.stops)]
+    file.stops = [replace(stop, speed=speed) for stop, speed in zip(file.stops, speeds, strict=False)]
+    return file
+
+
 def _dji(content: bytes) -> _File:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         root = ElementTree.fromstring(archive.read("wpmz/waylines.wpml"))
-    places, speeds, passing, holds = [], [np.nan], [], []
-    photos, every = [], {}
+    file = _File([])
     for at, mark in enumerate(root.iter(f"{_KML}Placemark")):
         lon, lat = (float(value) for value in mark.find(f".//{_KML}coordinates").text.split(","))
-        places.append([lat, lon, float(mark.find(f"{_WPML}executeHeight").text)])
-        speeds.append(float(mark.find(f"{_WPML}waypointSpeed").text))  # of the leg that begins here
+        stop = _Stop((lat, lon, float(mark.find(f"{_WPML}executeHeight").text)))
+        stop.speed = float(mark.find(f"{_WPML}waypointSpeed").text)
         turn = mark.find(f"{_WPML}waypointTurnParam")
-        passes = turn.find(f"{_WPML}waypointTurnMode").text == _PASSES
-        passing.append(float(turn.find(f"{_WPML}waypointTurnDampingDist").text) if passes else 0.0)
-        stay = 0.0
+        if turn.find(f"{_WPML}waypointTurnMode").text == _PASSES:
+            stop.passing = float(turn.find(f"{_WPML}waypointTurnDampingDist").text)
         for group in mark.iter(f"{_WPML}actionGroup"):
             trigger = group.find(f"{_WPML}actionTrigger")
             if trigger.find(f"{_WPML}actionTriggerType").text == "multipleDistance":
-                every[at] = float(trigger.find(f"{_WPML}actionTriggerParam").text)
+                stop.every = float(trigger.find(f"{_WPML}actionTriggerParam").text)
                 continue
             for action in group.iter(f"{_WPML}action"):
                 name = action.find(f"{_WPML}actionActuatorFunc").text
                 if name == "hover":
-                    stay += float(action.find(f".//{_WPML}hoverTime").text)
+                    stop.hold += float(action.find(f".//{_WPML}hoverTime").text)
                 if name == "takePhoto":
-                    photos.append((at, stay))
-        holds.append(stay)
-    stated = np.array(speeds[:-1]), np.array(passing), np.array(holds)
-    return _File(_places(places), *stated, photos, every)
+                    file.photos.append((at, stop.hold))
+        file.stops.append(stop)
+    return _behind(file)
 
 
 def _litchi(content: bytes) -> _File:
-    rows = list(csv.DictReader(io.StringIO(content.decode("utf-8"))))
-    places = [[float(r["latitude"]), float(r["longitude"]), float(r["altitude(m)"])] for r in rows]
-    speeds = [np.nan, *(float(r["speed(m/s)"]) for r in rows)]
-    holds, photos, every = [], [], {}
-    for at, row in enumerate(rows):
-        stay = 0.0
+    file = _File([])
+    for at, row in enumerate(_rows(content)):
+        place = [float(row[name]) for name in ("latitude", "longitude", "altitude(m)")]
+        stop = _Stop(place, float(row["speed(m/s)"]), every=max(float(row["photo_distinterval"]), 0.0))
         for number in range(1, 16):
             action = row[f"actiontype{number}"]
-            stay += float(row[f"actionparam{number}"]) * 1e-3 * (action == _LITCHI_STAYS)
+            stop.hold += float(row[f"actionparam{number}"]) * 1e-3 * (action == _LITCHI_STAYS)
             if action == _LITCHI_PHOTO:
-                photos.append((at, stay))
-        holds.append(stay)
-        if float(row["photo_distinterval"]) > 0:
-            every[at] = float(row["photo_distinterval"])
-    stated = np.array(speeds[:-1]), np.zeros(len(rows)), np.array(holds)
-    return _File(_places(places), *stated, photos, every)
+                file.photos.append((at, stop.hold))
+        file.stops.append(stop)
+    return _behind(file)
 
 
 def _kml(content: bytes) -> _File:
     root = ElementTree.fromstring(content)
     line = root.find(f".//{_KML}LineString/{_KML}coordinates").text.split()
-    parsed = _unstated(np.array([[float(v) for v in place.split(",")] for place in line])[:, [1, 0, 2]])
+    file = _File([_turned(map(float, place.split(","))) for place in line])
     for mark in root.iter(f"{_KML}Placemark"):
         if (point := mark.find(f"{_KML}Point/{_KML}coordinates")) is not None:
-            parsed.photos.append((line.index(point.text), 0.0))
-            parsed.photo_s.append(float(mark.find(f".//{_KML}value").text))
-    return parsed
+            file.photos.append((line.index(point.text), 0.0))
+            file.photo_s.append(float(mark.find(f".//{_KML}value").text))
+    return file
 
 
 def _geojson(content: bytes) -> _File:
     line, *points = json.loads(content)["features"]
-    parsed = _unstated(np.array(line["geometry"]["coordinates"], float)[:, [1, 0, 2]])
-    return _stated(parsed, [point["properties"] for point in points])
+    stops = [_turned(place) for place in line["geometry"]["coordinates"]]
+    return _stated(stops, [point["properties"] for point in points])
 
 
 def _csv(content: bytes) -> _File:
-    rows = list(csv.DictReader(io.StringIO(content.decode("utf-8"))))
-    places = [[float(r["lat_deg"]), float(r["lon_deg"]), float(r["alt_m"])] for r in rows]
-    return _stated(_unstated(_places(places)), rows)
+    rows = _rows(content)
+    return _stated([_Stop([float(r[name]) for name in ("lat_deg", "lon_deg", "alt_m")]) for r in rows], rows)
 
 
-def _stated(content: _File, rows: Sequence[Mapping[str, Any]]) -> _File:
-    """Speeds, holds and photos of waypoints, from rows that name them."""
-    content.speeds = np.array([float(row["speed_mps"]) for row in rows])
-    content.holds = np.array([float(row["hold_s"]) for row in rows])
-    content.photos = [(at, float(row["hold_s"])) for at, row in enumerate(rows) if int(row["photo"])]
-    return content
+def _rows(content: bytes) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(content.decode("utf-8"))))
 
 
-def _places(rows: list[list[float]]) -> Floats:
-    return np.array(rows, float).reshape(-1, 3)
+def _turned(place: Iterable[float]) -> _Stop:
+    lon, lat, alt = place
+    return _Stop((lat, lon, alt))
 
 
-def _unstated(places: Floats) -> _File:
-    number = len(places)
-    return _File(places, np.full(number, np.nan), np.zeros(number), np.zeros(number))
+def _stated(stops: list[_Stop], rows: Sequence[Mapping[str, Any]]) -> _File:
+    """The waypoints with speeds, holds and photos, from rows that name them."""
+    for stop, row in zip(stops, rows, strict=True):
+        stop.speed, stop.hold = float(row["speed_mps"]), float(row["hold_s"])
+    return _File(stops, [(at, stops[at].hold) for at, row in enumerate(rows) if int(row["photo"])])
 
 
 _READERS: dict[str, Callable[[bytes], _File]] = {

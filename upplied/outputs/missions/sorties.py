@@ -9,7 +9,7 @@ import numpy as np
 from upplied.errors import RefusedError
 from upplied.geometry.polylines import cumulated, leg_lengths
 from upplied.outputs.mission_options import MissionOptions
-from upplied.outputs.missions.ways import Transits, length
+from upplied.outputs.missions.transits import Transits, length
 from upplied.records import Floats, Trajectory
 
 _GROUND_S = 20.0  # for starting and landing
@@ -22,8 +22,8 @@ class Sortie:
 
     first: int
     last: int
-    way_in: Floats
-    way_out: Floats
+    outbound: Floats
+    inbound: Floats
     duration_s: float
 
 
@@ -57,7 +57,7 @@ class Cutter:
     def _longest_from(self, first: int) -> Sortie:
         there = self._leg_home(first)
         if there is None:
-            raise self._no_way(first)
+            raise self._no_leg(first)
         least = first if len(self.path) == 1 else first + 1
         reach = np.searchsorted(
             self.elapsed_s, self.elapsed_s[first] + self.budget_s - self._transit_s(there)
@@ -72,18 +72,18 @@ class Cutter:
             if spent <= self.budget_s:
                 return Sortie(first, last, there[:0:-1], back[1:], float(spent))
         if farthest == len(self.path) - 1 and self._leg_home(farthest) is None:
-            raise self._no_way(farthest)
+            raise self._no_leg(farthest)
         raise self._too_short(first)
 
     def _leg_home(self, at: int) -> Floats | None:
         if at not in self.legs_home:
-            self.legs_home[at] = self.transits.way_out(at)
+            self.legs_home[at] = self.transits.leg_home(at)
         return self.legs_home[at]
 
     def _transit_s(self, leg: Floats) -> float:
         return length(np.concatenate([leg, self.transits.home[None]])) / self.options.transit_mps + _GROUND_S
 
-    def _no_way(self, at: int) -> RefusedError:
+    def _no_leg(self, at: int) -> RefusedError:
         place = self.path.positions[at].round(1).tolist()
         return RefusedError(
             self.transits.structure.structure_id,

@@ -22,6 +22,7 @@
     { key: "frechet", label: "Fréchet", wide: "5.2rem", number: true, title: "Continuous Fréchet distance of the standardised paths" },
     { key: "length", label: "Length", wide: "5rem", number: true, title: "Length of the path" },
   ];
+  const OPERATION = new Set(["battery_pct", "age", "change"]); // they make room for research
   const DAY = 86400000;
   // In words how long ago a flight was; times are in UTC.
   function ago(flown) {
@@ -141,14 +142,14 @@
 
   // Only the rows in sight exist; a spacer as tall as all of them keeps the scroll bar honest.
   function virtualTable(sized) {
-    let columns = COLUMNS.filter(({ key }) => key !== "gsd" || sized);
+    let columns = [];
     const head = element("div", { class: "row head", role: "row" });
     const body = element("div", { class: "spacer", role: "rowgroup" });
     const view = element("div", { class: "view", tabindex: "0", role: "region", "aria-label": "Plans" });
     const root = element("div", { class: "sheet", role: "table", "aria-label": "Plans" }, head, body);
     view.append(root);
     const research = (wanted) => {
-      columns = COLUMNS.filter(({ key }) => key !== "gsd" || sized).concat(wanted ? RESEARCH : []);
+      columns = COLUMNS.filter(({ key }) => (key !== "gsd" || sized) && !(wanted && OPERATION.has(key))).concat(wanted ? RESEARCH : []);
       view.style.setProperty("--grid", columns.map((column) => column.wide).join(" "));
       root.setAttribute("aria-colcount", columns.length);
     };

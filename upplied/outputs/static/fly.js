@@ -48,7 +48,7 @@
   // One bar for each flight: the share of a battery that it takes; the reserve is marked.
   function battery(data, mission, flown) {
     if (!flown) return null;
-    if (!mission.endurance_s) return element("p", { class: "note", id: "battery" }, "Battery not checked: set the endurance of the vehicle (upplied set " + data.target + " vehicle.endurance_s=SECONDS) and plan again.");
+    if (!mission.endurance_s) return element("p", { class: "note", id: "battery" }, "Battery not checked: set the endurance of the vehicle (upplied set " + data.target + " vehicle.endurance_s=SECONDS --by NAME) and plan again.");
     return element("div", { id: "battery" }, flown.map((sortie, at) => {
       const share = (100 * sortie.duration_s) / mission.endurance_s;
       const words = "Flight " + (at + 1) + ": " + minutes(sortie.duration_s) + ", " + share.toFixed(0) + " % of a battery (limit " + ((100 * mission.usable_s) / mission.endurance_s).toFixed(0) + " %)";
@@ -70,7 +70,8 @@
     const ratio = window.devicePixelRatio || 1, wide = canvas.clientWidth || 600, high = canvas.clientHeight || 320;
     canvas.width = wide * ratio;
     canvas.height = high * ratio;
-    const pen = canvas.getContext("2d");
+    // Drawn by the processor: without a graphics card a browser takes seconds for so many shapes.
+    const pen = canvas.getContext("2d", { willReadFrequently: true });
     pen.scale(ratio, ratio);
     pen.font = "12px system-ui, sans-serif";
     pen.lineJoin = "round";
@@ -131,7 +132,7 @@
     pen.fillStyle = "#e69f00";
     for (const view of views) {
       const eye = at(flat(view.xyz));
-      const shown = upplied.corners(view.xyz, view.quat, data.demonstration.camera, nearest(track.path, view.xyz)).map((corner) => at(flat(corner)));
+      const shown = upplied.corners(view.xyz, view.quat, data.demonstration.camera, track.path.standoff[nearest(track.path.xyz, view.xyz)]).map((corner) => at(flat(corner)));
       const [low, high] = [Math.min, Math.max].map((end) => shown.reduce((best, p) => (end(aside(p, eye, shown), aside(best, eye, shown)) === aside(p, eye, shown) ? p : best)));
       pen.beginPath();
       pen.moveTo(...eye); pen.lineTo(...low); pen.lineTo(...high);
@@ -161,9 +162,9 @@
   // The viewpoints at which a mission takes its photos; all of them where none is written.
   function pictured(flown, viewpoints) {
     const photos = (flown || []).flatMap((sortie) => rows(sortie.xyz).filter((_, at) => sortie.photo[at]));
-    const far = (view, place) => Math.hypot(...[0, 1, 2].map((axis) => view.xyz[axis] - place[axis]));
     if (!photos.length || !viewpoints.length) return viewpoints;
-    return [...new Set(photos.map((place) => viewpoints.reduce((best, view) => (far(view, place) < far(best, place) ? view : best))))];
+    const places = Float32Array.from(viewpoints.flatMap((view) => view.xyz));
+    return [...new Set(photos.map((place) => viewpoints[nearest(places, place)]))];
   }
 
   // How far a point lies to the left of the line from the eye to the middle of the picture, as an angle.
@@ -172,13 +173,14 @@
     return Math.atan2(mx * (y - eye[1]) - my * (x - eye[0]), mx * (x - eye[0]) + my * (y - eye[1]));
   }
 
-  function nearest(path, xyz) {
-    let best = Infinity, standoff = 0;
-    for (let i = 0; i < path.count; i++) {
-      const far = Math.hypot(...[0, 1, 2].map((axis) => path.xyz[3 * i + axis] - xyz[axis]));
-      if (far < best) { best = far; standoff = path.standoff[i]; }
+  // The number of the place, of x y z each, that is nearest to another.
+  function nearest(places, [x, y, z]) {
+    let best = Infinity, at = 0;
+    for (let i = 0; i < places.length; i += 3) {
+      const far = (places[i] - x) ** 2 + (places[i + 1] - y) ** 2 + (places[i + 2] - z) ** 2;
+      if (far < best) { best = far; at = i / 3; }
     }
-    return standoff;
+    return at;
   }
 
   // Round values from low to high, at most so many steps apart.

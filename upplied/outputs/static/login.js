@@ -12,6 +12,6 @@
     if (!message.textContent) window.location.reload();
   } }, element("h1", {}, "Sign in"), element("label", { class: "field" }, "Password", field),
   element("div", { class: "tools" }, element("button", { type: "submit", class: "main" }, "Sign in")), message,
-  element("p", { class: "note" }, "The command that started the program prints the file with the password.")));
+  element("p", { class: "note" }, "The command that started the service prints the name of the file that holds the password.")));
   field.focus();
 })();

@@ -36,7 +36,7 @@ upplied.pages.structure = function (app, data) {
     element("header", { class: "page" }, data.alone ? null : element("a", { href: upplied.home }, "All plans"), element("h1", {}, document.title)),
     element("div", { class: "beside" }, facts(data.facts),
       data.picture ? element("img", { class: "shown", src: data.picture, alt: "A plan for " + data.id, loading: "lazy" }) : null),
-    data.findings.length ? section("Findings of the model", element("ul", {}, data.findings.map((each) => element("li", {}, each)))) : null,
+    data.findings.length ? section("Model checks", element("ul", {}, data.findings.map((each) => element("li", {}, each)))) : null,
     data.map ? null : section("Required zones", data.zones.length ? upplied.zones(data.zones)
       : element("p", { class: "note" }, "No zones are required.")),
     findings(app, data),

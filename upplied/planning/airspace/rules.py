@@ -84,7 +84,7 @@ class Airspace(Record):
                 if self.scene.nearer_supposed(at)[0]
                 else "the structure"
             )
-            return f"{distance:.2f} m from {whole}, {self.clearance_m:g} m are to be kept"
+            return f"{distance:.2f} m from {whole}, {self.clearance_m:g} m are required"
         if at[0, 2] < self.floor_m:
             return f"below {self.floor_m:.2f} m, the least height above the ground"
         if at[0, 2] > self.ceiling_m:

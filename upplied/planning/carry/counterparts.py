@@ -112,7 +112,7 @@ def _not_repeated(takes: Sequence[Attended]) -> list[Counterpart]:
             inspected_pct=100.0,
             twins=len(alike) - 1,
             found=0,
-            doubt=f"no part like {name} is found on its side of {there}",
+            doubt=f"no part like {name} is on its side of {there}",
         )
         for part in alike
         if side_of(source.parts, part) not in sides
@@ -126,12 +126,12 @@ def undecided(found: Sequence[Counterpart], settings: Settings) -> str:
         if not one.doubt or one.inspected_pct < 100 * _REFUSED:
             continue
         if asked.repeat:
-            return f"--repeat {asked.repeat} was asked for and {one.doubt}"
+            return f"--repeat {asked.repeat} was requested and {one.doubt}"
         if one.twins or one.found > 1 or (one.found and not one.flown):
             return _sentence(one)
     if asked.expect is not None and found and found[0].found != asked.expect:
         said = (
-            f"{found[0].found} parts like {found[0].part} were found on the target, "
+            f"{found[0].found} parts like {found[0].part} are on the target, "
             f"{asked.expect} are expected (correspondence.expect)"
         )
         return f"{said}; {found[0].doubt}" if found[0].doubt else said
@@ -151,7 +151,7 @@ def doubts(found: Sequence[Counterpart]) -> tuple[str, ...]:
 
 def _sentence(one: Counterpart) -> str:
     like = f"{one.twins} more like it on the source" if one.twins else "none like it on the source"
-    return f"{one.doubt} ({like}, {one.found} on the target, as far as parts were found)"
+    return f"{one.doubt} ({like}, {one.found} on the target, as far as its parts are known)"
 
 
 def _counterpart(
@@ -166,10 +166,10 @@ def _counterpart(
     others = _others_within(take, part, source)
     doubt = _doubt(take, name, share, target, known, settings) if not matched or known is not None else ""
     if others and not doubt:
-        apart = f"a part of its own, of which the source has {others} more, and it is not told apart"
+        apart = f"a part of its own, of which the source has {others} more, and it cannot be distinguished"
         doubt = f"what was inspected of {name} is {apart} on {take.pair.target.structure_id}"
     if settings.correspondence.repeat == "each" or settings.correspondence.counterparts:
-        whole = f"{name} is not told apart on {take.pair.source.structure_id}: its surface is one piece"
+        whole = f"{name} cannot be distinguished on {take.pair.source.structure_id}: its surface is one piece"
         found = {*alike, *matched}
         odd = odd_number(take, part, source.parts, target.parts, found) if source.pieces else whole
         doubt = doubt or odd
@@ -256,7 +256,7 @@ def _without_flown(found: Sequence[Counterpart], settings: Settings) -> list[Cou
     why = (
         f"--repeat {asked} flies what lies as the demonstrated part"
         if asked
-        else "not asked for (--repeat each)"
+        else "not requested (--repeat each)"
     )
     return [
         replace(one, left_out=tuple(f"{name}: {why}" for name in one.left_out if name not in flown))
@@ -274,11 +274,11 @@ def _doubt(
         if known >= least:
             return ""
         return (
-            f"{what} has its counterpart on {there} with probability {known:.2f}, {least:g} is asked for "
+            f"{what} has its counterpart on {there} with probability {known:.2f}, {least:g} is required "
             "(correspondence.least_probability)"
         )
     why = "no part of it was matched" if target.pieces else "its surface is one piece"
-    return f"{what} is not told apart on {there}: {why}, and what lies nearest may be another part"
+    return f"{what} cannot be distinguished on {there}: {why}, and what lies nearest may be another part"
 
 
 def _matched_parts(take: Attended, part: int, source: _Side) -> list[int]:

@@ -130,7 +130,7 @@ def unlikely(likely: Forecast, least: float, wholes: Registration) -> str:
     """Why a transfer is refused, in words."""
     reason = (
         f"what was inspected cannot be shown here: probability {likely.probability:.2f}, "
-        f"{least:g} is asked for (registration.least_probability); {likely.evidence}"
+        f"{least:g} is required (registration.least_probability); {likely.evidence}"
     )
     return reason if wholes.accepted else f"{reason}; {wholes.reason}"
 
@@ -147,7 +147,7 @@ def unlikely_together(likely: Forecast, counterpart: float, least: float) -> str
     return (
         f"what was inspected cannot be shown here for certain: it can with probability "
         f"{likely.probability:.2f}, and its counterpart is the right one with {counterpart:.2f}; {both:.2f} "
-        f"together, {least:g} is asked for (registration.least_probability); {likely.evidence}"
+        f"together, {least:g} is required (registration.least_probability); {likely.evidence}"
     )
 
 

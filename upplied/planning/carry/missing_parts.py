@@ -74,7 +74,7 @@ def odd_number(take: Attended, part: int, source: Parts, target: Parts, like: se
     if own and here == across and there < beyond:
         return (
             f"of parts like the inspected one {there} lie on its side of {on} and {beyond} on the other: "
-            "some were not scanned or are not told apart"
+            "some were not scanned or cannot be distinguished"
         )
     label, known = labels_of(fit.registered), sorted(like.union(*of_kind))
     if fit.inferred < 0 or fit.carried is None or not known:

@@ -136,7 +136,7 @@ def _comparable(source: Parts, part: int, target: Parts, other: int) -> bool:
 def _not_told_apart(name: str, name_there: str, reason: str) -> RefusedError:
     return RefusedError(
         f"counterpart {name}={name_there}",
-        f"cannot be told apart on the target: {reason}",
+        f"cannot be distinguished on the target: {reason}",
         "a named counterpart is one part of the target",
         "give a model of the target in which that part is a piece of its own",
     )

@@ -67,7 +67,7 @@ def _chosen(turns: Floats, costs: Floats, tried: int, declared: Floats) -> Orien
         nearest = int(np.argmin(np.where(alike, angle, np.inf)))
         evidence += (
             f"; {int(alike.sum())} of them fit alike (the next best {100 * max(gap, 0):.0f} % worse), "
-            f"so the one nearest to the declared heading is kept, {angle[nearest]:.0f} deg from it"
+            f"so the one nearest to the declared heading is used, {angle[nearest]:.0f} deg from it"
         )
         return Orientation(turns[nearest], gap, evidence)
     return Orientation(

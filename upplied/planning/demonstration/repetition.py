@@ -95,7 +95,9 @@ def _attended(
         return [first]
     if settings.correspondence.method != "parts":
         raise SettingsError(
-            "correspondence.repeat", f"asked for with preset {settings.preset!r}", "preset 'recommended' only"
+            "correspondence.repeat",
+            f"was requested with preset {settings.preset!r}",
+            "preset 'recommended' only",
         )
     if settings.correspondence.repeat == "each" and _shows_each(first):
         return [first]

@@ -187,11 +187,11 @@ def _warnings(
     if target.is_scan and measures.surface_error_m > 0:
         warnings.append(
             f"the target is a scan, whose surface is known to {measures.surface_error_m:.2f} m where it was "
-            "scanned: that is kept beside the clearance" + _not_held(scene)
+            "scanned: the path adds that to the clearance" + _not_held(scene)
         )
     elif target.surface_error_m:
         warnings.append(
-            f"the target is known to {measures.surface_error_m:.2f} m: that is kept beside the clearance"
+            f"the target is known to {measures.surface_error_m:.2f} m: the path adds that to the clearance"
         )
     return (*warnings, *_too_near(measures, settings))
 
@@ -212,14 +212,14 @@ def _beyond(pair: Pair) -> tuple[str, ...]:
     missing, warnings = pair.missing, []
     if len(missing.beyond):
         warnings.append(
-            f"about {missing.area_m2:.0f} m2 of the target were never scanned: the path, and the ways of its "
-            f"missions, keep clear of where the source has them, known to {missing.error_m:.2f} m where the "
+            f"about {missing.area_m2:.0f} m2 of the target were never scanned: path and transit legs "
+            f"stay clear of where the source has them, known to {missing.error_m:.2f} m where the "
             "target is shaped as the source is"
         )
     if missing.reach_m > 0:
         warnings.append(
-            f"where the scan ends the target may go on by up to {missing.reach_m:.1f} m more: that is kept "
-            "clear of as well"
+            f"where the scan ends the target may go on by up to {missing.reach_m:.1f} m more: the path "
+            "stays clear of that as well"
         )
     return tuple(warnings)
 
@@ -230,7 +230,7 @@ def _too_near(measures: Measures, settings: Settings) -> tuple[str, ...]:
         return ()
     return (
         f"comes within {measures.min_clearance_m:.2f} m of the structure; "
-        f"{settings.route.clearance_m:g} m are asked for",
+        f"{settings.route.clearance_m:g} m are required",
     )
 
 

@@ -62,7 +62,7 @@ def _shown(measures: Measures, settings: Settings) -> list[str]:
     if shown >= least:
         return []
     return [
-        f"shows {shown:.1f} % of what was inspected at least as well, {least:g} % are asked for "
+        f"shows {shown:.1f} % of what was inspected at least as well, {least:g} % are required "
         "(verdict.least_inspected_pct)"
     ]
 
@@ -72,7 +72,7 @@ def _near(trajectory: Trajectory, measures: Measures, takes: Sequence[Take], set
     clearance_m = settings.route.clearance_m
     if measures.min_clearance_m < clearance_m - _TOLERANCE_M:
         return [
-            f"comes within {measures.min_clearance_m:.2f} m of the structure, {clearance_m:g} m are asked for"
+            f"comes within {measures.min_clearance_m:.2f} m of the structure, {clearance_m:g} m are required"
         ]
     airspace = airspace_of(takes[0].pair, settings)
     outside = np.flatnonzero(~airspace.in_bounds(trajectory.positions))
@@ -143,12 +143,12 @@ def in_the_way(pair: Pair) -> tuple[str, ...]:
     warnings, number = [], fragments(pair.surface.target)
     if number:
         warnings.append(
-            f"{number} fragments of the target touch nothing and are kept clear of: what is none of it, as "
-            "birds and cables, `upplied structures check --clean` takes out"
+            f"{number} fragments of the target touch nothing, and the path stays clear of them: "
+            "`upplied structures check --clean` removes what is not the target, such as birds and cables"
         )
     if pair.missing.reach_m > 0:
         warnings.append(
             f"the scan ends where the target may go on, by up to {pair.missing.reach_m:.1f} m more than the "
-            "source says, which is kept clear of: scan the whole of it"
+            "source has, and the path stays clear of that: scan the whole of it"
         )
     return tuple(warnings)

@@ -1,7 +1,8 @@
-"""`upplied report`: the published tables, pages and pictures."""
+"""`upplied studio` and `report`: the pages of a catalog, in a browser or as files."""
 
 from __future__ import annotations
 
+import webbrowser
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from upplied.cli.terminal import HERE, Where, complain, progress, say
+from upplied.extras import extra
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
@@ -21,6 +23,9 @@ PagesOption = Annotated[
 ForceOption = Annotated[
     bool, Parameter(help="Replace a publication that is newer, from another catalog, or would become empty.")
 ]
+
+PortOption = Annotated[int, Parameter(help="Port on this machine; 0 takes any free one.")]
+OpenOption = Annotated[bool, Parameter("--open", negative="--no-open", help="Open the browser as well.")]
 
 
 def report(
@@ -65,3 +70,33 @@ def report(
 def pairs_in(catalog: Catalog) -> int:
     """How many pairs of a demonstration and a target there are."""
     return len(catalog.transfers(columns=["demonstration_id", "target_id"]).drop_duplicates())
+
+
+def studio(
+    transfer: str = "", /, *, port: PortOption = 0, open_: OpenOption = True, where: Where = HERE
+) -> int:
+    """Open the fleet, or one plan, in the browser: look, edit, release or reject.
+
+    The pages are served to this machine alone, until Ctrl-C.
+
+    Parameters
+    ----------
+    transfer : str
+        ID of a plan to edit, or the beginning of one; without it the fleet opens.
+    """
+    store = where.opened()
+    page = f"studio/{store.find_transfer(transfer)}" if transfer else ""
+    with extra("export"):
+        from upplied.web.serving import Server
+    try:
+        server = Server(store, port)
+    except (OSError, OverflowError) as error:
+        complain(f"error: port {port}: {error}. Choose another: --port 0")
+        return 2
+    address = server.address(page)
+    say(f"Open {address}")
+    say("Ctrl-C stops it. Anyone with this address can edit and release plans.")
+    if open_:
+        webbrowser.open(address)
+    server.run()
+    return 0

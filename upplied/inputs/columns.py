@@ -1,7 +1,6 @@
-"""Labels of the faces of a mesh, one each, as a file gives them: numbers or words."""
+"""Columns that people give in a file of their own: labels of the faces of a mesh, and times of photos."""
 
-from __future__ import annotations
-
+import csv
 import io
 from pathlib import Path
 from typing import Any
@@ -13,11 +12,13 @@ import pyarrow.parquet as pq
 
 from upplied.errors import InputError
 from upplied.inputs.files import read_regular
+from upplied.records import Ints
 
 SUFFIXES = (".npy", ".csv", ".txt", ".parquet")
 MAX_BYTES = 256 << 20  # 30 million faces as whole numbers
 _LONGEST = 64  # letters of a label
 _MOST = 1000  # different ones
+_MOST_PHOTOS = 1_000_000
 _RULE = "one label for each face of the mesh, a whole number or a word without spaces or commas"
 
 
@@ -35,12 +36,10 @@ def read_face_labels(path: Path, faces: int, what: str) -> list[str]:
     try:
         columns = _columns(suffix, read_regular(path, MAX_BYTES), faces)
         labels = [_label(value) for value in _in_order(columns)]
-    except InputError as error:
-        raise InputError(str(path), str(error), _RULE) from None
     except (ValueError, TypeError, EOFError, KeyError, OSError, pa.ArrowException) as error:
         raise InputError(str(path), f"cannot be read: {str(error)[:200]}", _RULE) from None
     if len(labels) != faces:
-        remedy = "write the mesh as it is kept, and label that: upplied zones ID --mesh FILE.ply"
+        remedy = "write the stored mesh, and label that: upplied zones ID --mesh FILE.ply"
         raise InputError(str(path), f"has {len(labels)} labels, {what} has {faces} faces", _RULE, remedy)
     if (count := len(set(labels))) > _MOST:
         raise InputError(str(path), f"has {count} different labels", f"at most {_MOST}")
@@ -81,5 +80,25 @@ def _in_order(columns: pd.DataFrame) -> list[Any]:
 def _label(value: Any) -> str:
     text = str(value).strip() if isinstance(value, str | int) and not isinstance(value, bool) else ""
     if not 0 < len(text) <= _LONGEST or any(sign.isspace() or sign == "," for sign in text):
-        raise InputError("label", f"is {str(value)[:40]!r}", _RULE)
+        raise ValueError(f"label {str(value)[:40]!r}")
     return text
+
+
+def photo_times(path: str | Path) -> Ints:
+    """Times of photos, ns of the log's clock, rising: one a line, or in a column ``t_ns``.
+
+    Raises InputError if the file cannot be read, or holds none.
+    """
+    rule = "whole numbers, ns of the log's clock, one a line or in a column t_ns"
+    text = read_regular(path, MAX_BYTES).decode("utf-8", "replace")
+    try:
+        lines = [line for line in csv.reader(io.StringIO(text)) if line and line[0].strip()]
+        at, head = 0, [name.strip() for name in lines[0]] if lines else []
+        if "t_ns" in head:
+            at, lines = head.index("t_ns"), lines[1:]
+        times = np.array([int(line[at]) for line in lines], np.int64)
+    except (csv.Error, ValueError, IndexError, OverflowError) as error:
+        raise InputError(str(path), f"holds what is no time: {error}", rule) from None
+    if not 0 < len(times) <= _MOST_PHOTOS:
+        raise InputError(str(path), f"holds {len(times)} times", f"1 to {_MOST_PHOTOS}")
+    return np.sort(times)

@@ -1,4 +1,4 @@
-"""The legs of a mission outside of its inspection: short, low, and by the same rules as the plan.
+"""The legs of a mission outside of its inspection: short, low, under the same rules as the plan.
 
 From home the vehicle climbs straight up, flies to the inspection the shortest way that breaks no rule,
 and comes back alike. Where the straight leg is not free, the way leads round the structure along the
@@ -80,7 +80,7 @@ class Transits:
                 "choose another take-off point (--home-m)",
             )
 
-    def way_out(self, at: int) -> Floats | None:
+    def leg_home(self, at: int) -> Floats | None:
         """The shortest free way (K, 3), m, from a place of the inspection to straight above home; or None.
 
         It ends at one of three heights above home: low, at the height of the place, or half-way.
