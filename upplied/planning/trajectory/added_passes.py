@@ -1,8 +1,7 @@
 """Further passes in the expert's manner, where the demonstrated ones cannot show all from as near.
 
 Passes run beside the demonstrated ones on lanes of the surface (`lanes`), over the length on which they are
-needed (`arrangement`). Each is flown where the transits to it and on from it are shortest: once more round
-after the flight, back along it, or out and back within it.
+needed (`arrangement`). They are flown after the flight, once more round or back along it.
 """
 
 from __future__ import annotations

@@ -148,14 +148,14 @@ def _longer(
     safe: Callable[[Floats], Floats],
     most: int,
 ) -> tuple[Extended, Sequence[float]]:
-    """The carried flight with passes that are flown in about so much time, and their price.
+    """The carried flight with passes that are flown in at most so much time, and their price.
 
-    The pace knows neither bends nor sharp pictures: what it allows is set until the time is right.
+    The pace knows neither bends nor sharp pictures: passes are shortened until the time is right.
 
     Raises
     ------
     RefusedError
-        If it is enough alone, or its passes cannot be made safe.
+        If it is enough alone, or its passes cannot be made safe or take too long.
     """
     alone_s = timer.seconds_of(*beside.alone)
     spare_s = (most_s - alone_s) * beside.own_s / max(alone_s, 1e-3)
