@@ -96,7 +96,7 @@ def test_a_sound_catalog_has_no_findings(catalog):
         ),
         ("transfers", lambda rows: rows.assign(target_id="lost"), "lost is not in structures"),
         ("transfers", lambda rows: rows.assign(settings_sha256="0" * 64), "settings 000000000000"),
-        ("structures", lambda rows: rows.assign(n_triangles=7), "not as said of boxy"),
+        ("structures", lambda rows: rows.assign(n_triangles=7), "other than stated of boxy"),
         ("structures", lambda rows: rows.assign(mesh_sha256="0" * 64), "cannot be read"),
         (
             "demonstrations",

@@ -145,7 +145,7 @@ def test_the_evidence_in_words() -> None:
     assert in_words(nothing) == "nothing of what was inspected has a counterpart; misfit of the wholes 0.90"
     said = unlikely(Forecast(0.333, "it is bad"), 0.6, SAME)
     assert said == (
-        "what was inspected cannot be shown here: probability 0.33, 0.6 is asked for "
+        "what was inspected cannot be shown here: probability 0.33, 0.6 is required "
         "(registration.least_probability); it is bad"
     )
     refused = Registration(np.ones(3), np.eye(3), np.zeros(3), 0.0, False, reason="no fit")
