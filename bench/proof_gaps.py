@@ -66,6 +66,8 @@ def main() -> None:
                 f"{as_asked:6.2f} %  nearer than the plan by {nearer:+5.2f} m",
                 flush=True,
             )
+    if not rows:
+        raise SystemExit(f"no path has {options.only!r} in its name")
     length, as_asked, nearer = np.array(rows).T
     print(
         f"{len(rows)} gaps: length {length.mean():.2f} times the bound, most {length.max():.2f}; inspected "
