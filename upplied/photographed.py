@@ -6,12 +6,13 @@ ready by then, the path is flown more slowly if overlap or coverage depend on it
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
+from upplied.geometry.polylines import accelerations, cumulated
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
 from upplied.overlap import Frames
@@ -26,7 +27,8 @@ _LONG_S = 2.0  # an interval, between whose photos a path shows more than at a f
 _POINTS = 1500  # of the surface, that are to stay in view
 _AS_FINE = 1.25  # times the finest that the path shows a sample, by distance and incidence
 _EDGE_ON = 0.1  # cosine of the incidence, below which it counts as that
-_ONE_S = 0.1  # a pose of the path that is nearer in time to a photo is left out: the photo stands for it
+_EASINGS = 50  # times, at most, that legs are flown more slowly
+_EASED = 0.01  # more than they must be, so that it ends
 _CLOCK_S, _BRAKING_S = 0.1, 1.0  # steps of the time that is stretched for photos, and how long braking takes
 _HALVINGS = 7  # of the time between two places, for an overlap that was asked for
 _SAME_S = 1e-6
@@ -231,27 +233,38 @@ def _reach(frames: Frames, at: int, surface: Cloud) -> Floats:
 def _with_photos(path: Trajectory, photo_s: Floats, least_s: float) -> tuple[Trajectory, Bools, Floats]:
     """The path with a pose at each photo, more slowly where photos were nearer in time; which, and when."""
     every = np.union1d(path.t_s, photo_s)
-    keep: Ints = np.flatnonzero(np.isin(every, photo_s) | (_apart(every, photo_s) > _ONE_S))
+    keep: Ints = np.flatnonzero(np.isin(every, photo_s) | (_apart(every, photo_s) > 1e-4))
     every = every[keep]
     posed = interpolate(path, every)
-    if len(path) > 2:  # a pose close to another, on a chord, would make the bend there look twice as hard
-        smooth = CubicHermiteSpline(path.t_s, path.positions, np.gradient(path.positions, path.t_s, axis=0))
-        posed = replace(posed, positions=smooth(every))
-    times = np.maximum(least_s / np.maximum(np.diff(photo_s), 1e-9), 1.0)
-    late = every if (times <= 1).all() else _slowed(every, photo_s, times)
+    slower = np.concatenate([[1.0], np.maximum(least_s / np.maximum(np.diff(photo_s), 1e-9), 1.0), [1.0]])
+    late = _slowed(every, slower[np.searchsorted(photo_s, (every[1:] + every[:-1]) / 2)])
+    late = _no_harder(late, posed.positions, float(accelerations(path.t_s, path.positions).max(initial=0.0)))
     return replace(posed, t_s=late), np.isin(every, photo_s), every
 
 
-def _slowed(every: Floats, photo_s: Floats, times: Floats) -> Floats:
-    """Moments (N,) of a flight so many times slower between photos (K - 1,), braking before and after."""
-    clock = np.linspace(every[0], every[-1], int((every[-1] - every[0]) / _CLOCK_S) + 2)
-    slower = np.concatenate([[1.0], times, [1.0]])[np.searchsorted(photo_s, clock)]
-    rate = np.maximum(slower[1:], slower[:-1])
+def _slowed(times: Floats, slower: Floats) -> Floats:
+    """Moments (N,) of a flight so many times slower on its legs (N - 1,), braking before and after."""
+    if (slower <= 1).all():
+        return times
+    clock = np.linspace(times[0], times[-1], int((times[-1] - times[0]) / _CLOCK_S) + 2)
+    leg = np.clip(np.searchsorted(times, clock, side="right") - 1, 0, len(slower) - 1)
+    # The slowest leg of each step of the clock: the legs are shorter where photos are close to other poses.
+    rate = np.array([slower[first : last + 1].max() for first, last in itertools.pairwise(leg)])
     brake = 2 * round(_BRAKING_S / _CLOCK_S) + 1
     # The mean of the slowest round about is nowhere faster than what it is the mean of.
     rate = uniform_filter1d(maximum_filter1d(rate, brake, mode="nearest"), brake, mode="nearest")
-    late = np.concatenate([[0.0], np.cumsum(rate * np.diff(clock))])
-    return every[0] + np.interp(every, clock, late)
+    return times[0] + np.interp(times, clock, cumulated(rate * np.diff(clock)))
+
+
+def _no_harder(times: Floats, positions: Floats, most_mps2: float) -> Floats:
+    """Moments (N,), later where an acceleration exceeds that of the path: a photo may lie next to a bend."""
+    for _ in range(_EASINGS):
+        excess = np.sqrt(accelerations(times, positions) / max(most_mps2, 1e-9))
+        if not (excess > 1 + 1e-9).any():
+            break
+        slower = np.maximum(np.concatenate([[1.0], excess]), np.concatenate([excess, [1.0]]))
+        times = _slowed(times, np.where(slower > 1, slower + _EASED, 1.0))
+    return times
 
 
 def _apart(times: Floats, photo_s: Floats) -> Floats:

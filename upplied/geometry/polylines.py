@@ -12,6 +12,13 @@ def leg_lengths(points: Floats) -> Floats:
     return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=1), float)
 
 
+def accelerations(t_s: Floats, positions: Floats) -> Floats:
+    """Acceleration (N - 2,), m/s2, from the middle of each leg to that of the next."""
+    step = np.diff(t_s)
+    velocity = np.diff(positions, axis=0) / step[:, None]
+    return np.linalg.norm(np.diff(velocity, axis=0), axis=1) / ((step[1:] + step[:-1]) / 2)
+
+
 def cumulated(steps: Floats) -> Floats:
     """What steps (N,) add up to before each of them and at their end, (N + 1,)."""
     return np.concatenate([[0.0], np.cumsum(steps)])

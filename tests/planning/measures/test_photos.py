@@ -11,11 +11,14 @@ from made_missions import PLACE
 from upplied.catalog import Catalog
 from upplied.catalog.verbs.verification import verify
 from upplied.config import settings_for
+from upplied.geometry.polylines import accelerations
+from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import scene_of
 from upplied.outputs.missions import MissionOptions, missions_of
 from upplied.overlap import Frames
+from upplied.photographed import photographed
 from upplied.planning.plan import plan_transfer
-from upplied.records import Camera, Plan, Structure
+from upplied.records import Camera, Cloud, Plan, Structure
 from upplied.samples.pilot import fly
 from upplied.samples.surfaces import box
 
@@ -49,6 +52,19 @@ def test_a_flight_of_photos_becomes_one_and_a_film_stays_a_film(made) -> None:
     shows = taken.patches > 0
     assert shows.mean() > 0.8 and (taken.blur_px[shows] < 1).all()
     assert np.median(taken.gsd_mm[shows]) == pytest.approx(photos.measures.gsd_mm_p50, rel=0.3)
+
+
+def test_a_flight_waits_for_its_camera_on_the_planned_legs_and_brakes_no_harder(made) -> None:
+    _, film, target = made
+    path, surface = film.trajectory, Cloud(film.surface.points, film.surface.normals)
+    for interval_s in (2.0, 6.0):
+        taken = photographed(path, CAMERA, scene_of(target), surface, interval_s, complete=True)
+        there = interpolate(path, taken.planned_s)
+        np.testing.assert_allclose(taken.path.positions, there.positions, atol=1e-9)
+        assert np.diff(taken.path.t_s[taken.photo]).min() >= interval_s and taken.slower_s >= 0
+        hardest = [accelerations(each.t_s, each.positions).max() for each in (path, taken.path)]
+        assert hardest[1] <= hardest[0] * (1 + 1e-6)
+    assert taken.slower_s > 1.0  # the second camera is too slow for this flight
 
 
 def test_missions_take_the_photos_of_the_plan_where_the_camera_takes_them_in_time(made) -> None:

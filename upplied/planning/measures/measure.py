@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from upplied.config import Settings
-from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.polylines import accelerations, leg_lengths
 from upplied.geometry.scene import Scene
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.detours import airspace_of
@@ -117,13 +117,8 @@ def peaks(trajectory: Trajectory) -> tuple[float, float]:
     """
     if len(trajectory) < 2:
         return 0.0, 0.0
-    step = np.diff(trajectory.t_s)
-    velocity = np.diff(trajectory.positions, axis=0) / step[:, None]
-    speed = float(np.linalg.norm(velocity, axis=1).max())
-    if len(step) < 2:
-        return speed, 0.0
-    change = np.diff(velocity, axis=0) / ((step[1:] + step[:-1]) / 2)[:, None]
-    return speed, float(np.linalg.norm(change, axis=1).max())
+    speed = float((leg_lengths(trajectory.positions) / np.diff(trajectory.t_s)).max())
+    return speed, float(accelerations(trajectory.t_s, trajectory.positions).max(initial=0.0))
 
 
 def _view_quality(inspected: InspectedSurface, views: Views) -> tuple[float, float]:
