@@ -187,12 +187,15 @@ def with_fine(structure: Structure, scene: Scene, cloud: Cloud, meant: Bools) ->
     even = np.flatnonzero(~region)
     if cloud.part is not None:  # no part is lost of which no fine sample lies nearest
         even = np.union1d(even, np.flatnonzero(~np.isin(cloud.part, cloud.part[[*even, *like[chosen]]])))
-    index = np.concatenate([even, like[chosen]])
+    # Both sorts by turns, so that every beginning of all is spread evenly over either.
+    share = [(np.arange(len(each)) + 0.5) / max(len(each), 1) for each in (even, chosen)]
+    order = np.argsort(np.concatenate(share), kind="stable")
+    index = np.concatenate([even, like[chosen]])[order]
     return (
         Cloud(
-            np.concatenate([cloud.points[even], points[chosen]]),
-            np.concatenate([cloud.outward[even], normals[chosen]]),
-            np.concatenate([area[even], fine_area]),
+            np.concatenate([cloud.points[even], points[chosen]])[order],
+            np.concatenate([cloud.outward[even], normals[chosen]])[order],
+            np.concatenate([area[even], fine_area])[order],
             None if cloud.part is None else cloud.part[index],
             open=None if cloud.open is None else cloud.open[index],
         ),

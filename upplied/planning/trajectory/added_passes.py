@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upplied.errors import RefusedError
 from upplied.geometry.polylines import arc_length, cumulated, interpolated, leg_lengths
 from upplied.geometry.poses import wrapped
 from upplied.planning.airspace.detours import Ways
@@ -38,6 +37,7 @@ class Extended(Record):
     origin: Ints  # (M',) the station of the path before, whose moment of the demonstration each has
     added: Bools  # (M',)
     passes_s: float  # that the passes take at the pace of the flight
+    price: float  # of `PRICES`, that they were chosen by; 0 where there are none
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,17 +89,10 @@ class Beside(Record):
         spent = cumulated(pace.seconds(path, np.arange(len(path))))
         return cls(path, lanes, cover, np.gradient(spent[lanes.station]), float(spent[-1]), ways, pace)
 
-    def with_passes(
-        self, spare_s: float, most: int, prices: Sequence[float] = PRICES
-    ) -> tuple[Extended, Sequence[float]]:
+    def with_passes(self, spare_s: float, most: int, prices: Sequence[float] = PRICES) -> Extended | None:
         """The path with as many passes as show what is needed in a time, at most `most` to each side.
 
-        `prices` are tried, and the one that was taken is returned.
-
-        Raises
-        ------
-        RefusedError
-            If the path is enough alone, or there is no time.
+        None where it is enough alone, or there is no time. `prices` are tried, few passes first.
         """
         tours = []
         for times in prices if spare_s > 0 else ():
@@ -108,15 +101,14 @@ class Beside(Record):
             tours.append((self._flown_after(tour, passes, spare_s), tour, times))
         best = max((worth for worth, *_ in tours), default=0.0)
         if best <= 0:
-            raise RefusedError("added passes", "show nothing more in the time", "some must", "plan without")
+            return None
         _, tour, price = next(one for one in tours if one[0] >= _AS_GOOD * best)
-        return tour.flown(), (price,)
+        return tour.flown(price)
 
     @property
-    def alone(self) -> tuple[Flown, Ints, Bools]:
+    def alone(self) -> Extended:
         """The path without passes."""
-        number = len(self.path)
-        return self.path, np.arange(number), np.zeros(number, bool)
+        return _Tour(self.path, self.lanes, self.ways, self.pace).flown()
 
     def _flown_after(self, tour: _Tour, passes: list[Pass], spare_s: float) -> float:
         """What passes flown after a tour show beyond what they must; those first that show most a second."""
@@ -205,7 +197,7 @@ class _Tour:
         both = np.stack([start, stop])
         return both if not self.ways.planning.broken(both)[0] else way(self.ways.graph, start, stop)
 
-    def flown(self) -> Extended:
+    def flown(self, price: float = 0.0) -> Extended:
         """The path, moved aside where passes are flown beside it, with those and the transits."""
         parts = [self._aside(self.pieces[0])]
         for piece in self.pieces[1:]:
@@ -216,7 +208,7 @@ class _Tour:
         )
         added = np.concatenate([np.full(len(part.path), part.added) for part in parts])
         origin = np.concatenate([part.origin for part in parts])
-        return Extended(Flown(positions, np.unwrap(yaw), pitch), origin, added, self.passes_s)
+        return Extended(Flown(positions, np.unwrap(yaw), pitch), origin, added, self.passes_s, price)
 
     def _aside(self, piece: _Piece) -> _Piece:
         """A piece of the demonstrated pass on the lane that it is flown on."""

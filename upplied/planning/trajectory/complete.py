@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,29 +89,48 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         aside_rad=_aside(take),
         level=settings.transfer.plane,
     )
-    shape = FIDELITIES[settings.refine.fidelity].shape
-    best = optimise(problem, shape, settings.optimise)
+    best = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
     if goal.standoff.in_metres and goal.height_m is None and settings.refine.added_passes:
-        timer = _Timer(carried, goal, settings)
-        limit_s, pace = timer.allowed_s(view), Pace(problem.speed_mps, problem.pan_radps)
-        beside = Beside.of(starts[0].safe, view, ways, pace, _half_rad(take, settings))
-        prices: Sequence[float] = PRICES
-        most_s = _LESS * limit_s
-        while beside is not None:
-            try:
-                longer, prices = _longer(beside, prices, most_s, timer, safe, settings.refine.added_passes)
-                asked = problem.along(longer.path, longer.origin, longer.added)
-                result = optimise(asked, shape, settings.optimise)
-                if result.shown < best.shown + _WORTHWHILE:
-                    break
-                waypoints = _finished(result, longer.origin, longer.added, carried, goal, settings, safe)
-            except RefusedError:
-                break
-            if (taken_s := timer.seconds(waypoints)) <= limit_s:
-                return waypoints
-            most_s -= taken_s - _LESS * limit_s
+        longer = _with_passes(problem, best, ways, carried, goal, settings, safe)
+        if longer is not None:
+            return longer
     alone = np.arange(len(flown)), np.zeros(len(flown), bool)
     return _finished(best, *alone, carried, goal, settings, safe)
+
+
+def _with_passes(
+    problem: Problem,
+    best: Optimised,
+    ways: Ways,
+    carried: Carried,
+    goal: Goal,
+    settings: Settings,
+    safe: Callable[[Floats], Floats],
+) -> Waypoints | None:
+    """The flight with passes added, where they show more than the best without in the time that there is."""
+    timer, path = _Timer(carried, goal, settings), problem.starts[0].safe
+    limit_s, pace = timer.allowed_s(problem.view), Pace(problem.speed_mps, problem.pan_radps)
+    beside = Beside.of(path, problem.view, ways, pace, _half_rad(carried.take, settings))
+    if beside is None:
+        return None
+    most_s, longer = _LESS * limit_s, None
+    for _ in range(_TRIES):
+        try:
+            longer = _longer(beside, most_s, timer, safe, longer)
+            if longer is None:
+                return None
+            request = problem.along(longer.path, longer.origin, longer.added)
+            result = optimise(request, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
+            if result.shown < best.shown + _WORTHWHILE:
+                return None
+            waypoints = _finished(result, longer.origin, longer.added, carried, goal, settings, safe)
+        except RefusedError:  # no safe way along the passes: the flight without them has one
+            return None
+        taken_s = timer.seconds(waypoints)
+        if taken_s <= limit_s:
+            return waypoints
+        most_s -= taken_s - _LESS * limit_s
+    return None
 
 
 def _finished(
@@ -141,32 +160,31 @@ def _finished(
 
 
 def _longer(
-    beside: Beside,
-    prices: Sequence[float],
-    most_s: float,
-    timer: _Timer,
-    safe: Callable[[Floats], Floats],
-    most: int,
-) -> tuple[Extended, Sequence[float]]:
-    """The carried flight with passes that are flown in at most so much time, and their price.
+    beside: Beside, most_s: float, timer: _Timer, safe: Callable[[Floats], Floats], before: Extended | None
+) -> Extended | None:
+    """The carried flight with passes that are flown in at most so much time; None where there are none.
 
-    The pace knows neither bends nor sharp pictures: passes are shortened until the time is right.
+    The pace knows neither bends nor sharp pictures: passes are shortened until the time is right. Those that
+    took too long `before` are shortened at their price, not chosen anew.
 
     Raises
     ------
     RefusedError
-        If it is enough alone, or its passes cannot be made safe or take too long.
+        If there is no safe way along them.
     """
-    alone_s = timer.seconds_of(*beside.alone)
+    alone_s = timer.seconds_of(beside.alone)
     spare_s = (most_s - alone_s) * beside.own_s / max(alone_s, 1e-3)
     for _ in range(_TRIES):
-        longer, prices = beside.with_passes(spare_s, most, prices)
+        prices = PRICES if before is None else (before.price,)
+        longer = beside.with_passes(spare_s, timer.settings.refine.added_passes, prices)
+        if longer is None:
+            return None
         longer = replace(longer, path=replace(longer.path, positions=safe(longer.path.positions)))
-        taken_s = timer.seconds_of(longer.path, longer.origin, longer.added)
+        taken_s = timer.seconds_of(longer)
         if taken_s <= most_s:
-            return longer, prices
-        spare_s = longer.passes_s * (most_s - alone_s) / (taken_s - alone_s)
-    raise RefusedError("added passes", "take too long however few", "some do not", "plan without")
+            return longer
+        before, spare_s = longer, longer.passes_s * (most_s - alone_s) / (taken_s - alone_s)
+    return None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -184,11 +202,12 @@ class _Timer(Record):
         ratio = max(self.goal.area_ratio, 1.0) * max(zones, 1.0)
         return self.settings.refine.longer * ratio * float(flight.t_s[-1] - flight.t_s[0])
 
-    def seconds_of(self, path: Flown, origin: Ints, added: Bools) -> float:
-        """The time of a path as it will be flown, by the station of the carried one that each belongs to."""
-        poses, own = from_yaw_pitch(path.yaw, path.pitch), self.carried.path
-        viewed = own.is_viewpoint[origin] & ~added
-        return self.seconds(Waypoints(path.positions, poses, own.t_s[origin], viewed, added))
+    def seconds_of(self, longer: Extended) -> float:
+        """The time of a path with passes, before it is optimised."""
+        path, origin, own = longer.path, longer.origin, self.carried.path
+        viewed = own.is_viewpoint[origin] & ~longer.added
+        poses = from_yaw_pitch(path.yaw, path.pitch)
+        return self.seconds(Waypoints(path.positions, poses, own.t_s[origin], viewed, longer.added))
 
     def seconds(self, path: Waypoints) -> float:
         """The time of a path as it will be flown."""
