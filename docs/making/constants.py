@@ -31,7 +31,7 @@ SORTS = {
     "numerical": "guard of a division, tolerance of a solver, cap of its iterations, rounding",
     "bound": "on memory or time",
     "definition": "what a word or a measure means, or a number of mathematics",
-    "asked": "what a user, a vehicle or a rule asks for",
+    "requested": "what a user, a vehicle or a rule requests",
 }
 #: Of a literal within a function, that need no row: counting, halving, and guards as small as these.
 PLAIN, GUARD = {0, 1, 2, 3, 4, 0.5, 100, 90, 180, 360}, 1e-5

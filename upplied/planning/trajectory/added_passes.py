@@ -23,7 +23,7 @@ from upplied.records import Bools, Floats, Ints, Record
 
 _NEEDED = 600  # samples, at most, that stand for all that is needed
 _LEAST = 0.02  # share of the need, that a pass must show
-_PIECES = 8  # of a pass, of which as many are flown as there is time for: a second more or less moves no end
+_PIECES = 8  # of a pass, of which as many are flown as there is time for: a second seldom moves an end
 _TURN_S = 2.0  # to slow down and turn at each end of a pass
 PRICES = (0.8, 0.27, 0.09, 0.03)  # of what a second shows in the mean, that a second must: few passes first
 _AS_GOOD = 0.9  # of what the best of the prices shows: the first of them that shows as much is taken
