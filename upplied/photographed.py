@@ -53,6 +53,7 @@ def photographed(
     scene: Scene,
     surface: Cloud,
     interval_s: float,
+    most_mps2: float,
     overlap: tuple[float, float] | None = None,
     complete: bool = False,
 ) -> Photographed:
@@ -69,6 +70,8 @@ def photographed(
         M samples; what the path shows of them its photos are to show, not much more coarsely.
     interval_s : float
         Least time between two photos.
+    most_mps2 : float
+        Acceleration allowed at the bends beside a photo; the path's own where that is more.
     overlap : (along, across), optional
         0 to 1, that is asked for. Along is held by slowing the flight where need be; across is what the
         passes of the path give, and is measured.
@@ -92,7 +95,7 @@ def photographed(
     enough = 1.0 if complete else _ENOUGH
     chosen, shown = _covering(frames, useful, path, chosen, surface, interval_s, enough, spare)
     photo_s = np.array(sorted(chosen))
-    timed, flags, planned_s = _with_photos(path, photo_s, interval_s * MARGIN)
+    timed, flags, planned_s = _with_photos(path, photo_s, interval_s * MARGIN, most_mps2)
     taken = Frames(timed.take(flags), camera, scene)
     along = np.array([taken.overlap(at - 1, at) for at in range(1, len(photo_s))])
     across = float("nan")
@@ -230,7 +233,9 @@ def _reach(frames: Frames, at: int, surface: Cloud) -> Floats:
     return np.where(frames.shows(at, surface.points), distance * wider, np.inf)
 
 
-def _with_photos(path: Trajectory, photo_s: Floats, least_s: float) -> tuple[Trajectory, Bools, Floats]:
+def _with_photos(
+    path: Trajectory, photo_s: Floats, least_s: float, most_mps2: float
+) -> tuple[Trajectory, Bools, Floats]:
     """The path with a pose at each photo, more slowly where photos were nearer in time; which, and when."""
     every = np.union1d(path.t_s, photo_s)
     keep: Ints = np.flatnonzero(np.isin(every, photo_s) | (_apart(every, photo_s) > 1e-4))
@@ -238,7 +243,8 @@ def _with_photos(path: Trajectory, photo_s: Floats, least_s: float) -> tuple[Tra
     posed = interpolate(path, every)
     slower = np.concatenate([[1.0], np.maximum(least_s / np.maximum(np.diff(photo_s), 1e-9), 1.0), [1.0]])
     late = _slowed(every, slower[np.searchsorted(photo_s, (every[1:] + every[:-1]) / 2)])
-    late = _no_harder(late, posed.positions, float(accelerations(path.t_s, path.positions).max(initial=0.0)))
+    allowed = float(accelerations(path.t_s, path.positions).max(initial=most_mps2))
+    late = _no_harder(late, posed.positions, allowed)
     return replace(posed, t_s=late), np.isin(every, photo_s), every
 
 
@@ -257,9 +263,9 @@ def _slowed(times: Floats, slower: Floats) -> Floats:
 
 
 def _no_harder(times: Floats, positions: Floats, most_mps2: float) -> Floats:
-    """Moments (N,), later where an acceleration exceeds that of the path: a photo may lie next to a bend."""
+    """Moments (N,), later where an acceleration exceeds what is allowed: a photo may lie next to a bend."""
     for _ in range(_EASINGS):
-        excess = np.sqrt(accelerations(times, positions) / max(most_mps2, 1e-9))
+        excess = np.sqrt(accelerations(times, positions) / most_mps2)
         if not (excess > 1 + 1e-9).any():
             break
         slower = np.maximum(np.concatenate([[1.0], excess]), np.concatenate([excess, [1.0]]))

@@ -170,7 +170,7 @@ def test_overlap_across_is_measured_and_refused_where_passes_lie_too_far_apart()
     at = np.concatenate([there, back])
     path = Trajectory(np.arange(120) * 0.3, at, look_at(at, at + np.array([0.0, 1, 0])))
     camera, box = Camera(60.0, 45.0, 1.0, 60.0), placed_box()
-    found = photographed(path, camera, scene_of(box), Cloud(np.empty((0, 3))), 0.7, (0.8, 0.4))
+    found = photographed(path, camera, scene_of(box), Cloud(np.empty((0, 3))), 0.7, 2.0, (0.8, 0.4))
     height = 2 * 6 * np.tan(np.radians(22.5))
     assert found.across == pytest.approx(1 - 2.5 / height, abs=0.02)  # the passes lie 2.5 m apart
     assert np.median(found.along) == pytest.approx(0.8, abs=0.02)

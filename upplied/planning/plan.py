@@ -264,7 +264,8 @@ def _photographed(
     camera, pair = takes[0].inspection.camera, takes[0].pair
     inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
     surface = inspected.cloud.at(inspected.need > 0)
-    shots = photographed(trajectory, camera, pair.target_scene, surface, least_interval(camera)[0])
+    interval_s, most_mps2 = least_interval(camera)[0], settings.retime.max_acceleration_mps2
+    shots = photographed(trajectory, camera, pair.target_scene, surface, interval_s, most_mps2)
     at = np.clip(np.searchsorted(trajectory.t_s, shots.planned_s), 0, len(added) - 1)
     return shots.path, shots.photo, np.interp(shots.planned_s, trajectory.t_s, demonstrated_s), added[at]
 

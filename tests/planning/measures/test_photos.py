@@ -58,12 +58,12 @@ def test_a_flight_waits_for_its_camera_on_the_planned_legs_and_brakes_no_harder(
     _, film, target = made
     path, surface = film.trajectory, Cloud(film.surface.points, film.surface.normals)
     for interval_s in (2.0, 6.0):
-        taken = photographed(path, CAMERA, scene_of(target), surface, interval_s, complete=True)
+        taken = photographed(path, CAMERA, scene_of(target), surface, interval_s, 2.0, complete=True)
         there = interpolate(path, taken.planned_s)
         np.testing.assert_allclose(taken.path.positions, there.positions, atol=1e-9)
         assert np.diff(taken.path.t_s[taken.photo]).min() >= interval_s and taken.slower_s >= 0
         hardest = [accelerations(each.t_s, each.positions).max() for each in (path, taken.path)]
-        assert hardest[1] <= hardest[0] * (1 + 1e-6)
+        assert hardest[1] <= max(hardest[0], 2.0) * (1 + 1e-6)
     assert taken.slower_s > 1.0  # the second camera is too slow for this flight
 
 

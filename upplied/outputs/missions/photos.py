@@ -12,6 +12,7 @@ from upplied.geometry.polylines import arc_length, cumulated, leg_lengths
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
 from upplied.outputs.mission_options import MissionOptions
+from upplied.outputs.missions.gate import Limits
 from upplied.outputs.missions.sorties import SLOWEST_MPS
 from upplied.photographed import MARGIN, photographed, share_shown
 from upplied.records import Bools, Camera, Cloud, Record, SurfaceStates, Trajectory
@@ -97,7 +98,8 @@ def shots_of(
         every, photo = _at_distances(path, options.photo_distance_m)
         shown = share_shown(every, photo, camera, scene, surface)
         return replace(shots, shown=shown, notes=(shots.notes[0] + _share(shown), *shots.notes[1:]))
-    result = photographed(path, camera, scene, surface, interval, options.overlaps, complete=True)
+    hardest = Limits().max_acceleration_mps2
+    result = photographed(path, camera, scene, surface, interval, hardest, options.overlaps, complete=True)
     count = int(result.photo.sum())
     took = np.diff(result.path.t_s[result.photo])
     apart = f", at least {took.min():.1f} s apart" if count > 1 else ""
