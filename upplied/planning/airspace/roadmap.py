@@ -178,9 +178,12 @@ def tightened(line: Floats, airspace: Airspace) -> Floats:
     count = int(np.clip(along[-1] / _BAND_STEP_M, *_BAND_PLACES)) + 1
     band = interpolated(np.linspace(0, along[-1], count), along, line)
     for turn in range(_DRAWN):
-        reach = 1 + turn % 2
+        reach = min(2 ** (3 - turn % 4), (count - 1) // 2)  # far ones first
+        step = (band[2 * reach :] + band[: -2 * reach]) / 4 - band[reach:-reach] / 2
+        # Shorter than half the safety distance, so that nothing is stepped across.
+        longest = np.linalg.norm(step, axis=1, keepdims=True)
         moved = np.array(band)
-        moved[reach:-reach] += (band[2 * reach :] + band[: -2 * reach]) / 4 - band[reach:-reach] / 2
+        moved[reach:-reach] += step * np.minimum(1, airspace.clearance_m / 2 / np.maximum(longest, 1e-12))
         moved += push(moved, wider)
         band[1:-1] = moved[1:-1]
     return line if airspace.broken(band).any() else shortened(band, airspace)
