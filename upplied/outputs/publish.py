@@ -20,13 +20,14 @@ from upplied.errors import CatalogError, RefusedError, SettingsError, UppliedErr
 from upplied.outputs import pages
 from upplied.outputs.files import replace_file
 from upplied.outputs.findings_page import MapOf, findings_html
+from upplied.outputs.fleet_page import fleet_data, places
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
-from upplied.outputs.pairs import Pair, fleet_data
+from upplied.outputs.pairs import Pair
 from upplied.outputs.render import export_transfer
 from upplied.outputs.reports import Reader
 from upplied.outputs.site import ENDINGS, TITLE, Site
-from upplied.outputs.structure_page import marks, places
+from upplied.outputs.structure_page import marks
 
 PICTURES = 200  # the default limit: each takes a second
 PAGES = 10_000  # likewise; a list that a browser still shows at once, and about a gigabyte

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -66,36 +65,13 @@ def mark(row: dict[str, Any]) -> dict[str, Any]:
         "class": str(row["class"] or ""),
         "severity": str(row["severity"] or ""),
         "state": str(row["state"]),
-        "place": ", ".join(f"{value:.2f}" for value in place),
+        "place": ", ".join(f"{round(value, 2) + 0.0:.2f}" for value in place),  # no -0.00
         "xyz": place,
         "error": number(row, "place_error_m"),
         "length": number(row, "length_mm"),
         "photo": str(row["photo"] or ""),
         "by": f"{row['by']}, {stamp(row['added_at'])}",
     }
-
-
-def fleet_findings(catalog: Catalog, mapped: Collection[str] = ()) -> list[dict[str, Any]]:
-    """How many findings of each kind and class are in each state; whether there is a map of the kind."""
-    rows = catalog.findings()
-    count = Counter(zip(rows["kind"], rows["class"], rows["state"], strict=True))
-    classes: dict[tuple[str, str], dict[str, Any]] = {}
-    for (kind, name, state), number_of in sorted(count.items()):
-        row = classes.setdefault((kind, name), {"kind": kind, "class": name, "map": kind in mapped})
-        row[state] = number_of
-    return list(classes.values())
-
-
-def places(catalog: Catalog) -> dict[str, dict[str, Any]]:
-    """The place of each structure and its last flight, by ID, where they are known."""
-    known: dict[str, dict[str, Any]] = {}
-    for row in catalog.structures().to_dict("records"):
-        lat, lon = number(row, "lat_deg"), number(row, "lon_deg")
-        if lat is not None and lon is not None:
-            known[str(row["structure_id"])] = {"lat": lat, "lon": lon}
-    for target, when in catalog.flights(kind="flown").groupby("target_id")["flown_at"].max().items():
-        known.setdefault(str(target), {})["flown"] = stamp(when)
-    return known
 
 
 def _plans(pair: Pair) -> list[tuple[str, Any]]:

@@ -64,7 +64,12 @@ def verdict(row: Mapping[str, Any], safety_m: float | None) -> dict[str, Any]:
     reason = reason_of(row)
     if status != "ok":
         return {"flyable": False, "headline": meaning(status, reason), "look": [reason] if reason else []}
-    return {"flyable": True, "headline": headline(row, safety_m), "look": [*_lost(row), *warnings_of(row)]}
+    return {"flyable": True, "headline": headline(row, safety_m), "look": all_warnings(row)}
+
+
+def all_warnings(row: Mapping[str, Any]) -> list[str]:
+    """The lost parts of the inspected surface, and the warnings stored with a plan, as sentences."""
+    return [*_lost(row), *warnings_of(row)]
 
 
 def resolution(row: Mapping[str, Any]) -> str:
