@@ -1,4 +1,4 @@
-"""What happens along a path: speed, clearance and stand-off at each of its poses."""
+"""Speed, clearance and stand-off at each pose of a path."""
 
 from __future__ import annotations
 

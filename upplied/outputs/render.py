@@ -1,4 +1,4 @@
-"""Pictures and missions of what a catalog holds, by id: what `upplied render` and `upplied export` call."""
+"""Pictures and missions from a catalog, by ID, for `upplied render`, `export` and `brief`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from upplied.outputs.zones import MissionZones
 def render_structure(
     catalog: Catalog, structure_id: str, views: Sequence[str | View] = ("three-quarter", "side", "top")
 ) -> bytes:
-    """PNG of a structure with everything that was demonstrated on it."""
+    """PNG of a structure with all demonstrations on it."""
     structure = catalog.structure(structure_id)
     rows = catalog.demonstrations()
     flown = rows.loc[rows["structure_id"] == structure_id, "demonstration_id"] if len(rows) else []
@@ -90,7 +90,7 @@ def export_transfer(
 def brief_transfer(
     catalog: Catalog, transfer_id: str, format: str, path: str | Path, options: MissionOptions | None = None
 ) -> Path:
-    """The page for the pilot of one transfer, HTML, as it is flown in a format."""
+    """The pilot's brief of one transfer in a format, HTML."""
     row, zones, custody = _leaving(catalog, transfer_id)
     options, warnings = as_settled(row, options or MissionOptions()), zones.plan.warnings
     given = (format, zones.plan, zones.structure, options, zones.camera)
@@ -103,7 +103,7 @@ def brief_transfer(
 
 
 def _leaving(catalog: Catalog, transfer_id: str) -> tuple[dict[str, Any], MissionZones, tuple[str, ...]]:
-    """The row of a plan, the plan with the zones of its structure, and what missions can be traced by."""
+    """The row of a plan, the plan with the zones of its structure, and the note with the catalog's heads."""
     row = _row(catalog, transfer_id)
     structure = catalog.structure(str(row["target_id"]))
     camera = catalog.demonstration(str(row["demonstration_id"])).camera
@@ -128,7 +128,7 @@ def keep_overruled(catalog: Catalog, row: Any, way: str, format: str, overruled:
 
 
 def undecided(catalog: Catalog, row: Any) -> list[Breach]:
-    """What speaks against flying a plan by where it came from and by what was decided about its pair."""
+    """Objections to flying a plan, from its origin and from the decisions about its pair."""
     state, who = row.get("state") or "draft", row.get("state_by") or "nobody"
     faults = [Breach("foreign", FOREIGN_PLAN[0])] if is_foreign(row) else []
     if state == "released":
@@ -144,7 +144,7 @@ def undecided(catalog: Catalog, row: Any) -> list[Breach]:
 
 
 def _newer(catalog: Catalog, row: Any) -> list[Breach]:
-    """That a newer draft of the same pair and preset is in the catalog."""
+    """The breach if the catalog has a newer draft of the same pair and preset."""
     if row.get("purpose"):
         return []
     current = catalog.transfers()

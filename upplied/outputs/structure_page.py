@@ -13,13 +13,13 @@ from upplied.inputs.rules import from_json
 from upplied.outputs.pairs import Pair, coverage, decision_words, number, shown_status, stamp
 from upplied.records import Structure
 
-_MOST = 200  # flights and decisions; the tables hold all
+_MOST = 200  # flights and decisions on a page; the tables contain all
 
 
 def structure_facts(
     catalog: Catalog, structure: Structure, pairs: Sequence[Pair], zones: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    """What the page shows; tables are lists of rows, the newest first."""
+    """The content of the page; tables are lists of rows, the newest first."""
     name, place, triangles = structure.structure_id, structure.placement, len(structure.triangles)
     size = " × ".join(f"{side:.1f}" for side in np.ptp(structure.vertices, axis=0))
     facts = {
@@ -53,7 +53,7 @@ def structure_facts(
 
 
 def marks(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
-    """The findings of a structure as they stand, the newest first."""
+    """The findings of a structure in their current state, the newest first."""
     return [mark(row) for row in _rows(catalog.findings(), structure_id)]
 
 

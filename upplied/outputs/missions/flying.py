@@ -1,4 +1,4 @@
-"""How the software behind a format flies a mission, and what the mission must allow for."""
+"""The behaviour of the software of each format, for which a mission must allow."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from upplied.records import Floats, Trajectory
 #: The camera turns along each leg, at its start to what the next waypoint wants, or heading along it and
 #: pitch on arrival.
 Turning = Literal["evenly", "ahead", "on arrival"]
-#: What is known of each format.
+#: Properties of each format.
 _TABLE: dict[str, dict[str, Any]] = table("missions/formats.toml")
 #: Format -> usual ending of its files.
 FORMATS: dict[str, str] = {name: each["ending"] for name, each in _TABLE.items()}
-#: Format -> what a person looks at it with before a flight.
+#: Format -> software in which to check the mission before a flight.
 OPENED_IN: dict[str, str] = {name: each["opened_in"] for name, each in _TABLE.items()}
 
 

@@ -19,8 +19,8 @@ _GIMBAL_LEVEL_WITH_VEHICLE = 4 + 8 + 32  # roll and pitch held to the horizon, y
 _MOUNT_BY_ANGLES = 2
 _ZOOM_BY_FIELD_OF_VIEW = 4.0
 _NAN = float("nan")
-_SHORT_S = 0.3  # shorter than this nobody hovers, unless photos are taken
-_SLOWER = 0.03  # that a leg may be flown more slowly before the speed is commanded again
+_SHORT_S = 0.3  # shorter holds are omitted, unless photos are taken
+_SLOWER = 0.03  # relative reduction of speed below which the speed is not commanded again
 
 
 @dataclass(frozen=True)

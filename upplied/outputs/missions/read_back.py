@@ -74,7 +74,7 @@ def read_mcap(content: bytes) -> Reading:
 
 
 def _whole(local: Floats, file: _File, home: Floats) -> Reading:
-    """Straight up from home to the height of the first waypoint, and down from that of the last."""
+    """Vertical legs from home to the height of the first waypoint, and from that of the last to home."""
     up, down = (np.array([[home[0], home[1], at[2]]]) for at in (local[0], local[-1]))
     unknown, speeds = np.full(2, np.nan), np.array([stop.speed for stop in file.stops])
     starts, ends = [np.empty((0, 3))], [np.empty((0, 3))]
@@ -113,10 +113,10 @@ def _local(places: Floats, mission: Mission, format: str) -> Floats:
 
 @dataclass
 class _Stop:
-    """What a file states of a waypoint."""
+    """A waypoint as stated in a file."""
 
-    place: Sequence[float]  # latitude and longitude, deg, altitude as it is written, m
-    speed: float = np.nan  # of the leg that ends here, m/s; NaN where it is not stated
+    place: Sequence[float]  # latitude and longitude, deg, altitude as written, m
+    speed: float = np.nan  # of the leg that ends here, m/s; NaN if not stated
     hold: float = 0.0  # s, that the vehicle stays
     passing: float = 0.0  # m
     every: float = 0.0  # m between photos on the leg behind it; 0: none by distance

@@ -35,7 +35,7 @@ class Mission(Record):
     number: int  # of this sortie, from 1
     count: int  # of sorties
     placement: Placement
-    altitude: str  # what is written: "relative" to take-off, "amsl" or "ellipsoid"
+    altitude: str  # reference in the file: "relative" to take-off, "amsl" or "ellipsoid"
     home: Floats  # (3,) latitude and longitude, deg, altitude, m
     home_local: Floats  # (3,) m, structure frame
     return_height_m: float  # above take-off, at which an automatic return passes over everything
