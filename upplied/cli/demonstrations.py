@@ -1,4 +1,4 @@
-"""`upplied demonstrations`: what the experts flew."""
+"""`upplied demonstrations`: the flights of experts."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def add(
     pixel_error: Annotated[float, Parameter(help="Mark error, one sigma, px.")] = 1.0,
     results: Results = PRINTED,
 ) -> int:
-    """Place one mark, or those of a file, on their structures.
+    """Place one mark, or the marks of a file, on their structures.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def list_findings(
     out: Annotated[Path | None, Parameter(help="Folder for a page with that map in 3-D.")] = None,
     results: Results = PRINTED,
 ) -> int:
-    """List the findings as they stand."""
+    """List the findings in their current state."""
     store = results.opened()
     if out is not None and not reference:
         from upplied.errors import SettingsError

@@ -45,7 +45,7 @@ def add(
     accuracy: Annotated[float | None, Parameter(help="Accuracy of the positions, in metres.")] = None,
     results: Results = PRINTED,
 ) -> int:
-    """Import the log of a flight, align it with its plan, and store what it showed.
+    """Import the log of a flight, align it with its plan, and store its views.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ def reject(transfer: PlanArgument, /, *, by: ByOption, note: NoteOption = "", wh
 def in_force(*, structure: OnlyStructure = None, kind: OnlyKind = None, results: Results = PRINTED) -> int:
     """List the released plans and the drafts that wait.
 
-    Exit code 1 if a plan was recalled and not replaced, or if a stored plan differs from what was released.
+    Exit code 1 if a plan was recalled and not replaced, or if a stored plan differs from its release.
     """
     store = results.opened()
     plans = store.in_force(structure=structure, kind=kind)

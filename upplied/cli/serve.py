@@ -138,7 +138,7 @@ def require_flows() -> None:
 
 
 def connected(port: int) -> dict[str, str]:
-    """The variables of the server, set for Prefect from here on; empty, with a message, if none answers."""
+    """The variables of the server, set for Prefect; empty, after a message, if no server answers."""
     require_flows()
     from upplied.flows import environment
     from upplied.flows.server import answers
