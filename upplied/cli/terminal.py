@@ -30,13 +30,6 @@ Advance = Callable[[], None]
 ID_DIGITS = 12  # of the id of a flight, where people read it
 
 
-def opened(location: str) -> Catalog:
-    """The catalog at a location."""
-    from upplied.catalog import open_catalog
-
-    return open_catalog(location)
-
-
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Where:
@@ -49,7 +42,9 @@ class Where:
 
     def opened(self) -> Catalog:
         """The catalog."""
-        return opened(self.location)
+        from upplied.catalog import open_catalog
+
+        return open_catalog(self.location)
 
     def plan(self, transfer: str) -> tuple[Catalog, str]:
         """The catalog, and the full ID of a plan from the beginning of it."""

@@ -60,7 +60,7 @@ def fleet_findings(catalog: Catalog, mapped: Collection[str] = ()) -> list[dict[
 
 
 def places(catalog: Catalog) -> dict[str, dict[str, Any]]:
-    """The place of each structure and its last flight, by ID, where they are known."""
+    """The place and the last flight of each structure, by ID, if known."""
     known: dict[str, dict[str, Any]] = {}
     for row in catalog.structures().to_dict("records"):
         lat, lon = number(row, "lat_deg"), number(row, "lon_deg")

@@ -102,7 +102,7 @@ def seen_as_flown(planned: SurfaceStates, looks: StoredLooks) -> SurfaceStates:
 
 
 def flown_data(flight: Mapping[str, Any], row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:
-    """What a transfer's page shows of a flight; `path` is the flown path as `path_data` gives it."""
+    """A flight for the page of its plan; `path` is the flown path by `path_data`."""
     return {
         "summary": flown_sentence(flight, row),
         "kind": flight["kind"],

@@ -21,6 +21,7 @@ from upplied.outputs.files import replace_file
 from upplied.outputs.fly import as_settled
 from upplied.outputs.missions import Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import CUSTODY, Breach
+from upplied.outputs.pairs import PRESETS
 from upplied.outputs.reference_photos import reference_photos
 from upplied.outputs.reports import plan_of
 from upplied.outputs.zones import MissionZones
@@ -49,20 +50,13 @@ def render_comparison(
     catalog: Catalog, demonstration_id: str, target_id: str, view: str | View | None = None
 ) -> bytes:
     """PNG of the newest plan of each preset for one demonstration and target, side by side."""
-    rows = catalog.transfers()
-    mine = (
-        rows[(rows["demonstration_id"] == demonstration_id) & (rows["target_id"] == target_id)]
-        if len(rows)
-        else rows
-    )
-    if not len(mine):
-        raise CatalogError(
-            f"{demonstration_id} to {target_id}", "no transfer is in the catalog", "", "run: upplied transfer"
-        )
-    order = {"recommended": 0, "paper": 1, "baseline": 2}
-    plans = sorted(
-        (plan_of(catalog, row) for row in mine.to_dict("records")), key=lambda plan: order.get(plan.preset, 3)
-    )
+    rows = catalog.transfers(demonstration=demonstration_id, structure=target_id).to_dict("records")
+    if not rows:
+        pair, remedy = f"{demonstration_id} to {target_id}", "run: upplied transfer"
+        raise CatalogError(pair, "no transfer is in the catalog", "", remedy)
+    order = {preset: at for at, preset in enumerate(PRESETS)}
+    rows.sort(key=lambda row: order.get(row["preset"], len(order)))
+    plans = [plan_of(catalog, row) for row in rows]
     return figures.comparison_png(catalog.structure(target_id), plans, view=view)
 
 
@@ -158,9 +152,5 @@ def _newer(catalog: Catalog, row: Any) -> list[Breach]:
 
 def _row(catalog: Catalog, transfer_id: str) -> dict[str, Any]:
     """The row of a plan, with its state."""
-    rows = catalog.transfers(every=True, ids=[transfer_id])
-    if not len(rows):
-        raise CatalogError(
-            f"transfer {transfer_id}", "is not in the catalog", "", "see: upplied catalog transfers"
-        )
+    rows = catalog.transfers(every=True, ids=[catalog.find_transfer(transfer_id)])
     return {str(name): value for name, value in rows.iloc[0].items()}

@@ -1,8 +1,8 @@
-"""The gate: nothing leaves that breaks a rule, unless a person overrules that rule by its name.
+"""The gate: a mission that breaks a rule is refused, unless a person overrules that rule by its name.
 
-What is judged is the path that is read again from the bytes that leave, with every leg from take-off to
-landing. A rule that is overruled stays in the notes of the mission, and so in its file where the format
-has room for words.
+The gate judges the path that is read again from the bytes of the file, with every leg from take-off to
+landing. Overruled rules are recorded in the notes of the mission, and in its file if the format has room for
+text.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.planning.airspace.rules import Airspace, crosses_box
 from upplied.records import Floats, Plan, Record, Structure, SupposedSurface, Surroundings, Trajectory
 
-#: What every mission keeps, by name: why, and what to do where one does not.
+#: The rules of every mission by name: the rule in words, and the remedy.
 RULES: dict[str, list[str]] = table("missions/rules.toml")
 DRAFT = "DRAFT, NOT RELEASED:"  # first words of the note of an unreleased mission
 CUSTODY = "custody"  # first word of the note with the heads of the catalog
 ZONE = "zone"  # first word of the note about a required zone
-_EXACT_M = 0.02  # within which a clearance is known, and a file states a place
+_EXACT_M = 0.02  # accuracy of a clearance, and of a place in a file
 _ROUNDING = 1.02  # of speeds: files round them
 _SOON_S = 1e-3
-_OVERLAP = 0.02  # within which an overlap is known
+_OVERLAP = 0.02  # accuracy of an overlap
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -37,16 +37,16 @@ def thinned(
     fixed : array, shape (N,)
         Waypoints that stay: viewpoints.
     tolerances : (m, deg)
-        How far the path may stray, and the camera turn, from what was planned. Halved until the
-        thinned path breaks no rule and sees 99 % of what the plan sees.
+        Largest deviation of the path and of the camera from the plan. Halved until the thinned path breaks no
+        rule and retains 99 % of the planned view.
     airspace : Airspace
-        The rules that every leg keeps.
+        The rules for every leg.
     seen : (SurfaceStates or None, Camera)
-        What the plan sees, where that is known.
+        The surface that the plan sees, if known.
     turning : Turning
-        How the vehicle turns the camera between the waypoints that are left.
+        Camera rotation of the vehicle between the remaining waypoints.
     zooms : bool
-        Whether it zooms as the path does; else the camera's own field of view counts.
+        Whether it zooms like the path; else the camera's own field of view counts.
     """
     scene = airspace.scene
     planned = path_clearance(scene, path.positions).distance_m
