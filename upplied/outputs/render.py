@@ -152,5 +152,8 @@ def _newer(catalog: Catalog, row: Any) -> list[Breach]:
 
 def _row(catalog: Catalog, transfer_id: str) -> dict[str, Any]:
     """The row of a plan, with its state."""
-    rows = catalog.transfers(every=True, ids=[catalog.find_transfer(transfer_id)])
+    rows = catalog.transfers(every=True, ids=[transfer_id])
+    if not len(rows):
+        remedy = "see: upplied catalog transfers"
+        raise CatalogError(f"transfer {transfer_id}", "is not in the catalog", "", remedy)
     return {str(name): value for name, value in rows.iloc[0].items()}
