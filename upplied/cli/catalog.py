@@ -163,12 +163,8 @@ FormatOption = Annotated[
     Literal["parquet", "lerobot", "tum"],
     Parameter(help="parquet for any program, lerobot for learning, tum for evo."),
 ]
-NameOption = Annotated[
-    str, Parameter(help="Name with a version, such as boxes-v1; by default that of the folder.")
-]
-PresetOption = Annotated[
-    str, Parameter(help="Preset, or all; by default the first in use of recommended, paper, baseline.")
-]
+NameOption = Annotated[str, Parameter(help="Name with a version, such as boxes-v1; by default the folder's.")]
+PresetOption = Annotated[str, Parameter(help="Preset, or all; by default recommended, if present.")]
 DaysOption = Annotated[float, Parameter(help="Days for which older versions stay readable.")]
 
 

@@ -19,9 +19,7 @@ LISTED = LABELS["demonstrations"]
 
 StructureOption = Annotated[str, Parameter(help="Structure that was flown, if no side-car file names it.")]
 RegisterOption = Annotated[tuple[str, ...], Parameter(help="A landmark in the log's frame, as NAME=X,Y,Z.")]
-StartOption = Annotated[
-    float | None, Parameter(help="Start of the inspection, in seconds from the first pose.")
-]
+StartOption = Annotated[float | None, Parameter(help="Start of the inspection, seconds from the first pose.")]
 StopOption = Annotated[float | None, Parameter(help="End of the inspection, in seconds from the first pose.")]
 KindOption = Annotated[str, Parameter(help="Kind of a project's structure, for instance building or tower.")]
 PublisherOption = Annotated[str, Parameter(help="Body to read: the name of its frame, or #7 for channel 7.")]

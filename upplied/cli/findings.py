@@ -21,13 +21,9 @@ TimeOption = Annotated[float | None, Parameter(help="Seconds from its first pose
 PixelOption = Annotated[tuple[float, float] | None, Parameter(help="X and Y, px from the upper left.")]
 BoxOption = Annotated[tuple[float, float, float, float] | None, Parameter(help="X Y WIDTH HEIGHT, px.")]
 AtOption = Annotated[tuple[float, float, float] | None, Parameter(help="X Y Z, m, frame of the structure.")]
-PoseErrorOption = Annotated[
-    float | None, Parameter(help="Position error, one sigma, m, instead of the flight's.")
-]
+PoseErrorOption = Annotated[float | None, Parameter(help="Position error, one sigma, m.")]
 FinenessOption = Annotated[float, Parameter("--mm-px", help="Largest ground sample distance, mm per pixel.")]
-SinceOption = Annotated[
-    str | None, Parameter("--since", help="Ignore looks before this date, such as 2026-03-01.")
-]
+SinceOption = Annotated[str | None, Parameter("--since", help="First date of looks, such as 2026-03-01.")]
 ToOption = Annotated[str, Parameter("--to", help="IDs separated by commas, or `kind` for all of its kind.")]
 
 

@@ -24,14 +24,12 @@ from upplied.outputs.labels import LABELS
 
 app = App(name="flights", help="Import flights of plans, compare them, and plan what they missed.")
 
-PlanOption = Annotated[
-    str, Parameter(help="ID of the plan that was flown; by default the plan that fits best.")
-]
+PlanOption = Annotated[str, Parameter(help="ID of the flown plan; by default the plan that fits best.")]
 PhotosOption = Annotated[
-    Path | None, Parameter(help="File with the times of the photos, in nanoseconds of the log's clock.")
+    Path | None, Parameter(help="File with photo times, nanoseconds of the log's clock.")
 ]
 ForceOption = Annotated[
-    tuple[str, ...], Parameter(help="Rule to overrule: flown, whole, recorded or clearance.")
+    tuple[str, ...], Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")
 ]
 
 

@@ -8,9 +8,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 WorkersOption = Annotated[int, Parameter(help="Number of processes; 0 uses one per core.")]
-PointArgument = Annotated[
-    tuple[float, float, float], Parameter(help="X Y Z of the point, m, in the frame of the structure.")
-]
+Point = tuple[float, float, float]
+PointArgument = Annotated[Point, Parameter(help="X Y Z of the point, m, in the frame of the structure.")]
 OnlyStructure = Annotated[str | None, Parameter(help="Only this structure.")]
 OnlyKind = Annotated[str | None, Parameter(help="Only structures of this kind.")]
 DemonstrationArgument = Annotated[str, Parameter(help="ID of the demonstration.")]

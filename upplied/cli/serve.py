@@ -25,7 +25,7 @@ PortOption = Annotated[
     ),
 ]
 RootOption = Annotated[
-    tuple[str, ...], Parameter(name="--root", help="Additional folder or URI that runs may use; repeatable.")
+    tuple[str, ...], Parameter("--root", help="Further folder or URI for runs; repeatable.")
 ]
 FlightsOption = Annotated[bool, Parameter(help="The logs are flights of plans: start ingest-flights.")]
 PartOption = Annotated[

@@ -31,9 +31,7 @@ _SIZES = {"size_x_m": "length m", "size_y_m": "width m", "size_z_m": "height m"}
 
 app = App(name="structures", help="The structures of the catalog.")
 PictureOption = Annotated[Path | None, Parameter(help="Picture to write; by default NAME-check.png here.")]
-CleanOption = Annotated[
-    bool, Parameter(help="Also write NAME-clean.ply without ground, clutter and neighbours.")
-]
+CleanOption = Annotated[bool, Parameter(help="Also write NAME-clean.ply without the surroundings.")]
 
 
 @app.command

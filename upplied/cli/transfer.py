@@ -20,15 +20,9 @@ PresetOption = Annotated[
     tuple[str, ...],
     Parameter(name="--preset", consume_multiple=True, help="paper, recommended or baseline; repeatable."),
 ]
-SetOption = Annotated[
-    tuple[str, ...], Parameter(name="--set", help="A planning parameter, as STAGE.NAME=VALUE; repeatable.")
-]
-BestOption = Annotated[
-    str, Parameter(name="--best", help="Structure that receives the demonstration that fits best.")
-]
-ExperimentOption = Annotated[
-    str, Parameter(help="Name of an experiment; its plans are never current and never released.")
-]
+SetOption = Annotated[tuple[str, ...], Parameter("--set", help="Parameter STAGE.NAME=VALUE; repeatable.")]
+BestOption = Annotated[str, Parameter("--best", help="Structure for which to use the best demonstration.")]
+ExperimentOption = Annotated[str, Parameter(help="Name of an experiment; its plans are never released.")]
 ReproduceOption = Annotated[str | None, Parameter(help="ID of a plan to compute again and compare.")]
 TimeoutOption = Annotated[float, Parameter(help="Time limit of one structure, in seconds.")]
 DEFAULT_PRESETS = ("recommended", "baseline")

@@ -53,10 +53,8 @@ def demonstration_data(demonstration: Demonstration, profile: Profile, origin: F
 def _passport(passport: Mapping[str, Any]) -> str:
     if not passport:
         return ""
-    suffix = {True: " (overruled)", False: ""}
-    findings = [
-        f"{item['rule']}: {item['found']}{suffix[item['overruled']]}" for item in passport["findings"]
-    ]
+    words = {True: " (overruled)", False: ""}
+    findings = (f"{one['rule']}: {one['found']}{words[one['overruled']]}" for one in passport["findings"])
     return "; ".join([passport["verdict"], *findings])
 
 

@@ -118,9 +118,8 @@ class Reader:
 
     def structure_page(self, structure_id: str, pairs: Sequence[Pair], picture: str = "") -> dict[str, Any]:
         """The content of a structure's page; `picture` is the address of a PNG."""
-        own = [pair for pair in pairs if pair.target_id == structure_id]
-        zones = self.zones(structure_id)
-        return structure_facts(self.catalog, self.structure(structure_id), own, zones) | {"picture": picture}
+        structure, zones = self.structure(structure_id), self.zones(structure_id)
+        return structure_facts(self.catalog, structure, pairs, zones) | {"picture": picture}
 
     def display_mesh(self, structure: Structure) -> DisplayMesh:
         """The mesh of a structure as browsers show it; cached if it is the stored version."""

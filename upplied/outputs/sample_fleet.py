@@ -72,10 +72,7 @@ def _write_flight(root: Path, demonstration: Demonstration, encoding: Encoding) 
     return name
 
 
-_HEAD = """\
-# The sample fleet: parametric structures, each in one of the formats, units and axes that people use.
-
-"""
+_HEAD = "# The sample fleet: parametric structures in several formats, units and axes.\n\n"
 
 
 def _entry(structure: Structure, name: str, form: _Form) -> str:

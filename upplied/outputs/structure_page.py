@@ -48,7 +48,7 @@ def structure_facts(
             }
             for row in _rows(catalog.flights(kind="flown"), name)
         ],
-        "history": _history(catalog, pairs),
+        "history": _history(catalog, name),
     }
 
 
@@ -100,15 +100,13 @@ def _rows(frame: pd.DataFrame, structure_id: str) -> list[dict[str, Any]]:
     return [{str(key): value for key, value in row.items()} for row in own.to_dict("records")]
 
 
-def _history(catalog: Catalog, pairs: Sequence[Pair]) -> list[dict[str, str]]:
+def _history(catalog: Catalog, structure_id: str) -> list[dict[str, str]]:
     """Decisions about the plans of a structure, the newest first."""
-    if not pairs:
-        return []
     return [
         {
             "when": stamp(row.get("added_at")),
             "what": f"Plan {row['transfer_id']} {row['state']} by {row['by']}",
             "note": str(row.get("note") or ""),
         }
-        for row in _rows(catalog.decisions(), pairs[0].target_id)
+        for row in _rows(catalog.decisions(), structure_id)
     ]
