@@ -1,6 +1,6 @@
 """The `upplied` command. Heavy imports stay inside the commands, so that help answers at once.
 
-Exit codes: 0 all is well, 1 some files or targets were refused or failed, 2 the command was wrong,
+Exit codes: 0 success, 1 some files or targets were refused or failed, 2 the command was wrong,
 3 a fault of the program itself.
 """
 
