@@ -182,7 +182,7 @@ def constants_page() -> str:
 def _page() -> Iterator[str]:
     known, inner, count = table(), table(LITERALS), counts()
     yield "# The planner's numbers\n"
-    yield "Plans depend on their inputs, on [settings](settings.md), which users may change, on numbers of the"
+    yield "Plans depend on their inputs, on [settings](settings.md), that users may change, on numbers of the"
     yield "planner's modules, and on numbers within functions. `bench/sensitivity.py` halves and doubles each"
     yield "tuned number of a module and prints the changes of the results.\n"
     yield "| sort | numbers | meaning |\n|---|---|---|"
