@@ -43,6 +43,7 @@ BREAKS = {  # of each rule, figures that break it
     "jumps": {"jumps": 2, "jump_m": 1.1},
     "spikes": {"spikes": 8},
     "attitude-unset": {"unset": 90},
+    "too-slow": {"speed_p99_mps": 0.02},
     "sparse": {"step_s": 5.0},
     "planned": {"planned": True},
     "undated": {"year": 1970},

@@ -245,7 +245,7 @@ def test_jumps_spikes_and_a_rolled_camera_are_measured() -> None:
 def whole(flown: Track, still_s: float = 30.0) -> Track:
     """The flight with a stand on the ground, a climb and a transit at either end."""
     first = flown.positions[0]
-    home = np.array([first[0] + 30, first[1], MIDDLE[2] - SIDE / 2])
+    home = np.array([*MIDDLE[:2] + 2.25 * (first - MIDDLE)[:2], MIDDLE[2] - SIDE / 2])
     top = np.array([*home[:2], first[2] + 6])
     legs = [np.tile(home, (int(still_s * 10), 1)), np.linspace(home, top, 40), np.linspace(top, first, 60)]
     out = np.concatenate(legs)
@@ -260,10 +260,47 @@ def test_the_inspection_is_found_between_ground_climb_and_transit() -> None:
     flown = ring(300)
     parts = phases(whole(flown), SCENE, 1e3)
     assert parts is not None
-    assert parts.climb_s == pytest.approx(30, abs=1.0) and parts.transit_s == pytest.approx(34, abs=1.5)
-    assert parts.start_s == pytest.approx(40, abs=1.5) and parts.stop_s == pytest.approx(70, abs=1.5)
-    assert parts.landing_s == pytest.approx(80, abs=1.0)
+    assert [name for name, *_ in parts.parts] == [
+        "ground",
+        "climb",
+        "transit",
+        "inspection",
+        "return",
+        "ground",
+    ]
+    assert [start for _, start, _ in parts.parts] == pytest.approx([0, 30, 34, 40, 70, 80], abs=1.5)
     assert "inspection 40 to 70 s" in str(parts)
+
+
+def test_between_two_flights_of_a_log_the_stay_on_the_ground_is_left_out() -> None:
+    """A battery is changed half way; a hop on the spot is no inspection, a low hover no landing."""
+    one, other = whole(ring(300).take(np.arange(150))), whole(ring(300).take(np.arange(150, 300)))
+    hop = whole(ring(300).take(np.arange(1)), 20.0)
+    names = ("positions", "quat_xyzw")
+    both = {name: np.concatenate([getattr(each, name) for each in (one, hop, other)]) for name in names}
+    t_ns = one.t_ns[0] + np.arange(len(both["positions"]), dtype=np.int64) * 100_000_000
+    parts = phases(Track(t_ns, **both, log_ns=t_ns), SCENE, 1e3)
+    assert parts is not None
+    assert [name for name, *_ in parts.parts].count("inspection") == 2 and "another flight" in str(parts)
+    inspected = parts.inspected((t_ns - t_ns[0]) * 1e-9)
+    near = np.linalg.norm(both["positions"] - MIDDLE, axis=1) < 2.01 * SIDE
+    assert (inspected == near).mean() > 0.97
+    assert parts.between_s == pytest.approx((len(one) - 150 + len(hop)) / 10, abs=4.0)
+    low = Track(t_ns[: len(one)], one.positions, one.quat_xyzw, t_ns[: len(one)])
+    hover = replace(low, positions=low.positions.copy())
+    hover.positions[480:540] = [*low.positions[480, :2], low.positions[0, 2]]
+    assert [name for name, *_ in phases(hover, SCENE, 1e3).parts].count("inspection") == 1
+
+
+def test_of_a_whole_log_the_right_convention_is_named_though_it_fits_a_third_of_it() -> None:
+    """Shrunk to a point at the structure, a flight would look at it all the time; but it would not move."""
+    flown = whole(ring(600))
+    down = replace(flown, positions=flown.positions * [1, 1, -1])
+    ground_m = float(flown.positions[:, 2].min()) - 0.1
+    share, found = fits.best_fits(down, lambda track: track, SCENE, ground_m, 1e3)
+    shares = {fit.convention.name: fit.share for fit in found}
+    assert share == 0 and shares["z-down"] > 0.95 and found[0].share == shares["ned"]  # alike, round a cube
+    assert shares["millimetres"] == shares["inches"] == 0
 
 
 def test_a_log_that_begins_and_ends_in_the_air_is_taken_whole() -> None:

@@ -45,8 +45,13 @@ class Pace:
         return words
 
 
-def paced(track: Track, gap_s: float, settings: PassportSettings) -> tuple[Track, Pace]:
-    """The clean track of a camera with its gaps and hovers shortened, and what was found."""
+def paced(
+    track: Track, gap_s: float, settings: PassportSettings, between_s: float = 0.0
+) -> tuple[Track, Pace]:
+    """The clean track of a camera with its gaps and hovers shortened, and what was found.
+
+    Of its gaps `between_s`, s, were recorded, and lie between two inspections.
+    """
     step_ns = np.diff(track.t_ns)
     step_m = leg_lengths(track.positions)
     gap = step_ns > gap_s * 1e9
@@ -60,7 +65,7 @@ def paced(track: Track, gap_s: float, settings: PassportSettings) -> tuple[Track
     frozen = (step_m == 0) & (np.diff(track.quat_xyzw, axis=0) == 0).all(axis=1) & ~gap
     cut = np.where(keep[1:], 0, shorter)  # the time that goes with the samples that are cut
     pace = Pace(
-        span_s=float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0,
+        span_s=float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 - between_s if len(track) else 0.0,
         recorded_s=float(step_ns[~gap].sum()) * 1e-9,
         gaps=int(gap.sum()),
         long_gaps=int(long.sum()),

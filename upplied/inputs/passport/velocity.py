@@ -183,7 +183,7 @@ def _off(track: Track, gap_s: float) -> tuple[Floats, Bools]:
     velocity = median_filter(steps / np.maximum(lasted, 1e-9)[:, None], size=(_AROUND, 1), mode="nearest")
     beside = steps - velocity * lasted[:, None]
     off_m = np.linalg.norm(beside, axis=1)
-    same = lasted <= gap_s
+    same = lasted < min(gap_s, _LONGEST_S)  # farther apart, nobody knows how it moved
     if track.epoch is not None:
         same &= np.diff(track.epoch) == 0
     off_m[~same | (off_m < max(_OFF_M, _TIMES * float(np.median(off_m))))] = 0.0

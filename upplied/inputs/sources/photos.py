@@ -47,7 +47,7 @@ def read(path: Path, fields: Fields) -> Source:
     if len(placed) < 2:
         remedy = "copy the originals: programs that resize or edit photos drop their tags"
         raise refusal(finding, "at least two", remedy)
-    notes = [finding] if len(placed) < len(heads) else []
+    notes: list[str] = []
     models = sorted({head.pop("camera") for head in placed})
     if len(models) > 1:
         finding = f"holds photos of {len(models)} cameras ({', '.join(models[:5])})"
@@ -57,7 +57,11 @@ def read(path: Path, fields: Fields) -> Source:
     order = np.argsort(t_ns, kind="stable")
     at, t_ns = {name: column[order] for name, column in at.items()}, t_ns[order]
     facts = _lens(at, models[0]) | ({"accuracy_m": _accuracy_m(at)} if _fixed(at) else {})
-    return Source([*_tables(at, t_ns, notes)], notes=notes, stills=True, defaults=facts)
+    timed = bool(np.isfinite(at["t_ms"]).all())
+    lost = [finding] if len(placed) < len(heads) else []
+    return Source(
+        [*_tables(at, t_ns, notes)], [], lost, notes=notes, stills=True, defaults=facts, timed=timed
+    )
 
 
 def _lens(at: dict[str, Floats], model: str) -> dict[str, Any]:

@@ -42,6 +42,7 @@ class Source:
     stills: bool = False  # photos: no pose between them is missing
     place: Placement | None = None  # of the project's frame, where that is east, north and up of a place
     planned: bool = False  # a mission that was written, not a flight that was flown
+    timed: bool = True  # False: it holds no times, and its poses are numbered
 
     @property
     def topics(self) -> str:
