@@ -1,8 +1,4 @@
-"""From a log to a demonstration: the camera's poses in the frame of the structure.
-
-Each kind of file has a reader of its own in `upplied.inputs.sources`, each family of schemas in
-`upplied.inputs.schemas`; what happens to the poses afterwards is in `upplied.inputs.flight`.
-"""
+"""From a log to a demonstration: the camera's poses in the frame of the structure."""
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -18,7 +18,7 @@ from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import find_outliers
 from upplied.inputs.outside import look, outward_normals
 from upplied.inputs.raw import RawMesh, counted
-from upplied.inputs.repair import Repairs, clean, clip_below, compact, topology_of, used_vertices
+from upplied.inputs.repair import clean, clip_below, compact, topology_of, used_vertices
 from upplied.inputs.rules import decided, refuse, to_json
 from upplied.inputs.structure_rules import measured
 from upplied.records import Bools, Floats, Ints, Structure
@@ -133,7 +133,7 @@ def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     used = used_vertices(raw.triangles, len(vertices))
     check_finite(vertices[used], (None, 3), f"{entry.path}, vertices")
     vertices, triangles, _, repairs = clean(vertices, raw.triangles)
-    done = list(repairs.texts())
+    done = list(repairs)
     ground = entry.surroundings.ground_z_m
     if entry.clip_ground and ground is not None and len(triangles) and vertices[:, 2].min() < ground:
         before = _area(vertices, triangles)
@@ -164,7 +164,6 @@ def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     verdicts += cut_off(vertices, final.rim)
     findings = Findings(
         **_declared(raw, entry),
-        repairs=repairs,
         parts=int(final.component.max()) + 1,
         hidden_parts=len(np.unique(topology.component[outside.hidden])),
         hidden_triangles=int(outside.hidden.sum()),
@@ -198,7 +197,7 @@ def _cloud(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
         *filter(None, [word]),
         "a point cloud: sizes and sight lines are as dense as its points",
     )
-    findings = Findings(**_declared(raw, entry), repairs=Repairs(), done=done)
+    findings = Findings(**_declared(raw, entry), done=done)
     return points, np.empty((0, 3), np.int64), normals, findings
 
 

@@ -1,8 +1,6 @@
-"""What can be seen from outside: of a mesh patches wound the wrong way, parts that nobody sees, and the
-area outside; of a point cloud the side of each point.
+"""What is visible from outside: patches wound the wrong way, hidden parts, and the side of each point.
 
-Almost no real mesh is watertight, so inside tests say nothing. What works is a vote of rays that
-escape: a side of a surface is outside where rays from it leave the structure.
+Almost no real mesh is watertight. So rays vote: a side is outside where rays from it leave the structure.
 """
 
 from dataclasses import dataclass

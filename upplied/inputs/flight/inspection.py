@@ -1,14 +1,11 @@
-"""The part of a log that is the inspection.
+"""The inspection within a log: as given, by the log's `foxglove.Event`, or between stays on the ground.
 
-In this order: start and stop from options, side-car or metadata; the log's own `foxglove.Event` of the phase
-``inspection`` (or the only event that lasts); else what is flown between two stays on the ground, without
-climb, transit and return. That is done only where the log begins, or ends, on the ground: standing still at
-its lowest. A log that was started in the air is taken whole, whatever its camera sees.
+Ground, climb, transit and return are left out only where the log begins or ends on the ground, standing still
+at its lowest. A log that was started in the air is taken whole, whatever its camera sees.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,7 +15,7 @@ from upplied.geometry.scene import Scene
 from upplied.inputs.flight.tracks import Track, stamps
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
-from upplied.records import Bools, Floats
+from upplied.records import Bools, Floats, Ints
 
 _EVENT = "foxglove.Event"
 _NAMES = ("metadata", "event_type.name")
@@ -142,7 +139,7 @@ def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases 
     ground = _on_ground(at, places)
     if not ground.any():
         return None
-    flights = np.flatnonzero(np.diff(np.concatenate([[True], ground, [True]]))).reshape(-1, 2)
+    flights = _runs(~ground)
     ways = []  # stations at which the climb of each flight ends, and its descent begins
     for first, stop in flights:
         out = first + _aside(places[first - 1], places[first:stop]) if first else first
@@ -168,9 +165,8 @@ def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases 
         else:
             parts.append(("another flight", takes_off_s, lands_s))
         landed_s = lands_s
-    found = Phases((*parts, (_GROUND, landed_s, float(at[-1]))))
-    lasts_s = found.lasting_s(_INSPECTION)
-    return found if lasts_s >= _LEAST_S and found.share >= _LEAST_SHARE else None
+    log = Phases((*parts, (_GROUND, landed_s, float(at[-1]))))
+    return log if log.lasting_s(_INSPECTION) >= _LEAST_S and log.share >= _LEAST_SHARE else None
 
 
 def _on_ground(at: Floats, places: Floats) -> Bools:
@@ -185,14 +181,17 @@ def _on_ground(at: Floats, places: Floats) -> Bools:
     ground = np.cumsum(stays[:-1]) > 0
     if not (ground[0] or ground[-1]):
         return np.zeros(len(at), bool)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], ground, [False]]))).reshape(-1, 2)
-    for (_, first), (stop, _) in pairwise(edges):  # a wobble on the ground is no flight
-        ground[first:stop] = low[first:stop].all()
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], ground, [False]]))).reshape(-1, 2)
-    for first, stop in edges:  # low flight is no landing
+    for first, stop in _runs(~ground):  # a wobble on the ground is no flight
+        ground[first:stop] |= bool(low[first:stop].all()) and first > 0 and stop < len(at)
+    for first, stop in _runs(ground):  # low flight is no landing
         if first > 0 and stop < len(at) and at[stop - 1] - at[first] < _LANDED_S:
             ground[first:stop] = False
     return ground
+
+
+def _runs(good: Bools) -> Ints:
+    """First, and behind the last, of each run (R, 2) of stations that are good."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]))).reshape(-1, 2)
 
 
 def _aside(home: Floats, places: Floats) -> int:

@@ -1,8 +1,7 @@
 """Other conventions in which a log may have been written, and what each makes of its poses.
 
-A wrong convention leaves traces that no pilot leaves: cameras in the ground or in the structure, pictures
-of nothing, and a stand-off that comes and goes. Each convention here is one mistake that recorders and
-exporters make. The fit of a convention is the share of the poses that could be of an inspection if it held.
+Each is one mistake of recorders or exporters. Its fit is the share of the poses that could be of an
+inspection.
 """
 
 from collections.abc import Callable, Sequence

@@ -190,11 +190,7 @@ def _least_clearance(flown: Track, spread: Ints, sight: Sight, distance: Callabl
 
 
 def _off_centre(sight: Sight, turns: Floats) -> tuple[tuple[float, float], float]:
-    """How far the log seems to lie off its structure, m, and how much of the stand-off that explains.
-
-    A pilot who circles keeps his distance; if it grows steadily from one side to the other, the log lies
-    off. Measured only of flights that look at the structure from most sides.
-    """
+    """How far off a log lies by its stand-off from most sides, m, and what share of it that explains."""
     meets = sight.meets & (sight.range_m < 1e4)
     ahead = optical_axis(turns[meets]) if meets.sum() > 30 else np.empty((0, 3))
     sides = np.unique(np.arctan2(ahead[:, 1], ahead[:, 0]) // (np.pi / 6))

@@ -1,7 +1,6 @@
 """How the poses move: speeds, jumps, roll, and whether they follow velocity and gyroscope in the same log.
 
-An estimator that knows its velocity did not take it from the poses that an exporter wrote: a flight that
-was mirrored, in another unit or in other axes moves otherwise, though somebody could have flown it so.
+An estimator's velocity does not come from exported poses: those in other axes or units move otherwise.
 """
 
 from collections.abc import Sequence

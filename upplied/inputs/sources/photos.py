@@ -1,8 +1,7 @@
-"""A folder of drone photos: places, times and cameras of EXIF, attitudes of XMP. Heads alone are read.
+"""A folder of drone photos: positions, times and cameras of EXIF, attitudes of XMP. Heads alone are read.
 
-DJI, Autel and others write angles of the gimbal from true north, pitch 0 at the horizon; some small models
-write the yaw from the aircraft's nose, which shows in a series. Heights count from take-off, since the datum
-of the others is unknown, but for those of satellites that were fixed to the centimetre (RTK).
+The gimbal's yaw counts from true north, on some small models from the nose, which a series shows. Heights
+count from take-off, since other datums are unknown, unless RTK fixed them.
 """
 
 from collections.abc import Iterator

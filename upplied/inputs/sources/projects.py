@@ -1,7 +1,6 @@
-"""Photogrammetry: cameras of OpenSfM and OpenDroneMap, nerfstudio, Bundler and NVM.
+"""Photogrammetry: cameras of OpenSfM and OpenDroneMap, nerfstudio, Bundler and NVM, in the project's frame.
 
-Cameras look along z, x right, y down, unless a format has it otherwise; a pose is that of the camera in the
-project's frame, in which its mesh lies too. COLMAP, Metashape and RealityCapture have modules of their own.
+A camera looks along z, x right, y down, unless a format has it otherwise.
 """
 
 import json

@@ -1,8 +1,4 @@
-"""What a file holds of a flight, whatever it is written in, and the tables that readers fill.
-
-The tables bear the schemas that `upplied.inputs.schemas` reads, so frames, clocks, cleaning and passport
-are the same for all kinds of file.
-"""
+"""The tables that readers fill, of schemas that `upplied.inputs.schemas` reads, whatever the file."""
 
 import re
 from collections.abc import Mapping, Sequence
