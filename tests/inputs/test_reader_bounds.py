@@ -73,7 +73,7 @@ def test_of_conventions_that_fit_alike_the_common_one_is_named() -> None:
     """Headings half a turn off: the compass, and a mount that looks back. Mounts are met more often."""
     flown = ring(60)
     back = replace(flown, quat_xyzw=from_yaw_pitch(np.arctan2(*flown.positions[:, [1, 0]].T), np.zeros(60)))
-    _, found = fits.best_fits(back, lambda track: track, SCENE, -np.inf, 1e3)
+    _, found = fits.Comparison(back, lambda track: track, SCENE, -np.inf, 1e3).best_fits()
     alike = {fit.convention.name: fit for fit in found if fit.share > 0.99}
     assert {"heading offset -180 deg", "mount +180 +0"} <= alike.keys() | {"heading offset +180 deg"}
     assert found[0].convention.rare == min(fit.convention.rare for fit in alike.values())
@@ -91,7 +91,7 @@ def test_a_rare_mistake_is_named_where_it_fits_clearly_better(monkeypatch, share
 
     monkeypatch.setattr(fits, "fits", shares_of)
     flown = ring(60)
-    found = fits.best_fits(flown, lambda track: track, SCENE, -np.inf, 1e3)[1]
+    found = fits.Comparison(flown, lambda track: track, SCENE, -np.inf, 1e3).best_fits()[1]
     assert found[0].convention.name.split(" ")[0] == first
 
 
@@ -117,7 +117,7 @@ def test_a_steadier_stand_off_is_named_beyond_its_ratio_alone(ratio: float, name
     ) -> tuple[np.ndarray, np.ndarray, list[fits.Fit]]:
         track = Track(np.arange(80) + 1, *poses, np.arange(80) + 1)
         near = lambda logged: logged.take(logged.positions[:, 0] < reach)  # noqa: E731 - what a mount is known for
-        return fits.steadier(track, near, scene_of(box), 0.0, 1e3, ratio)
+        return fits.Comparison(track, near, scene_of(box), 0.0, 1e3).steadier(ratio)
 
     assert steadier((places, quats)) == (pytest.approx([0, 0], abs=1e-6), pytest.approx([0, 0], abs=1e-6), [])
     varies, least, found = steadier(conventions.NAMED["swapped-xy-poses"].change(places, quats))
@@ -297,7 +297,7 @@ def test_of_a_whole_log_the_right_convention_is_named_though_it_fits_a_third_of_
     flown = whole(ring(600))
     down = replace(flown, positions=flown.positions * [1, 1, -1])
     ground_m = float(flown.positions[:, 2].min()) - 0.1
-    share, found = fits.best_fits(down, lambda track: track, SCENE, ground_m, 1e3)
+    share, found = fits.Comparison(down, lambda track: track, SCENE, ground_m, 1e3).best_fits()
     shares = {fit.convention.name: fit.share for fit in found}
     assert share == 0 and shares["z-down"] > 0.95 and found[0].share == shares["ned"]  # alike, round a cube
     assert shares["millimetres"] == shares["inches"] == 0

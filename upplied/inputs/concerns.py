@@ -122,7 +122,6 @@ class Findings(Record):
     forward: str
     parts: int = 0  # connected, welded
     hidden_parts: int = 0  # that no outside ray reaches
-    hidden_triangles: int = 0
     area_m2: float = 0.0
     outside_area_m2: float = 0.0  # that can be seen from outside, each face counted once
     topology: Topology | None = None  # of a mesh

@@ -141,15 +141,15 @@ def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
         done.append(f"{before - _area(vertices, triangles):.0f} m² below the ground cut off")
     _check_left(triangles, entry)
     topology = topology_of(triangles)
-    outside = look(vertices, triangles, topology, ground)
-    triangles = np.where(outside.inverted[:, None], triangles[:, ::-1], triangles)
-    if outside.inverted.any():
-        done.append(f"{outside.inverted.sum()} triangles turned that showed outside their back")
+    inverted, hidden, outside_area_m2 = look(vertices, triangles, topology, ground)
+    triangles = np.where(inverted[:, None], triangles[:, ::-1], triangles)
+    if inverted.any():
+        done.append(f"{inverted.sum()} triangles turned that showed outside their back")
     outliers = tuple(find_outliers(vertices, triangles, topology))
-    drop: Bools = outside.hidden & entry.drop_hidden
+    drop: Bools = hidden & entry.drop_hidden
     verdicts = []
-    if outside.hidden.any() and not entry.drop_hidden:
-        verdicts.append(measured("hidden", outside.hidden.sum(), len(triangles)))
+    if hidden.any() and not entry.drop_hidden:
+        verdicts.append(measured("hidden", hidden.sum(), len(triangles)))
     for outlier in outliers:
         drop[outlier.triangles] |= entry.drop_outliers
         if not entry.drop_outliers:
@@ -165,10 +165,9 @@ def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     findings = Findings(
         **_declared(raw, entry),
         parts=int(final.component.max()) + 1,
-        hidden_parts=len(np.unique(topology.component[outside.hidden])),
-        hidden_triangles=int(outside.hidden.sum()),
+        hidden_parts=len(np.unique(topology.component[hidden])),
         area_m2=_area(vertices, triangles),
-        outside_area_m2=outside.area_m2,
+        outside_area_m2=outside_area_m2,
         topology=final,
         outliers=outliers,
         done=tuple(done),

@@ -14,7 +14,7 @@ from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.pace import Pace
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport import velocity
-from upplied.inputs.passport.fits import AS_WELL, Fit, best_fits, steadier
+from upplied.inputs.passport.fits import AS_WELL, Comparison, Fit
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Aim, Sight, aim_of, ground_of, sight_of
 from upplied.inputs.rules import Verdict
@@ -107,10 +107,9 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     off_m, seen_m = float(np.hypot(*off)) if sure > 0.8 else 0.0, SEEN * camera.max_range_m
     doubtful = clearance < settings.least_clearance_m or sight.inside.any() or off_m >= settings.off_centre_m
     enough = 2.0 if doubtful else 1 - settings.fit_gain_pct / 100  # no other could explain enough more
-    whole, timed = reading.whole, reading.source.timed
-    given, others = best_fits(whole, reading.to_camera, scene, floor, seen_m, enough, timed)
-    ratio = settings.steadier_ratio
-    varies, least, steady = steadier(logged, reading.to_camera, scene, floor, seen_m, ratio, timed)
+    around = reading.to_camera, scene, floor, seen_m, reading.source.timed
+    given, others = Comparison(reading.whole, *around).best_fits(enough)
+    varies, least, steady = Comparison(logged, *around).steadier(settings.steadier_ratio)
     if steady and (not others or others[0].share - given < settings.fit_gain_pct / 100):
         others = steady
     least = least if others is steady else varies
