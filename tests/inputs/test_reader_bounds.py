@@ -7,9 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_logs import Flight
+from made_sources import WRITERS
 from scipy.spatial.transform import Rotation
 from test_separation import scanned
 
+from upplied.errors import InputError
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.geometry.scene import scene_of
 from upplied.inputs import repair
@@ -18,6 +21,7 @@ from upplied.inputs.flight.clean import UNSET, breaks, clean, steady
 from upplied.inputs.flight.inspection import phases
 from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.tracks import Track, at_times
+from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.passport import conventions, fits
 from upplied.inputs.passport.measured import _best, _off_centre
@@ -301,6 +305,16 @@ def test_of_a_whole_log_the_right_convention_is_named_though_it_fits_a_third_of_
     shares = {fit.convention.name: fit.share for fit in found}
     assert share == 0 and shares["z-down"] > 0.95 and found[0].share == shares["ned"]  # alike, round a cube
     assert shares["millimetres"] == shares["inches"] == 0
+
+
+def test_a_log_of_places_on_the_earth_is_told_of_no_other_axes(tmp_path: Path) -> None:
+    """Heights 12 m too low: no side-car moves satellites, so the placement is to be corrected."""
+    flown = ring(300)
+    low = Flight(flown.t_ns, flown.positions - [0, 0, 12.0], flown.quat_xyzw)
+    path, facts = WRITERS["airdata"](tmp_path, low)
+    with pytest.raises(InputError, match="structure's place on the Earth, or takeoff_alt_m") as error:
+        read_demonstration(path, LogOptions(structure_id="cube-v1", **facts), structures=lambda name: CUBE)
+    assert "convention =" not in str(error.value) and "structure_position_m" not in str(error.value)
 
 
 def test_a_log_that_begins_and_ends_in_the_air_is_taken_whole() -> None:
