@@ -175,10 +175,9 @@ def _on_ground(at: Floats, places: Floats) -> Bools:
     later = np.searchsorted(at, at + _STILL_S).clip(max=len(at) - 1)
     still = low & (np.linalg.norm(places[later] - places, axis=1) <= _STILL_M)
     still &= at[later] - at >= _STILL_S - _STEP_S
-    stays = np.zeros(len(at) + 1, np.int64)
-    np.add.at(stays, np.flatnonzero(still), 1)
-    np.add.at(stays, later[still] + 1, -1)
-    ground = np.cumsum(stays[:-1]) > 0
+    ground = np.zeros(len(at), bool)
+    for first in np.flatnonzero(still):
+        ground[first : later[first] + 1] = True
     if not (ground[0] or ground[-1]):
         return np.zeros(len(at), bool)
     for first, stop in _runs(~ground):  # a wobble on the ground is no flight

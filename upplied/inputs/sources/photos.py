@@ -38,9 +38,7 @@ def read(path: Path, fields: Fields) -> Source:
     with ThreadPoolExecutor(4) as threads:
         heads = list(threads.map(head_of, names))
     placed = [
-        head
-        for head in heads
-        if np.isfinite(head["lat"] + head["lon"]) and (head["lat"], head["lon"]) != (0, 0)
+        head for head in heads if np.isfinite(head["lat"] + head["lon"]) and (head["lat"] or head["lon"])
     ]
     finding = f"{len(placed)} of {len(heads)} photos have a place"
     if len(placed) < 2:
