@@ -151,7 +151,8 @@ def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases 
     distance = scene.distance(places)
     usual = float(np.median(distance[looks & flying])) if (looks & flying).any() else 0.0
     good = looks & flying & (distance <= _FAR * usual)
-    parts, landed_s = [], 0.0
+    parts: list[tuple[str, float, float]] = []
+    landed_s = 0.0
     for (first, stop), (out, _) in zip(flights, ways, strict=True):
         seconds, inspects = at[first:stop], good[first:stop]
         begin = first + _begins(seconds, inspects) if first else first
