@@ -33,7 +33,7 @@ from upplied.threads import one_thread
 
 _GRAVITY_MPS2 = 9.81
 _STEP_S = 0.02
-_KEPT_STEPS = 5  # of which one is returned
+_STEPS = 5  # of which one is returned
 _SETTLE_S = 2.0  # hovering at the end
 _FEET_PER_M = 1 / 0.3048
 
@@ -72,7 +72,7 @@ def fly_trajectory(
     ground_z_m: float = 0.0,
     seed: int = 0,
 ) -> Trajectory:
-    """What a vehicle really flies that is told to fly a trajectory.
+    """What a vehicle really flies of a planned trajectory.
 
     Parameters
     ----------
@@ -102,13 +102,12 @@ def fly_trajectory(
         )
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, trajectory.t_s[-1] + _SETTLE_S, _STEP_S)
-    wanted = interpolate(trajectory, t)
-    air = wind_along(wanted.positions, wind, ground_z_m, rng)
+    planned = interpolate(trajectory, t)
+    air = wind_along(planned.positions, wind, ground_z_m, rng)
     error = _drifting(len(t), vehicle.estimate_error_m, vehicle.estimate_time_s, rng)
-    flown = _followed(wanted.positions, air, error, vehicle)
-    quats = _gimballed(wanted.quat_xyzw, vehicle, rng)
-    kept = slice(None, None, _KEPT_STEPS)
-    return replace(wanted, positions=flown, quat_xyzw=quats).take(kept)
+    flown = _followed(planned.positions, air, error, vehicle)
+    quats = _gimballed(planned.quat_xyzw, vehicle, rng)
+    return replace(planned, positions=flown, quat_xyzw=quats).take(slice(None, None, _STEPS))
 
 
 def measure_flown(
@@ -140,15 +139,15 @@ def measure_flown(
     """
     here, there = frames_for(source, target, settings)
     with one_thread():
-        told = [one for one in siblings if one.structure_id == plan.parts_told_by]
-        pair = study(structure_in(here, source), structure_in(there, target), settings, memo, told)
+        reference = [one for one in siblings if one.structure_id == plan.parts_told_by]
+        pair = study(structure_in(here, source), structure_in(there, target), settings, memo, reference)
         takes = takes_of(demonstration_in(here, demonstration), pair, settings, memo)
-        found, surface, warnings = judge(in_frame(there, flown), None, takes, settings)
+        measures, surface, warnings = judge(in_frame(there, flown), None, takes, settings)
     return replace(
         plan,
         trajectory=flown,
         is_viewpoint=None,
-        measures=found,
+        measures=measures,
         surface=in_declared(there, surface),
         supposed=in_declared(there, pair.supposed),
         warnings=warnings,
@@ -198,20 +197,20 @@ def _drifting(count: int, sigma: float, time_s: float, rng: np.random.Generator)
     return error * (1 - np.exp(-np.arange(count) * _STEP_S / time_s))[:, None]
 
 
-def _followed(wanted: Floats, air: Floats, error: Floats, vehicle: Vehicle) -> Floats:
+def _followed(planned: Floats, air: Floats, error: Floats, vehicle: Vehicle) -> Floats:
     """Positions (N, 3) of the point mass under its controller, from hovering in the first wind."""
-    frequency, flown = vehicle.stiffness_radps, np.empty_like(wanted)
+    frequency, flown = vehicle.stiffness_radps, np.empty_like(planned)
     gain, rate = frequency**2, 2 * vehicle.damping * frequency
-    speeds = _speeds(wanted)
-    position, velocity = wanted[0].copy(), np.zeros(3)
+    speeds = _speeds(planned)
+    position, velocity = planned[0].copy(), np.zeros(3)
     integral = -vehicle.drag_per_s * air[0]  # leaning into the wind already
     thrust = integral.copy()
-    for step, (goal, pace, wind, wrong) in enumerate(zip(wanted, speeds, air, error, strict=True)):
+    for step, (goal, pace, wind, wrong) in enumerate(zip(planned, speeds, air, error, strict=True)):
         lacking = goal - position - wrong
         forward = vehicle.drag_per_s * pace  # what flying at that speed costs in still air
-        asked = _limited(gain * lacking + rate * (pace - velocity) + integral + forward, vehicle)
+        acceleration = _limited(gain * lacking + rate * (pace - velocity) + integral + forward, vehicle)
         integral = integral + vehicle.integral_gain * lacking * _STEP_S
-        thrust = thrust + (asked - thrust) * (_STEP_S / vehicle.response_s)
+        thrust = thrust + (acceleration - thrust) * (_STEP_S / vehicle.response_s)
         velocity = velocity + (thrust - vehicle.drag_per_s * (velocity - wind)) * _STEP_S
         position = position + velocity * _STEP_S
         flown[step] = position
@@ -234,22 +233,22 @@ def _speeds(positions: Floats, reach: int = 10) -> Floats:
     return np.asarray((padded[2 * reach :] - padded[: -2 * reach]) / (2 * reach * _STEP_S))
 
 
-def _limited(asked: Floats, vehicle: Vehicle) -> Floats:
+def _limited(acceleration: Floats, vehicle: Vehicle) -> Floats:
     """The acceleration that tilt and motors allow."""
     most = _GRAVITY_MPS2 * np.tan(np.radians(vehicle.max_tilt_deg))
-    level = np.hypot(asked[0], asked[1])
+    level = np.hypot(acceleration[0], acceleration[1])
     shrink = min(1.0, most / level) if level > 0 else 1.0
-    climb = min(max(asked[2], -vehicle.max_climb_mps2), vehicle.max_climb_mps2)
-    return np.array([asked[0] * shrink, asked[1] * shrink, climb])
+    climb = min(max(acceleration[2], -vehicle.max_climb_mps2), vehicle.max_climb_mps2)
+    return np.array([acceleration[0] * shrink, acceleration[1] * shrink, climb])
 
 
 def _gimballed(quat_xyzw: Floats, vehicle: Vehicle, rng: np.random.Generator) -> Floats:
     """Orientations that follow with a lag, and with a small slow error."""
     yaw, pitch = yaw_pitch(quat_xyzw)
-    wanted = np.column_stack([np.unwrap(yaw), pitch])
+    planned = np.column_stack([np.unwrap(yaw), pitch])
     gain = 1 - np.exp(-_STEP_S / vehicle.gimbal_response_s)
-    at, turned = wanted[0], np.empty_like(wanted)
-    for step, goal in enumerate(wanted):
+    at, turned = planned[0], np.empty_like(planned)
+    for step, goal in enumerate(planned):
         at = at + gain * (goal - at)
         turned[step] = at
     share = np.full(len(turned), np.exp(-_STEP_S / 1.0))

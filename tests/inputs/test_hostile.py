@@ -94,11 +94,32 @@ def test_a_hostile_file_is_an_error_that_names_it(tmp_path: Path, kind: str) -> 
     assert path.read_bytes() == data
 
 
-def test_pipes_and_broken_links_are_no_files(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "a.mcap")
+def test_pipes_and_broken_links_are_refused_by_name(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.mcap")  # opening it would wait for ever
     (tmp_path / "b.ulg").symlink_to(tmp_path / "nowhere")
     (tmp_path / "c").symlink_to(tmp_path)  # a folder that holds itself
-    assert door.survey([tmp_path]) == []
+    pipe, link = door.survey([tmp_path])
+    assert (pipe.path.name, link.path.name) == ("a.mcap", "b.ulg") and pipe.status == link.status == "refused"
+    assert "no regular file" in pipe.words and "No such file" in link.words
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "reason"),
+    [
+        ("DJIFlightRecord_2026-01-02_[10-00-00].txt", bytes(range(200)), "encrypted: export it as CSV"),
+        ("FLY012.DAT", bytes(200), "encrypted"),
+        ("logs.zip", _zip("day 1/flight.mcap", 10), "an archive: unpack it first"),
+        ("mission.kmz", b"PK\x05\x06" + bytes(18), "does not begin as a .kmz file does"),
+    ],
+)
+def test_a_flight_that_cannot_be_read_is_refused_with_what_to_do(
+    tmp_path: Path, name: str, data: bytes, reason: str
+) -> None:
+    (tmp_path / name).write_bytes(data)
+    (tmp_path / "photos.zip").write_bytes(_zip("readme.txt", 10))
+    refused, other = sorted(door.survey([tmp_path]), key=lambda one: one.status != "refused")
+    assert (refused.path.name, refused.status, other.status) == (name, "refused", "other")
+    assert reason in refused.words
 
 
 @pytest.mark.parametrize("fault", [AttributeError, AssertionError, NameError, ZeroDivisionError])

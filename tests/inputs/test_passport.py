@@ -43,6 +43,7 @@ BREAKS = {  # of each rule, figures that break it
     "jumps": {"jumps": 2, "jump_m": 1.1},
     "spikes": {"spikes": 8},
     "attitude-unset": {"unset": 90},
+    "too-slow": {"speed_p99_mps": 0.02},
     "sparse": {"step_s": 5.0},
     "planned": {"planned": True},
     "undated": {"year": 1970},
@@ -369,9 +370,9 @@ def test_the_convention_that_fits_clearly_better_is_named_before_the_steadier_on
     tmp_path: Path, monkeypatch, share: float, rule: str, name: str
 ) -> None:
     better, steadier = (fits.Fit(conventions.NAMED[each], share) for each in ("ned", "y-up"))
-    monkeypatch.setattr(measured, "best_fits", lambda *_: (0.6, [better]))
+    monkeypatch.setattr(measured.Comparison, "best_fits", lambda *_: (0.6, [better]))
     monkeypatch.setattr(
-        measured, "steadier", lambda *_: (np.array([0.9, 0.0]), np.array([0.1, 0.0]), [steadier])
+        measured.Comparison, "steadier", lambda *_: (np.array([0.9, 0.0]), np.array([0.1, 0.0]), [steadier])
     )
     with pytest.raises(InputError) as error:
         taken(right(0), tmp_path / "a.mcap")

@@ -7,9 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_logs import Flight
+from made_sources import WRITERS
 from scipy.spatial.transform import Rotation
 from test_separation import scanned
 
+from upplied.errors import InputError
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.geometry.scene import scene_of
 from upplied.inputs import repair
@@ -18,6 +21,7 @@ from upplied.inputs.flight.clean import UNSET, breaks, clean, steady
 from upplied.inputs.flight.inspection import phases
 from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.tracks import Track, at_times
+from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.passport import conventions, fits
 from upplied.inputs.passport.measured import _best, _off_centre
@@ -73,7 +77,7 @@ def test_of_conventions_that_fit_alike_the_common_one_is_named() -> None:
     """Headings half a turn off: the compass, and a mount that looks back. Mounts are met more often."""
     flown = ring(60)
     back = replace(flown, quat_xyzw=from_yaw_pitch(np.arctan2(*flown.positions[:, [1, 0]].T), np.zeros(60)))
-    _, found = fits.best_fits(back, lambda track: track, SCENE, -np.inf, 1e3)
+    _, found = fits.Comparison(back, lambda track: track, SCENE, -np.inf, 1e3).best_fits()
     alike = {fit.convention.name: fit for fit in found if fit.share > 0.99}
     assert {"heading offset -180 deg", "mount +180 +0"} <= alike.keys() | {"heading offset +180 deg"}
     assert found[0].convention.rare == min(fit.convention.rare for fit in alike.values())
@@ -91,7 +95,7 @@ def test_a_rare_mistake_is_named_where_it_fits_clearly_better(monkeypatch, share
 
     monkeypatch.setattr(fits, "fits", shares_of)
     flown = ring(60)
-    found = fits.best_fits(flown, lambda track: track, SCENE, -np.inf, 1e3)[1]
+    found = fits.Comparison(flown, lambda track: track, SCENE, -np.inf, 1e3).best_fits()[1]
     assert found[0].convention.name.split(" ")[0] == first
 
 
@@ -117,7 +121,7 @@ def test_a_steadier_stand_off_is_named_beyond_its_ratio_alone(ratio: float, name
     ) -> tuple[np.ndarray, np.ndarray, list[fits.Fit]]:
         track = Track(np.arange(80) + 1, *poses, np.arange(80) + 1)
         near = lambda logged: logged.take(logged.positions[:, 0] < reach)  # noqa: E731 - what a mount is known for
-        return fits.steadier(track, near, scene_of(box), 0.0, 1e3, ratio)
+        return fits.Comparison(track, near, scene_of(box), 0.0, 1e3).steadier(ratio)
 
     assert steadier((places, quats)) == (pytest.approx([0, 0], abs=1e-6), pytest.approx([0, 0], abs=1e-6), [])
     varies, least, found = steadier(conventions.NAMED["swapped-xy-poses"].change(places, quats))
@@ -245,7 +249,7 @@ def test_jumps_spikes_and_a_rolled_camera_are_measured() -> None:
 def whole(flown: Track, still_s: float = 30.0) -> Track:
     """The flight with a stand on the ground, a climb and a transit at either end."""
     first = flown.positions[0]
-    home = np.array([first[0] + 30, first[1], MIDDLE[2] - SIDE / 2])
+    home = np.array([*MIDDLE[:2] + 2.25 * (first - MIDDLE)[:2], MIDDLE[2] - SIDE / 2])
     top = np.array([*home[:2], first[2] + 6])
     legs = [np.tile(home, (int(still_s * 10), 1)), np.linspace(home, top, 40), np.linspace(top, first, 60)]
     out = np.concatenate(legs)
@@ -260,10 +264,57 @@ def test_the_inspection_is_found_between_ground_climb_and_transit() -> None:
     flown = ring(300)
     parts = phases(whole(flown), SCENE, 1e3)
     assert parts is not None
-    assert parts.climb_s == pytest.approx(30, abs=1.0) and parts.transit_s == pytest.approx(34, abs=1.5)
-    assert parts.start_s == pytest.approx(40, abs=1.5) and parts.stop_s == pytest.approx(70, abs=1.5)
-    assert parts.landing_s == pytest.approx(80, abs=1.0)
+    assert [name for name, *_ in parts.parts] == [
+        "ground",
+        "climb",
+        "transit",
+        "inspection",
+        "return",
+        "ground",
+    ]
+    assert [start for _, start, _ in parts.parts] == pytest.approx([0, 30, 34, 40, 70, 80], abs=1.5)
     assert "inspection 40 to 70 s" in str(parts)
+
+
+def test_between_two_flights_of_a_log_the_stay_on_the_ground_is_left_out() -> None:
+    """A battery is changed half way; a hop on the spot is no inspection, a low hover no landing."""
+    one, other = whole(ring(300).take(np.arange(150))), whole(ring(300).take(np.arange(150, 300)))
+    hop = whole(ring(300).take(np.arange(1)), 20.0)
+    names = ("positions", "quat_xyzw")
+    both = {name: np.concatenate([getattr(each, name) for each in (one, hop, other)]) for name in names}
+    t_ns = one.t_ns[0] + np.arange(len(both["positions"]), dtype=np.int64) * 100_000_000
+    parts = phases(Track(t_ns, **both, log_ns=t_ns), SCENE, 1e3)
+    assert parts is not None
+    assert [name for name, *_ in parts.parts].count("inspection") == 2 and "another flight" in str(parts)
+    inspected = parts.inspected((t_ns - t_ns[0]) * 1e-9)
+    near = np.linalg.norm(both["positions"] - MIDDLE, axis=1) < 2.01 * SIDE
+    assert (inspected == near).mean() > 0.97
+    assert parts.between_s == pytest.approx((len(one) - 150 + len(hop)) / 10, abs=4.0)
+    low = Track(t_ns[: len(one)], one.positions, one.quat_xyzw, t_ns[: len(one)])
+    hover = replace(low, positions=low.positions.copy())
+    hover.positions[480:540] = [*low.positions[480, :2], low.positions[0, 2]]
+    assert [name for name, *_ in phases(hover, SCENE, 1e3).parts].count("inspection") == 1
+
+
+def test_of_a_whole_log_the_right_convention_is_named_though_it_fits_a_third_of_it() -> None:
+    """Shrunk to a point at the structure, a flight would look at it all the time; but it would not move."""
+    flown = whole(ring(600))
+    down = replace(flown, positions=flown.positions * [1, 1, -1])
+    ground_m = float(flown.positions[:, 2].min()) - 0.1
+    share, found = fits.Comparison(down, lambda track: track, SCENE, ground_m, 1e3).best_fits()
+    shares = {fit.convention.name: fit.share for fit in found}
+    assert share == 0 and shares["z-down"] > 0.95 and found[0].share == shares["ned"]  # alike, round a cube
+    assert shares["millimetres"] == shares["inches"] == 0
+
+
+def test_a_log_of_places_on_the_earth_is_told_of_no_other_axes(tmp_path: Path) -> None:
+    """Heights 12 m too low: no side-car moves satellites, so the placement is to be corrected."""
+    flown = ring(300)
+    low = Flight(flown.t_ns, flown.positions - [0, 0, 12.0], flown.quat_xyzw)
+    path, facts = WRITERS["airdata"](tmp_path, low)
+    with pytest.raises(InputError, match="structure's place on the Earth, or takeoff_alt_m") as error:
+        read_demonstration(path, LogOptions(structure_id="cube-v1", **facts), structures=lambda name: CUBE)
+    assert "convention =" not in str(error.value) and "structure_position_m" not in str(error.value)
 
 
 def test_a_log_that_begins_and_ends_in_the_air_is_taken_whole() -> None:

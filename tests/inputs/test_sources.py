@@ -10,6 +10,7 @@ import pytest
 from made_logs import Flight, flight
 from made_missions import made_plan, placed_box
 from made_sources import UNTIMED, WRITERS, bag2, photos
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
@@ -59,6 +60,14 @@ def test_a_bag_without_definitions_is_read_by_the_names_of_its_types(tmp_path: P
     path, facts = bag2(tmp_path / "bag", spiral(), defined=False)
     found = read_demonstration(path, LogOptions(structure_id="tank", **facts))
     assert np.abs(found.positions - spiral().positions).max() < 1e-9
+
+
+def test_photos_without_a_place_are_counted_as_lost(tmp_path: Path) -> None:
+    path, facts = photos(tmp_path / "photos", thin(flight(1200, 10.0)))
+    for name in sorted(path.iterdir())[::4]:  # a program that resizes photos drops their tags
+        Image.new("RGB", (8, 8)).save(name)
+    found = read_demonstration(path, LogOptions(structure_id="tank", **facts))
+    assert len(found) == 30 and found.degraded and "30 of 40 photos have a place" in found.notes
 
 
 def test_a_yaw_that_counts_from_the_nose_is_told_from_the_series(tmp_path: Path) -> None:

@@ -102,7 +102,8 @@ def stored(
         if isinstance(read, str):
             ingested.append(Ingested(name, "failed", read))
         elif (first := seen.setdefault(item, name)) is not name:
-            ingested.append(Ingested(name, "failed", f"{name}: its id {item!r} is that of {first}"))
+            reason = f"{name}: its id {item!r} is that of {first}. Rename one of them"
+            ingested.append(Ingested(name, "failed", reason))
         elif isinstance(read, Ingested) or known.get(item) == content_of(read):
             ingested.append(Ingested(item, "unchanged"))
         else:

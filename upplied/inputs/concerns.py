@@ -10,7 +10,7 @@ import numpy as np
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import Outlier
 from upplied.inputs.raw import RawMesh
-from upplied.inputs.repair import Repairs, Topology
+from upplied.inputs.repair import Topology
 from upplied.inputs.rules import Verdict, broken, refusals
 from upplied.inputs.structure_rules import RULES, measured, unlike_its_kind
 from upplied.records import Floats, Ints, Record
@@ -120,10 +120,8 @@ class Findings(Record):
     unit_from: str  # "manifest", "file" or "assumed"
     up: str
     forward: str
-    repairs: Repairs
     parts: int = 0  # connected, welded
     hidden_parts: int = 0  # that no outside ray reaches
-    hidden_triangles: int = 0
     area_m2: float = 0.0
     outside_area_m2: float = 0.0  # that can be seen from outside, each face counted once
     topology: Topology | None = None  # of a mesh

@@ -1,8 +1,4 @@
-"""From a log to a demonstration: the camera's poses in the frame of the structure.
-
-Each kind of file has a reader of its own in `upplied.inputs.sources`, each family of schemas in
-`upplied.inputs.schemas`; what happens to the poses afterwards is in `upplied.inputs.flight`.
-"""
+"""From a log to a demonstration: the camera's poses in the frame of the structure."""
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -138,18 +134,18 @@ def _demonstration(
         seen = in_structure_frame(in_frame(seen, facts, tree, where), facts)
         return converted(seen, facts.convention, of_camera=True)
 
-    flown = to_camera(track)
-    if structure is not None and not given and len(flown) > 1:
+    whole, flown = track, to_camera(track)
+    parts = None
+    if structure is not None and source.timed and not given and len(flown) > 1:
         parts = inspections.phases(flown, scene_of(structure), SEEN * camera.max_range_m)
-        if parts is not None:
-            since_s = (flown.t_ns - flown.t_ns[0]) * 1e-9
-            inside = (since_s >= parts.start_s) & (since_s <= parts.stop_s)
-            track, flown = track.take(np.isin(track.t_ns, flown.t_ns[inside])), flown.take(inside)
-            cut = [f"the inspection within the log: {parts}"]
+    if parts is not None:
+        inside = parts.inspected((flown.t_ns - flown.t_ns[0]) * 1e-9)
+        track, flown = track.take(np.isin(track.t_ns, flown.t_ns[inside])), flown.take(inside)
+        cut = [f"the inspection within the log: {parts}"]
     check_dropped(flown, facts, where)
     _check_length(flown, facts, what)
     gap_s = silence_s(flown, facts.gap_s)
-    shortened, pace = paced(flown, gap_s, facts.passport)
+    shortened, pace = paced(flown, gap_s, facts.passport, parts.between_s if parts else 0.0)
     if flight:
         shortened = flown
     first_after, how = breaks(shortened, gap_s)
@@ -166,7 +162,7 @@ def _demonstration(
             ("frame-unconnected", lambda options: in_frame(track, options, tree, what)),
         ]
         reading = Reading(
-            source, track, flown, shortened, pace, camera, to_camera, gap_s, tuple(notes),
+            source, whole, track, flown, shortened, pace, camera, to_camera, gap_s, tuple(notes),
             _overruled(facts, of_reader), None if facts.convention else ros.velocity(tables, topic),
             ros.turning(tables), cameras.lens_ratio(zoom, facts),
         )  # fmt: skip

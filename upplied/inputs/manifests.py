@@ -1,8 +1,7 @@
-"""Manifests: what people declare about the structures of a folder, in TOML or CSV.
+"""Manifests: declarations about the structures of a folder, in TOML or CSV with the same keys.
 
-A mesh file says little about itself: no unit, no up axis, no heading that can be trusted. So they
-are declared once, in `structures.toml` (``[[structure]]`` tables) or a CSV with the same keys as
-columns. Lengths other than those of the file itself are metres in the structure frame.
+A mesh file states no unit, up axis or heading that can be trusted. Lengths other than those of the file
+itself are metres in the structure frame.
 """
 
 import csv

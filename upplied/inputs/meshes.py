@@ -18,7 +18,7 @@ from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import find_outliers
 from upplied.inputs.outside import look, outward_normals
 from upplied.inputs.raw import RawMesh, counted
-from upplied.inputs.repair import Repairs, clean, clip_below, compact, topology_of, used_vertices
+from upplied.inputs.repair import clean, clip_below, compact, topology_of, used_vertices
 from upplied.inputs.rules import decided, refuse, to_json
 from upplied.inputs.structure_rules import measured
 from upplied.records import Bools, Floats, Ints, Structure
@@ -133,7 +133,7 @@ def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     used = used_vertices(raw.triangles, len(vertices))
     check_finite(vertices[used], (None, 3), f"{entry.path}, vertices")
     vertices, triangles, _, repairs = clean(vertices, raw.triangles)
-    done = list(repairs.texts())
+    done = list(repairs)
     ground = entry.surroundings.ground_z_m
     if entry.clip_ground and ground is not None and len(triangles) and vertices[:, 2].min() < ground:
         before = _area(vertices, triangles)
@@ -141,15 +141,15 @@ def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
         done.append(f"{before - _area(vertices, triangles):.0f} m² below the ground cut off")
     _check_left(triangles, entry)
     topology = topology_of(triangles)
-    outside = look(vertices, triangles, topology, ground)
-    triangles = np.where(outside.inverted[:, None], triangles[:, ::-1], triangles)
-    if outside.inverted.any():
-        done.append(f"{outside.inverted.sum()} triangles turned that showed outside their back")
+    inverted, hidden, outside_area_m2 = look(vertices, triangles, topology, ground)
+    triangles = np.where(inverted[:, None], triangles[:, ::-1], triangles)
+    if inverted.any():
+        done.append(f"{inverted.sum()} triangles turned that showed outside their back")
     outliers = tuple(find_outliers(vertices, triangles, topology))
-    drop: Bools = outside.hidden & entry.drop_hidden
+    drop: Bools = hidden & entry.drop_hidden
     verdicts = []
-    if outside.hidden.any() and not entry.drop_hidden:
-        verdicts.append(measured("hidden", outside.hidden.sum(), len(triangles)))
+    if hidden.any() and not entry.drop_hidden:
+        verdicts.append(measured("hidden", hidden.sum(), len(triangles)))
     for outlier in outliers:
         drop[outlier.triangles] |= entry.drop_outliers
         if not entry.drop_outliers:
@@ -164,12 +164,10 @@ def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     verdicts += cut_off(vertices, final.rim)
     findings = Findings(
         **_declared(raw, entry),
-        repairs=repairs,
         parts=int(final.component.max()) + 1,
-        hidden_parts=len(np.unique(topology.component[outside.hidden])),
-        hidden_triangles=int(outside.hidden.sum()),
+        hidden_parts=len(np.unique(topology.component[hidden])),
         area_m2=_area(vertices, triangles),
-        outside_area_m2=outside.area_m2,
+        outside_area_m2=outside_area_m2,
         topology=final,
         outliers=outliers,
         done=tuple(done),
@@ -198,7 +196,7 @@ def _cloud(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
         *filter(None, [word]),
         "a point cloud: sizes and sight lines are as dense as its points",
     )
-    findings = Findings(**_declared(raw, entry), repairs=Repairs(), done=done)
+    findings = Findings(**_declared(raw, entry), done=done)
     return points, np.empty((0, 3), np.int64), normals, findings
 
 

@@ -1,7 +1,6 @@
-"""Things in a mesh that are hardly the structure: what lies far off it, and lone planes that stick out.
+"""Parts of a mesh that are hardly the structure: far from the rest, or lone planes that stick out.
 
-Wakes, light spots on the ground and billboards that glow make a 251 m ship 872 m long. They are
-reported, and dropped only where the manifest says so: a hut beside a turbine may well be meant.
+A wake makes a 251 m ship 872 m long. They are reported, and dropped only where the manifest says so.
 """
 
 from collections.abc import Iterator

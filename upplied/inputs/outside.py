@@ -1,11 +1,7 @@
-"""What can be seen from outside: of a mesh patches wound the wrong way, parts that nobody sees, and the
-area outside; of a point cloud the side of each point.
+"""What is visible from outside: patches wound the wrong way, hidden parts, and the side of each point.
 
-Almost no real mesh is watertight, so inside tests say nothing. What works is a vote of rays that
-escape: a side of a surface is outside where rays from it leave the structure.
+Almost no real mesh is watertight. So rays vote: a side is outside where rays from it leave the structure.
 """
-
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -14,7 +10,7 @@ from upplied.geometry.discs import Discs
 from upplied.geometry.scene import Scene
 from upplied.geometry.vectors import across, area_vectors, neighbour_spacing, plane_normals, sphere
 from upplied.inputs.repair import Topology
-from upplied.records import Bools, Floats, Ints, Record
+from upplied.records import Bools, Floats, Ints
 
 _RAYS = 24  # from each side of each sample, weighted by the cosine: as parallel light from all around
 _SPREAD = 4096  # samples over the whole surface, by area
@@ -32,21 +28,14 @@ _GAPS = (0.3, 0.5)
 _CLEAR = 0.2  # least difference of the two sides' votes, over their sum
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Outside(Record):
-    """What rays from outside found."""
-
-    inverted: Bools  # (T,) of patches that show outside rays their back
-    hidden: Bools  # (T,) of components that no outside ray reaches
-    area_m2: float  # that can be seen from outside, each face counted once
-
-
 def look(
     vertices: Floats, triangles: Ints, topology: Topology, ground_z_m: float | None = None, seed: int = 0
-) -> Outside:
+) -> tuple[Bools, Bools, float]:
     """Cast rays from both sides of samples on every patch of triangles (T, 3) and see which escape.
 
-    Where the height of the ground is known, nothing is seen from below it.
+    Returns which triangles (T,) are of patches that show their back to the outside, which (T,) of components
+    that no ray from outside reaches, and the area visible from outside, m², each face counted once. Where the
+    height of the ground is known, nothing is seen from below it.
     """
     corners = vertices[triangles]
     area = np.linalg.norm(area_vectors(corners), axis=1) / 2
@@ -73,7 +62,7 @@ def look(
     seen[component[np.isin(patch, fragments)]] = True
     share = patch_area / np.maximum(wanted, 1)
     outside_area = share[patch[sample]][front + back > 0].sum() + patch_area[fragments].sum()
-    return Outside(inverted[patch], ~seen[component], float(outside_area))
+    return inverted[patch], ~seen[component], float(outside_area)
 
 
 def _chosen(patch: Ints, area: Floats, wanted: Ints, rng: np.random.Generator) -> Ints:

@@ -17,30 +17,11 @@ from upplied.records import Bools, Floats, Ints, Record
 WELD_M = 1e-4  # a tenth of a millimetre: far below any detail that is flown, far above rounding
 
 
-@dataclass(frozen=True)
-class Repairs:
-    """How much was repaired, by kind."""
-
-    welded: int = 0  # vertices that lay on another
-    degenerate: int = 0  # triangles without area
-    duplicate: int = 0  # triangles with the corners of another
-    unused: int = 0  # vertices of no triangle
-
-    def texts(self) -> tuple[str, ...]:
-        """Each kind that occurred, in words."""
-        return counted(
-            (self.welded, "vertices welded"),
-            (self.degenerate, "triangles without area removed"),
-            (self.duplicate, "repeated triangles removed"),
-            (self.unused, "unused vertices dropped"),
-        )
-
-
-def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, Repairs]:
+def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, tuple[str, ...]]:
     """A mesh whose triangles share vertices, have area, and stand once.
 
     Returns its vertices (W, 3), m, and triangles (U, 3), in the order of the input and wound alike, which
-    triangles of the input they are (U,), and how much was repaired.
+    triangles of the input they are (U,), and in words how much was repaired.
     """
     used = used_vertices(triangles, len(vertices))
     chosen = np.flatnonzero(used)
@@ -50,11 +31,11 @@ def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, Repair
     joined = first[triangles]
     fault = _faults(vertices, joined)
     intact = np.flatnonzero(fault == 0)
-    repairs = Repairs(
-        welded=int((near != np.arange(len(near))).sum()),
-        degenerate=int((fault == 1).sum()),
-        duplicate=int((fault == 2).sum()),
-        unused=len(vertices) - len(chosen),
+    repairs = counted(
+        (int((near != np.arange(len(near))).sum()), "vertices welded"),
+        (int((fault == 1).sum()), "triangles without area removed"),
+        (int((fault == 2).sum()), "repeated triangles removed"),
+        (len(vertices) - len(chosen), "unused vertices dropped"),
     )
     return *compact(vertices, joined[intact]), intact, repairs
 

@@ -1,7 +1,6 @@
-"""Rules that what comes in keeps, a verdict on each that is broken, and how a person overrules one by name.
+"""Rules for imported files, a verdict on each that is broken, and how a person overrules one by name.
 
-The same for structures and for flights: a rule is data (`rules.toml`); the code that measures gives a
-`Verdict` for each rule that is broken, with the figure. `decided` marks what is overruled, `refuse` refuses.
+A rule is data (`rules.toml`). `decided` marks verdicts that are overruled, `refuse` raises the others.
 """
 
 import json

@@ -1,8 +1,7 @@
-"""What of a scan is the structure, and what is ground, clutter in the air, or a neighbour.
+"""Separates the structure of a scan from ground, clutter in the air, and neighbours.
 
-The ground is a surface near level with nothing below it, open to the sky all round what stands on it: no deck
-and no roof is, since hulls and walls lie below them. What is left falls into clusters; the largest is the
-structure, with all that lies within its box or near it, fragments apart.
+The ground is near level, with nothing below it, and open to the sky round what stands on it: no deck or roof
+is. The largest cluster of the rest is the structure, with all that is within its box or near it.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,8 @@
 """Facts about a flight besides its messages: side-car, metadata record and options.
 
-A recorder cannot know which structure was flown or how the camera is mounted. That stands in a
-metadata record named ``inspection`` in the log, or by a TOML file next to it (``flight.mcap`` ->
-``flight.toml``, table ``[inspection]``). Facts: the side-car wins over the metadata, the metadata
-over the options. What to read (topic, start, stop) is the caller's choice: there options win.
+A recorder does not know the structure or the mount. They stand in a metadata record ``inspection``, or in a
+side-car (``flight.toml``, table ``[inspection]``), which wins over it, as it over the options. What to read
+is the options'.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The topic of a log that holds the poses, and of its publishers one: the only sensible, or an error.
+"""The topic of a log that holds the poses, and one publisher of it: the only sensible one, or an error.
 
-Several bodies on one topic are separated by the frames they name, by their channels, or by their places.
+Bodies that share a topic are separated by the frames they name, by their channels, or by their positions.
 """
 
 import re

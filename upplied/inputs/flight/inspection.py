@@ -1,9 +1,7 @@
-"""The part of a log that is the inspection.
+"""The inspection within a log: as given, by the log's `foxglove.Event`, or between stays on the ground.
 
-In this order: start and stop from options, side-car or metadata; the log's own `foxglove.Event` of the phase
-``inspection`` (or the only event that lasts); else ground, climb and transit at either end are left out. Such
-an end is cut only where the log begins, or ends, on the ground: standing still at its lowest. A log that was
-started in the air is taken whole, whatever its camera sees.
+Ground, climb, transit and return are left out only where the log begins or ends on the ground, standing still
+at its lowest. A log that was started in the air is taken whole, whatever its camera sees.
 """
 
 from collections.abc import Sequence
@@ -17,20 +15,22 @@ from upplied.geometry.scene import Scene
 from upplied.inputs.flight.tracks import Track, stamps
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
-from upplied.records import Bools, Floats
+from upplied.records import Bools, Floats, Ints
 
 _EVENT = "foxglove.Event"
 _NAMES = ("metadata", "event_type.name")
 Span = tuple[int, int]
 _STEP_S = 0.5  # of the stations that are looked at
 _STILL_M, _STILL_S = 0.5, 4.0  # on the ground: no farther, no shorter
+_LANDED_S = 10.0  # on the ground between two flights of a log
 _LIFT_M = 1.0  # above the place of take-off, in the air
 _ASIDE_M = 3.0  # from where it climbed: the transit has begun
 _FAR = 1.6  # times the distance of the inspection: still in transit
 _LASTS_S, _SHARE = 6.0, 0.6  # of looking at the structure, at the beginning of the inspection
 _ASIDE = np.tan(np.radians(8.0))
 _MIDDLE = np.array([[1.0, y * _ASIDE, z * _ASIDE] for y, z in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))])
-_LEAST_S, _LEAST_SHARE = 10.0, 0.2  # of what must be left, of the log
+_LEAST_S, _LEAST_SHARE = 10.0, 0.2  # of what must be left, of the time in the air
+_GROUND, _INSPECTION = "ground", "inspection"
 
 
 def inspected(
@@ -88,21 +88,36 @@ def _events(tables: Sequence[Table]) -> list[Span]:
 
 @dataclass(frozen=True)
 class Phases:
-    """When the parts of a log begin, s from its first pose; the inspection from `start_s` to `stop_s`."""
+    """What a log holds: parts with their names, each from when to when, s from its first pose."""
 
-    climb_s: float
-    transit_s: float
-    start_s: float
-    stop_s: float
-    landing_s: float
-    end_s: float
+    parts: tuple[tuple[str, float, float], ...]
 
     def __str__(self) -> str:
-        parts = [("ground", 0.0, self.climb_s), ("climb", self.climb_s, self.transit_s),
-                 ("transit", self.transit_s, self.start_s), ("inspection", self.start_s, self.stop_s),
-                 ("return", self.stop_s, self.landing_s), ("ground", self.landing_s, self.end_s)]  # fmt: skip
-        shown = [(name, start, stop) for name, start, stop in parts if stop - start > 0.5]
+        shown = [part for part in self.parts if part[2] - part[1] > 0.5]
         return ", ".join(f"{name} {start:.0f} to {stop:.0f} s" for name, start, stop in shown)
+
+    def inspected(self, since_s: Floats) -> Bools:
+        """Which times (N,), s, lie in an inspection; each flight that looks at the structure has one."""
+        spans = [
+            (since_s >= start) & (since_s <= stop) for name, start, stop in self.parts if name == _INSPECTION
+        ]
+        return np.asarray(np.any(spans, axis=0))
+
+    def lasting_s(self, *names: str) -> float:
+        """How long the parts of these names last together, s."""
+        return sum(stop - start for name, start, stop in self.parts if name in names)
+
+    @property
+    def share(self) -> float:
+        """The inspections' share of the time in the air."""
+        aloft_s = self.parts[-1][2] - self.lasting_s(_GROUND)
+        return self.lasting_s(_INSPECTION) / max(aloft_s, 1e-9)
+
+    @property
+    def between_s(self) -> float:
+        """The time between the first inspection and the last that belongs to none, s."""
+        spans = [part for part in self.parts if part[0] == _INSPECTION]
+        return spans[-1][2] - spans[0][1] - self.lasting_s(_INSPECTION)
 
 
 def phases(flown: Track, scene: Scene, reach_m: float) -> Phases | None:
@@ -112,41 +127,77 @@ def phases(flown: Track, scene: Scene, reach_m: float) -> Phases | None:
     """
     seconds = (flown.t_ns - flown.t_ns[0]) * 1e-9
     some = np.unique(np.searchsorted(seconds, np.arange(0, seconds[-1], _STEP_S)).clip(0, len(seconds) - 1))
-    at, places, turns = seconds[some], flown.positions[some], flown.quat_xyzw[some]
     if len(some) < 4 * _STILL_S / _STEP_S:
         return None
-    ends = [_in_air(at, places), _in_air(at[-1] - at[::-1], places[::-1])]
-    if ends == [None, None]:
+    some = np.union1d(some, [len(seconds) - 1])
+    looks = met_in_the_middle(flown.positions[some], flown.quat_xyzw[some], scene, reach_m).any(axis=1)
+    return phases_of(seconds[some], flown.positions[some], looks, scene)
+
+
+def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases | None:
+    """The same by stations: (K,), s, (K, 3), m, and which of them look at the structure."""
+    ground = _on_ground(at, places)
+    if not ground.any():
         return None
-    looks, distance = met_in_the_middle(places, turns, scene, reach_m).any(axis=1), scene.distance(places)
-    flying = np.ones(len(some), bool)
-    flying[: ends[0][1] if ends[0] else 0] = False
-    flying[::-1][: ends[1][1] if ends[1] else 0] = False
+    flights = _runs(~ground)
+    ways = []  # stations at which the climb of each flight ends, and its descent begins
+    for first, stop in flights:
+        out = first + _aside(places[first - 1], places[first:stop]) if first else first
+        back = stop - _aside(places[stop], places[first:stop][::-1]) if stop < len(at) else stop
+        ways.append((out, max(out, back)))
+    flying = np.zeros(len(at), bool)
+    for out, back in ways:
+        flying[out:back] = True
+    distance = scene.distance(places)
     usual = float(np.median(distance[looks & flying])) if (looks & flying).any() else 0.0
     good = looks & flying & (distance <= _FAR * usual)
-    first = _begins(at, good) if ends[0] else 0
-    last = len(at) - 1 - _begins(at[-1] - at[::-1], good[::-1]) if ends[1] else len(at) - 1
-    flown_s = seconds[-1] - sum(end[2] for end in ends if end)
-    if at[last] - at[first] < max(_LEAST_S, _LEAST_SHARE * flown_s):
-        return None
-    end_s = float(seconds[-1])
-    climb, transit = (float(at[end]) for end in ends[0][:2]) if ends[0] else (0.0, 0.0)
-    stop, landing = (
-        (float(at[last]), end_s - float(at[-1] - at[::-1][ends[1][0]])) if ends[1] else (end_s, end_s)
-    )
-    return Phases(climb, transit, float(at[first]), stop, landing, end_s)
+    parts: list[tuple[str, float, float]] = []
+    landed_s = 0.0
+    for (first, stop), (out, _) in zip(flights, ways, strict=True):
+        seconds, inspects = at[first:stop], good[first:stop]
+        begin = first + _begins(seconds, inspects) if first else first
+        end = stop - 1 - _begins(-seconds[::-1], inspects[::-1]) if stop < len(at) else stop - 1
+        takes_off_s, lands_s = float(at[first]), float(at[stop - 1])
+        parts.append((_GROUND, landed_s, takes_off_s))
+        if inspects.any() and begin < end:
+            names = "climb", "transit", _INSPECTION, "return"
+            edges = [takes_off_s, *(float(at[each]) for each in (out, begin, end)), lands_s]
+            parts += zip(names, edges, edges[1:], strict=False)
+        else:
+            parts.append(("another flight", takes_off_s, lands_s))
+        landed_s = lands_s
+    log = Phases((*parts, (_GROUND, landed_s, float(at[-1]))))
+    return log if log.lasting_s(_INSPECTION) >= _LEAST_S and log.share >= _LEAST_SHARE else None
 
 
-def _in_air(at: Floats, places: Floats) -> tuple[int, int, float] | None:
-    """Stations at which the climb begins and ends, and the time on the ground; None where it flies."""
-    start = places[0]
-    moved = np.linalg.norm(places - start, axis=1) > _STILL_M
-    lifted = int(np.argmax(moved)) if moved.any() else len(moved)
-    if lifted >= len(at) or at[lifted] < _STILL_S or start[2] > places[:, 2].min() + _LIFT_M:
-        return None
-    aside = np.hypot(*(places[:, :2] - start[:2]).T) > _ASIDE_M
-    aside &= places[:, 2] > start[2] + _LIFT_M
-    return lifted, int(np.argmax(aside)) if aside.any() else lifted, float(at[lifted])
+def _on_ground(at: Floats, places: Floats) -> Bools:
+    """At which stations (K,) it stands on the ground; at none where the log neither begins nor ends so."""
+    low = places[:, 2] <= places[:, 2].min() + _LIFT_M
+    later = np.searchsorted(at, at + _STILL_S).clip(max=len(at) - 1)
+    still = low & (np.linalg.norm(places[later] - places, axis=1) <= _STILL_M)
+    still &= at[later] - at >= _STILL_S - _STEP_S
+    ground = np.zeros(len(at), bool)
+    for first in np.flatnonzero(still):
+        ground[first : later[first] + 1] = True
+    if not (ground[0] or ground[-1]):
+        return np.zeros(len(at), bool)
+    for first, stop in _runs(~ground):  # a wobble on the ground is no flight
+        ground[first:stop] |= bool(low[first:stop].all()) and first > 0 and stop < len(at)
+    for first, stop in _runs(ground):  # low flight is no landing
+        if first > 0 and stop < len(at) and at[stop - 1] - at[first] < _LANDED_S:
+            ground[first:stop] = False
+    return ground
+
+
+def _runs(good: Bools) -> Ints:
+    """First, and behind the last, of each run (R, 2) of stations that are good."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]))).reshape(-1, 2)
+
+
+def _aside(home: Floats, places: Floats) -> int:
+    """The first station that lies aside of and above the place of take-off; 0 where none does."""
+    aside = np.hypot(*(places[:, :2] - home[:2]).T) > _ASIDE_M
+    return int(np.argmax(aside & (places[:, 2] > home[2] + _LIFT_M)))
 
 
 def met_in_the_middle(places: Floats, turns: Floats, scene: Scene, reach_m: float) -> Bools:
@@ -157,8 +208,8 @@ def met_in_the_middle(places: Floats, turns: Floats, scene: Scene, reach_m: floa
 
 
 def _begins(at: Floats, good: Bools) -> int:
-    """The first good station from which on most are good for a while."""
+    """The first good station from which on most are good for a while; behind all where there is none."""
     for first in np.flatnonzero(good):
         if good[(at >= at[first]) & (at < at[first] + _LASTS_S)].mean() >= _SHARE:
             return int(first)
-    return 0
+    return len(at)

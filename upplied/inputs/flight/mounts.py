@@ -1,7 +1,4 @@
-"""From poses of a body in the log's frame to poses of the camera in the structure's frame.
-
-That is declared, or follows from named points by least squares (Umeyama, 1991).
-"""
+"""From poses of a body in the log's frame to poses of the camera in the structure's frame."""
 
 from dataclasses import replace
 
@@ -98,11 +95,7 @@ def _is_mounted(facts: LogOptions) -> bool:
 
 
 def _body(track: Track, tree: Tree, camera_frame: str) -> str:
-    """The frame of the body that carries the camera, whatever it is called.
-
-    The tracked frame where the tree leads from it to the camera. Else the top of what is rigidly
-    mounted: the frame that the camera hangs on by static links alone, unless that is the world.
-    """
+    """The frame of the body: the tracked one if it carries the camera, else the top of its rigid parts."""
     if not camera_frame:
         return ""
     if track.child and tree.path(camera_frame, track.child):
@@ -143,7 +136,7 @@ _FLAT = 0.02  # second over first spread of the points: nearer to one line they 
 def registered(
     facts: LogOptions, track: Track, structure: Structure | None, what: str
 ) -> tuple[LogOptions, str]:
-    """The facts with the pose of the structure in the log's frame, and the residuals in words.
+    """The facts with the structure's pose in the log's frame (least squares, Umeyama 1991), and residuals.
 
     Raises InputError if there are too few points, a name is no landmark, they lie on a line, or miss
     theirs by more than `register_m`.

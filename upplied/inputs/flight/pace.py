@@ -1,7 +1,6 @@
-"""The time of a flight: long silences become transits, and long hovering is cut to what it is worth.
+"""The time of a flight: long gaps become transits, and long hovering is shortened.
 
-What the camera looked at stays. What nobody flew, or flew for hours on one spot, would otherwise stand
-in every plan as seconds to fly.
+Otherwise every plan would wait as long as the recorder was silent, or the vehicle stood still.
 """
 
 from dataclasses import dataclass, replace
@@ -9,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from upplied.geometry.polylines import leg_lengths
-from upplied.geometry.poses import angle_between
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.records import Bools
@@ -45,8 +43,13 @@ class Pace:
         return words
 
 
-def paced(track: Track, gap_s: float, settings: PassportSettings) -> tuple[Track, Pace]:
-    """The clean track of a camera with its gaps and hovers shortened, and what was found."""
+def paced(
+    track: Track, gap_s: float, settings: PassportSettings, between_s: float = 0.0
+) -> tuple[Track, Pace]:
+    """The clean track of a camera with its gaps and hovers shortened, and what was found.
+
+    Of its gaps `between_s`, s, were recorded, and lie between two inspections.
+    """
     step_ns = np.diff(track.t_ns)
     step_m = leg_lengths(track.positions)
     gap = step_ns > gap_s * 1e9
@@ -60,7 +63,7 @@ def paced(track: Track, gap_s: float, settings: PassportSettings) -> tuple[Track
     frozen = (step_m == 0) & (np.diff(track.quat_xyzw, axis=0) == 0).all(axis=1) & ~gap
     cut = np.where(keep[1:], 0, shorter)  # the time that goes with the samples that are cut
     pace = Pace(
-        span_s=float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0,
+        span_s=float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 - between_s if len(track) else 0.0,
         recorded_s=float(step_ns[~gap].sum()) * 1e-9,
         gaps=int(gap.sum()),
         long_gaps=int(long.sum()),
@@ -81,28 +84,28 @@ def paced(track: Track, gap_s: float, settings: PassportSettings) -> tuple[Track
 def _hovers(track: Track, gap: Bools, cap_s: float) -> tuple[Bools, float]:
     """Which samples to keep, and how long the flight stood still for longer than the cap, s."""
     keep, total = np.ones(len(track), bool), 0.0
-    if len(track) < 2 or (track.t_ns[-1] - track.t_ns[0]) * 1e-9 <= cap_s:
+    if len(track) < 2:
         return keep, total
     seconds = (track.t_ns - track.t_ns[0]) // 10**9
     ticks = np.unique(np.concatenate([[0], np.flatnonzero(np.diff(seconds)) + 1, [len(track) - 1]]))
     broken = np.concatenate([[0], np.cumsum(gap)])
-    at = 0
-    while at < len(ticks) - 1:
-        start, length, look = ticks[at], 64, 64
-        while length == look:  # ever farther, while it stands still
-            look *= 4
-            later = ticks[at + 1 : at + 1 + look]
-            still = np.linalg.norm(track.positions[later] - track.positions[start], axis=1) < _STILL_M
-            still &= broken[later] == broken[start]
-            if still[0]:
-                same = np.broadcast_to(track.quat_xyzw[start], (len(later), 4))
-                still &= angle_between(track.quat_xyzw[later], same) < _STILL_RAD
-            length = len(still) if still.all() else int(np.argmin(still))
-        stop = ticks[at + length]
-        lasted = float(track.t_ns[stop] - track.t_ns[start]) * 1e-9
+    places, quats, alike = track.positions, track.quat_xyzw, np.cos(_STILL_RAD / 2)
+    first = last = 0
+    while first < len(ticks) - 1:
+        start, last = ticks[first], first
+        for later in ticks[first + 1 :]:
+            off = places[later] - places[start]
+            if (
+                off @ off >= _STILL_M**2
+                or broken[later] > broken[start]
+                or abs(quats[later] @ quats[start]) < alike
+            ):
+                break
+            last += 1
+        lasted = float(track.t_ns[ticks[last]] - track.t_ns[start]) * 1e-9
         if lasted > cap_s:
             total += lasted
-            passed = (track.t_ns[start : stop + 1] - track.t_ns[start]) * 1e-9
-            keep[start : stop + 1] &= (passed <= cap_s / 2) | (passed >= lasted - cap_s / 2)
-        at += max(length, 1)
+            passed = (track.t_ns[start : ticks[last] + 1] - track.t_ns[start]) * 1e-9
+            keep[start : ticks[last] + 1] &= (passed <= cap_s / 2) | (passed >= lasted - cap_s / 2)
+        first = max(last, first + 1)
     return keep, total

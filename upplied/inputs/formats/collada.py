@@ -1,9 +1,7 @@
 """COLLADA (.dae): geometries, and a scene of nodes that places them.
 
-Ours, not pycollada's: that one holds positions and transforms in single precision (a quarter of a
-metre in projected coordinates), takes NaN for 0 and what stands before a damaged number for all,
-needs parameters that the schema leaves optional, and cuts polygons as fans; trimesh, which stands on
-it, leaves skinned meshes and broken references out in silence.
+Not by pycollada, which reads positions in single precision, NaN as 0 and a damaged number as the end, needs
+optional parameters, and cuts polygons as fans; nor by trimesh, which drops skinned meshes in silence.
 """
 
 from collections import Counter

@@ -1,8 +1,7 @@
-"""glTF 2.0 by trimesh, which is given a document whose every reference was checked, and its buffers.
+"""glTF 2.0 by trimesh, which gets a document whose references were all checked, and its buffers.
 
-Checked or put right here, since trimesh lets it pass in silence: triangle fans are left out, integers
-that stand for fractions are not scaled, a child of a camera loses its place, and a node that is named
-twice is placed once.
+Trimesh drops triangle fans, does not scale normalised integers, loses the place of a camera's child, and
+places a node that is named twice once: all in silence, so these are refused or corrected here.
 """
 
 import base64

@@ -1,7 +1,6 @@
 """Wavefront OBJ and OFF: vertices and faces in text. A material library is never opened.
 
-Ours, not trimesh's: that one counts a negative index from the end of the file instead of from its
-face, and cuts every polygon as a fan, which covers a concave one wrongly; both in silence.
+Not by trimesh, which counts negative indices from the end of the file, and cuts concave polygons as fans.
 """
 
 import re

@@ -1,9 +1,7 @@
 """PLY: elements of declared properties, in text or binary of either byte order.
 
-Ours, not trimesh's: that one refuses binary files whose polygons differ in their number of corners
-("PLY is unexpected length!"), as Blender and CloudCompare write them; in text it drops what follows
-a damaged number without a word; and it cuts every polygon as a fan, which covers a concave one
-wrongly. Open3D returns no faces of such files at all.
+Not by trimesh, which refuses binary files with polygons of several sizes (Blender, CloudCompare), drops what
+follows a damaged number, and cuts concave polygons as fans. Open3D returns no faces of such files.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,7 @@
 """3MF: a zip archive with the model in XML, read as a stream so that a bomb stays small.
 
-Ours, not trimesh's: of a model in several parts (production extension) that one adds every mesh of a
-part once for each reference to it, so a plate with two placed objects holds four; it unpacks the whole
-archive, whatever its size, and builds every path through components, however many there are.
+Not by trimesh, which adds every mesh of a part once for each reference to it, unpacks the whole archive
+whatever its size, and follows every path through components, however many there are.
 """
 
 import io

@@ -1,7 +1,7 @@
 """Messages of the wanted channels as columns: ROS by `rosbags`, protobuf by `mcap-protobuf-support`, JSON.
 
-A value that a message does not hold becomes NaN; a path that no message holds gives no column.
-Paths may lead into one sequence of messages (``transforms[].rotation.w``): a row is an element then.
+A missing value becomes NaN. Paths may lead into one sequence (``transforms[].rotation.w``): a row is an
+element.
 """
 
 import json

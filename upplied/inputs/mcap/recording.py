@@ -1,9 +1,8 @@
 """The container of a log: an MCAP file's channels, metadata and messages, within bounds.
 
-The file is walked once, from record to record; of chunks and messages only their place is noted, and chunks
-without a wanted channel are never unpacked. Where the walk meets damage the next chunk is looked for, so that
-damage costs the chunks it hit and no more. Records are read by `mcap`; its `SeekingReader` is not used, since
-the first damaged chunk ends it, it unpacks a chunk that stands in the summary, and it sorts by time.
+The file is walked once and only the places of chunks and messages are noted; damage costs the chunks that it
+hit. The `SeekingReader` of `mcap` ends at the first damaged chunk, unpacks chunks in the summary, and sorts
+by time.
 """
 
 import re

@@ -1,9 +1,8 @@
 """ROS 1 and ROS 2 messages by the definition stored in the log: decoded by `rosbags`.
 
-Of the libraries, `rosbags` is the fastest (an odometry in a third of the time of
-`mcap-ros2-support`) and reads ROS 1 without writing a module to the disk, as `mcap-ros1-support`
-does. It makes Python code of a definition, though, a line for each element of an array: so it only
-sees lines of a type and a name, rebuilt from what the definition says, and nothing that is large.
+It takes a third of the time of `mcap-ros2-support`, and writes no module to the disk as `mcap-ros1-support`
+does. It makes Python code of a definition: so it sees only lines of a type and a name, and nothing that is
+large.
 """
 
 import re

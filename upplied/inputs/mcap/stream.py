@@ -1,8 +1,7 @@
 """Records of an MCAP file by the `mcap` library, each from its own bytes alone.
 
-`mcap.stream_reader.StreamReader` believes a file's own sizes: it takes memory before it looks, returns short
-reads as records, reads everything where a length is negative, and walks records of unknown kinds for ever. So
-records are parted here, and the library reads what is in one; `unpacked` bounds what a chunk becomes.
+The library's `StreamReader` believes a file's own sizes: it allocates before it looks, returns short reads as
+records, and never ends on unknown kinds. So records are separated here; `unpacked` bounds a chunk.
 """
 
 import struct

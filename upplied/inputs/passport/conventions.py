@@ -1,8 +1,7 @@
 """Other conventions in which a log may have been written, and what each makes of its poses.
 
-A wrong convention leaves traces that no pilot leaves: cameras in the ground or in the structure, pictures
-of nothing, and a stand-off that comes and goes. Each convention here is one mistake that recorders and
-exporters make. The fit of a convention is the share of the poses that could be of an inspection if it held.
+Each is one mistake of recorders or exporters. Its fit is the share of the poses that could be of an
+inspection.
 """
 
 from collections.abc import Callable, Sequence
@@ -64,6 +63,12 @@ def _matrix(axes: str) -> Floats:
     return np.array([np.eye(3)["xyz".index(axis[-1])] * (1 - 2 * ("-" in axis)) for axis in axes.split()])
 
 
+def _raised(positions: Floats, quats: Floats, factor: float) -> Poses:
+    """Heights above the first pose in another unit."""
+    heights = positions[0, 2] + factor * (positions[:, 2] - positions[0, 2])
+    return np.column_stack([positions[:, :2], heights]), quats
+
+
 def _moved(positions: Floats, quats: Floats, offset: Floats) -> Poses:
     return positions + offset, quats
 
@@ -91,6 +96,14 @@ def _named(
 
 #: What `convention` in a side-car may say.
 NAMED: dict[str, Convention] = {name: _named(name, **row) for name, row in CONVENTIONS.items()}
+
+
+#: The mistakes in logs of places on the Earth: those have no axes that could be others.
+ON_EARTH = (
+    Convention("heights-in-feet", "heights in feet", partial(_raised, factor=0.3048), "export metres"),
+    Convention("heights-as-feet", "heights in metres read as feet", partial(_raised, factor=1 / 0.3048),
+               "export metres"),
+)  # fmt: skip
 
 
 def converted(track: Track, name: str, of_camera: bool = False) -> Track:

@@ -1,21 +1,28 @@
 """How well the poses of a flight fit as given and in other conventions, and how steady and level they are."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.geometry.polylines import chosen_evenly
 from upplied.geometry.scene import Scene
-from upplied.inputs.flight.inspection import met_in_the_middle
+from upplied.inputs.flight.inspection import met_in_the_middle, phases_of
 from upplied.inputs.flight.tracks import Track
-from upplied.inputs.passport.conventions import MOUNTS, NAMED, Convention, Poses, offsets, turns
+from upplied.inputs.passport.conventions import MOUNTS, NAMED, ON_EARTH, Convention, Poses, offsets, turns
 from upplied.inputs.passport.sight import inside
-from upplied.records import Floats
+from upplied.inputs.schemas.geodetic import STRUCTURE
+from upplied.records import Bools, Floats
 
 _POSES = 96  # of a flight, spread evenly, on which conventions are compared
 _STEADY = np.array([0.05, 1.0])  # logarithm of the stand-off, and roll, deg: no pilot keeps them better
-_AS_WELL = 0.02  # share of the poses by which what is steadier may fit worse
+AS_WELL = 0.02  # share of the poses by which what is steadier may fit worse
+_SLOWEST_MPS = 0.2  # of the fastest tenth: shrunk to a point, every flight would look at its structure
+_TIPPED = np.sin(np.radians(60.0)), np.cos(np.radians(110.0))  # rolled by so much, no camera inspects
+_OF_FLIGHT = 0.5  # of the time in the air: of a whole log, an inspection that lasts less fits that much worse
+
+_PLACE = "correct the structure's place on the Earth, or takeoff_alt_m, by as much"  # of logs on the Earth
 
 ToCamera = Callable[[Track], Track]
 
@@ -28,79 +35,80 @@ class Fit:
     share: float
 
 
-def best_fits(
-    track: Track, to_camera: ToCamera, scene: Scene, ground_m: float, reach_m: float, enough: float = 2.0
-) -> tuple[float, list[Fit]]:
-    """How well the poses fit as they are, and the conventions in which they would fit better, best first.
+@dataclass
+class Comparison:
+    """Some poses of a flight, and what other conventions make of them."""
 
-    Parameters
-    ----------
-    track : Track
-        Clean, as logged.
-    to_camera : callable
-        Makes of a track in the log's frame the camera's poses in the structure's.
-    ground_m : float
-        Height of the ground, m, structure frame; minus infinity where it is not known.
-    enough : float
-        Share of the poses that fit as they are at which no other convention is tried.
-    """
-    thin, given = _thinned(track, to_camera)
-    share = float(fits(given[0][None], given[1][None], scene, ground_m, reach_m)[0])
-    if share >= enough:
-        return share, []
-    of_camera = (*(item for item in NAMED.values() if item.of_camera), *MOUNTS, *turns())
-    tried = _as_logged(thin, to_camera)
-    tried += [(item, item.change(*given)) for item in (*of_camera, *offsets(given, scene))]
-    whole = [(item, poses) for item, poses in tried if len(poses[0]) == len(given[0])]
-    positions, quats = map(np.stack, zip(*(poses for _, poses in whole), strict=True))
-    shares = fits(positions, quats, scene, ground_m, reach_m)
-    candidates = [Fit(item, float(other)) for (item, _), other in zip(whole, shares, strict=True)]
-    return share, sorted(candidates, key=lambda fit: fit.convention.rare - round(fit.share, 2))
+    track: Track  # clean, as logged
+    to_camera: ToCamera  # makes of a track in the log's frame the camera's poses in the structure's
+    scene: Scene
+    ground_m: float  # height of the ground, structure frame; minus infinity where it is not known
+    reach_m: float
+    timed: bool = True  # the poses have times, and are not only numbered
 
+    def __post_init__(self) -> None:
+        self.track = self.track.take(chosen_evenly(len(self.track), _POSES))
+        flown = self.to_camera(self.track)
+        self._given: Poses = flown.positions, flown.quat_xyzw
+        self._at = (flown.t_ns - self.track.t_ns[0]) * 1e-9 if self.timed else None
 
-def steadier(
-    track: Track, to_camera: ToCamera, scene: Scene, ground_m: float, reach_m: float, ratio: float
-) -> tuple[Floats, Floats, list[Fit]]:
-    """How unsteady the flight is, how much so in other conventions, and those in which it is the steadier.
+    def best_fits(self, enough: float = 2.0) -> tuple[float, list[Fit]]:
+        """How well the poses fit as they are, and the conventions in which they would fit better, best first.
 
-    Both are (2,): the standard deviation of the logarithm of the stand-off, and the roll, deg. One of them is
-    so much less, in a ratio, where a convention is named, in which as many poses could be of an inspection.
-    Parameters as for `best_fits`.
-    """
-    thin, given = _thinned(track, to_camera)
-    as_given = _unsteadiness(given, scene)
-    if (as_given < ratio * _STEADY).all():
-        return as_given, as_given, []
-    measured = [(_unsteadiness(poses, scene), item, poses) for item, poses in _as_logged(thin, to_camera)]
-    tried = [
-        (varies, item, poses) for varies, item, poses in measured
-        if (ratio * np.maximum(varies, _STEADY) <= as_given).any() and len(poses[0]) == len(given[0])
-    ]  # fmt: skip
-    poses = [given, *(poses for *_, poses in tried)]
-    positions, quats = map(np.stack, zip(*poses, strict=True))
-    share, *shares = fits(positions, quats, scene, ground_m, reach_m).tolist()
-    fitting = [(varies, Fit(item, fit)) for (varies, item, _), fit in zip(tried, shares, strict=True)]
-    good = [each for each in fitting if each[1].share >= share - _AS_WELL]
-    best = sorted(good, key=lambda each: (-round(each[1].share, 2), *each[0]))
-    return as_given, best[0][0] if best else as_given, [fit for _, fit in best]
+        No other convention is tried where a share that is `enough` fits as it is.
+        """
+        share = float(self._shares([self._given])[0])
+        if share >= enough:
+            return share, []
+        of_camera = (*(item for item in NAMED.values() if item.of_camera), *MOUNTS, *turns())
+        others = [*of_camera, *offsets(self._given, self.scene)]
+        if self.track.parent == STRUCTURE:
+            others = [replace(it, remedy=_PLACE) if it.remedy[:10] == "structure_" else it for it in others]
+        tried = self._as_logged() + [(item, item.change(*self._given)) for item in others]
+        shares = self._shares([poses for _, poses in tried]) * self._moves([poses for _, poses in tried])
+        candidates = [Fit(item, float(other)) for (item, _), other in zip(tried, shares, strict=True)]
+        return share, sorted(candidates, key=lambda fit: fit.convention.rare - round(fit.share, 2))
 
+    def steadier(self, ratio: float) -> tuple[Floats, Floats, list[Fit]]:
+        """How unsteady the flight is, and is in other conventions, and those in which it is the steadier.
 
-def _thinned(track: Track, to_camera: ToCamera) -> tuple[Track, Poses]:
-    """Some poses of a flight, as logged, and those of its camera."""
-    thin = track.take(np.linspace(0, len(track) - 1, min(_POSES, len(track))).astype(np.int64))
-    flown = to_camera(thin)
-    return thin, (flown.positions, flown.quat_xyzw)
+        Both are (2,): the standard deviation of the logarithm of the stand-off, and the roll, deg. One is so
+        much less, in a ratio, in a named convention, in which as many poses could be of an inspection.
+        """
+        as_given = _unsteadiness(self._given, self.scene)
+        if (as_given < ratio * _STEADY).all():
+            return as_given, as_given, []
+        measured = [(_unsteadiness(poses, self.scene), item, poses) for item, poses in self._as_logged()]
+        tried = [each for each in measured if (ratio * np.maximum(each[0], _STEADY) <= as_given).any()]
+        poses = [self._given, *(poses for *_, poses in tried)]
+        share, *shares = (self._shares(poses) * self._moves(poses)).tolist()
+        fitting = [(varies, Fit(item, fit)) for (varies, item, _), fit in zip(tried, shares, strict=True)]
+        good = [each for each in fitting if each[1].share >= share - AS_WELL]
+        best = sorted(good, key=lambda each: (-round(each[1].share, 2), *each[0]))
+        return as_given, best[0][0] if best else as_given, [fit for _, fit in best]
 
+    def _shares(self, poses: Sequence[Poses]) -> Floats:
+        positions, quats = map(np.stack, zip(*poses, strict=True))
+        return fits(positions, quats, self.scene, self.ground_m, self.reach_m, self._at)
 
-def _as_logged(thin: Track, to_camera: ToCamera) -> list[tuple[Convention, Poses]]:
-    """The camera's poses by each named convention of what was logged."""
-    tried = []
-    for item in NAMED.values():
-        if not item.of_camera:
-            positions, quats = item.change(thin.positions, thin.quat_xyzw)
-            changed = to_camera(replace(thin, positions=positions, quat_xyzw=quats))
-            tried.append((item, (changed.positions, changed.quat_xyzw)))
-    return tried
+    def _moves(self, poses: Sequence[Poses]) -> Bools:
+        """Whether the flights move at all."""
+        if self._at is None:
+            return np.ones(len(poses), bool)
+        steps = np.linalg.norm(np.diff([positions for positions, _ in poses], axis=1), axis=2)
+        paces = steps / np.maximum(np.diff(self._at), 1e-9)
+        return np.asarray(np.percentile(paces, 90, axis=1) >= _SLOWEST_MPS)
+
+    def _as_logged(self) -> list[tuple[Convention, Poses]]:
+        """The camera's poses by each named convention of what was logged, where it has all of them."""
+        tried, thin = [], self.track
+        for item in ON_EARTH if thin.parent == STRUCTURE else NAMED.values():
+            if not item.of_camera:
+                positions, quats = item.change(thin.positions, thin.quat_xyzw)
+                changed = self.to_camera(replace(thin, positions=positions, quat_xyzw=quats))
+                if len(changed) == len(self._given[0]):
+                    tried.append((item, (changed.positions, changed.quat_xyzw)))
+        return tried
 
 
 def _unsteadiness(poses: Poses, scene: Scene) -> Floats:
@@ -112,15 +120,19 @@ def _unsteadiness(poses: Poses, scene: Scene) -> Floats:
     return np.array([np.std(stand_off), np.percentile(roll_deg, 90)])
 
 
-def fits(positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_m: float) -> Floats:
+def fits(
+    positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_m: float, at: Floats | None = None
+) -> Floats:
     """Share (C,) of the poses (C, M, 3) and (C, M, 4) that could be of an inspection.
 
-    Such a camera is above the ground, outside the structure and not touching it, and its axis meets the
-    structure within reach; a pose counts half where only what is beside the axis does.
+    Such a camera is above the ground, outside the structure and not touching it, holds the horizon, and its
+    axis meets the structure within reach; a pose counts half where only what is beside it does. Of whole
+    logs, by the times `at` (M,), s, of their poses, the inspection alone counts.
     """
     count = positions.shape[:2]
-    flat = positions.reshape(-1, 3)
-    good = np.where(flat[:, 2] >= ground_m, 1.0, 0.0)
+    flat, turns = positions.reshape(-1, 3), Rotation.from_quat(quats.reshape(-1, 4))
+    left, up = turns.apply([0.0, 1.0, 0.0])[:, 2], turns.apply([0.0, 0.0, 1.0])[:, 2]
+    good = np.where((flat[:, 2] >= ground_m) & (np.abs(left) <= _TIPPED[0]) & (up >= _TIPPED[1]), 1.0, 0.0)
     where = np.flatnonzero(good)
     met = met_in_the_middle(flat[where], quats.reshape(-1, 4)[where], scene, reach_m)
     good[where] = np.mean([met[:, 0], met.any(axis=1)], axis=0)
@@ -128,4 +140,10 @@ def fits(positions: Floats, quats: Floats, scene: Scene, ground_m: float, reach_
     good[where] *= scene.distance(flat[where]) >= 0.3
     where = np.flatnonzero(good)
     good[where] *= ~inside(flat[where], scene)
-    return np.asarray(good.reshape(count).mean(axis=1))
+    shares = good.reshape(count).mean(axis=1)
+    for one, (places, fit) in enumerate(
+        zip(positions, good.reshape(count), strict=True) if at is not None else ()
+    ):
+        if (parts := phases_of(at, places, fit > 0, scene)) is not None:
+            shares[one] = fit[parts.inspected(at)].mean() * min(1.0, parts.share / _OF_FLIGHT)
+    return np.asarray(shares)

@@ -14,7 +14,7 @@ from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.pace import Pace
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport import velocity
-from upplied.inputs.passport.fits import Fit, best_fits, steadier
+from upplied.inputs.passport.fits import AS_WELL, Comparison, Fit
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Aim, Sight, aim_of, ground_of, sight_of
 from upplied.inputs.rules import Verdict
@@ -33,7 +33,8 @@ class Reading:
     """What the reader knows of a log and its flight, for the passport."""
 
     source: Source
-    logged: Track  # clean, as logged, in its own frame
+    whole: Track  # clean, as logged, in its own frame
+    logged: Track  # of it, the inspection
     flown: Track  # the camera's poses, structure frame, before its time was changed
     shortened: Track  # after
     pace: Pace
@@ -75,6 +76,7 @@ class Measured(velocity.Steadiness, velocity.Motion, velocity.Pace99, Aim, Pace)
     felt_turn_pct: float = float("nan")  # correlation of how the poses turn with inertial units
     unset: int = 0  # poses without an attitude: dropped
     stills: bool = False  # photos: nothing is missing between poses
+    timed: bool = True  # the log holds times
     planned: bool = False  # a mission, not a flight
     year: int = 0  # of the first stamp
     clock: str = ""
@@ -105,8 +107,9 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     off_m, seen_m = float(np.hypot(*off)) if sure > 0.8 else 0.0, SEEN * camera.max_range_m
     doubtful = clearance < settings.least_clearance_m or sight.inside.any() or off_m >= settings.off_centre_m
     enough = 2.0 if doubtful else 1 - settings.fit_gain_pct / 100  # no other could explain enough more
-    given, others = best_fits(logged, reading.to_camera, scene, floor, seen_m, enough)
-    varies, least, steady = steadier(logged, reading.to_camera, scene, floor, seen_m, settings.steadier_ratio)
+    around = reading.to_camera, scene, floor, seen_m, reading.source.timed
+    given, others = Comparison(reading.whole, *around).best_fits(enough)
+    varies, least, steady = Comparison(logged, *around).steadier(settings.steadier_ratio)
     if steady and (not others or others[0].share - given < settings.fit_gain_pct / 100):
         others = steady
     least = least if others is steady else varies
@@ -115,7 +118,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         **vars(pace),
         **vars(velocity.steadiness(logged, flown, reading.gap_s)),
         **vars(velocity.motion_of(logged, reading.velocity)),
-        **vars(velocity.pace99_of(flown, reading.gap_s)),
+        **vars(velocity.pace99_of(flown, reading.gap_s) if reading.source.timed else velocity.Pace99()),
         **vars(aim_of(flown.positions, flown.quat_xyzw, scene)),
         **_best(others),
         poses=len(reading.shortened),
@@ -138,6 +141,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         felt_turn_pct=100 * velocity.turning_of(logged, reading.gyroscopes),
         unset=flown.dropped.get(UNSET, 0),
         stills=reading.source.stills,
+        timed=reading.source.timed,
         planned=reading.source.planned,
         year=1970 + int(flown.t_ns[0] / 1e9 / 86_400 / 365.2425),
         clock=flown.clock,
@@ -163,9 +167,11 @@ def _best(others: Sequence[Fit]) -> dict[str, Any]:
     """The convention that fits best, with that which fits as well: then nothing is claimed."""
     if not others:
         return {}
-    item, share = others[0].convention, round(others[0].share, 2)
-    second = [fit.convention for fit in others[1:2] if round(fit.share, 2) == share]
-    alike = [each for each in second if each.rare == item.rare]
+    item, least = others[0].convention, round(others[0].share, 2) - AS_WELL
+    alike = [
+        each for each in (fit.convention for fit in others[1:] if round(fit.share, 2) >= least - 1e-9)
+        if abs(each.rare - item.rare) <= AS_WELL and each.name.split()[0] != item.name.split()[0]
+    ][:1]  # fmt: skip
     words = ", or as ".join(f"{each.words} ({each.name})" for each in (item, *alike))
     advice = f"the poses fit both alike: of the first, {item.advice}" if alike else item.advice
     named = {"other": item.name, "other_words": words, "other_advice": advice}
@@ -183,11 +189,7 @@ def _least_clearance(flown: Track, spread: Ints, sight: Sight, distance: Callabl
 
 
 def _off_centre(sight: Sight, turns: Floats) -> tuple[tuple[float, float], float]:
-    """How far the log seems to lie off its structure, m, and how much of the stand-off that explains.
-
-    A pilot who circles keeps his distance; if it grows steadily from one side to the other, the log lies
-    off. Measured only of flights that look at the structure from most sides.
-    """
+    """How far off a log lies by its stand-off from most sides, m, and what share of it that explains."""
     meets = sight.meets & (sight.range_m < 1e4)
     ahead = optical_axis(turns[meets]) if meets.sum() > 30 else np.empty((0, 3))
     sides = np.unique(np.arctan2(ahead[:, 1], ahead[:, 0]) // (np.pi / 6))

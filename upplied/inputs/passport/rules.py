@@ -69,8 +69,9 @@ _BROKEN: dict[str, Callable[[Measured, PassportSettings], object]] = {
     "off-centre": lambda m, s: s.off_centre_m <= _off_m(m) < 100,
     "little-off-centre": lambda m, s: s.odd_off_centre_m <= _off_m(m) < s.off_centre_m,
     "frame-name": lambda m, s: _ned(m),
+    "too-slow": lambda m, s: 0 < m.speed_p99_mps < s.least_speed_mps,
     "sparse": lambda m, s: m.step_s > s.odd_step_s and not m.stills,
-    "undated": lambda m, s: not 2010 <= m.year < s.odd_year,
+    "undated": lambda m, s: m.timed and not 2010 <= m.year < s.odd_year,
     "clock-rate": lambda m, s: _ratio(m.clock_ratio) > s.clock_ratio,
     "leap-seconds": lambda m, s: min(abs(m.clock_ahead_s - ahead_s) for ahead_s in (18, 37)) < s.leap_slack_s,
     "velocity": lambda m, s: (

@@ -43,6 +43,7 @@ class PassportSettings:
     least_felt_turn_pct: float = -50.0  # mirrored poses give -100, right ones 100, others neither
     motion_ratio: float = 1.08  # of speeds, either way; public recordings keep within 1.01
     max_speed_mps: float = 25.0  # in 99 % of the flight, over half a second
+    least_speed_mps: float = 0.1  # no flight is slower in all but a hundredth of its time
     odd_speed_mps: float = 12.0
     max_acceleration_mps2: float = 30.0
     max_turn_degps: float = 720.0

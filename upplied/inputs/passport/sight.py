@@ -1,7 +1,7 @@
-"""How a flight lies against its structure: clearance, height over ground, what the camera meets, and its aim.
+"""How a flight lies against its structure: clearance, height over ground, what the camera meets, its aim.
 
-Who inspects looks at the surface before the camera, now a little to the left and now to the right. A
-heading that drifts turns that steadily to one side; one that is off holds it on one side from end to end.
+A pilot looks a little left and right of the nearest surface; a wrong heading holds the aim, or turns it,
+aside.
 """
 
 from dataclasses import dataclass

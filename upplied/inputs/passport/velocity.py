@@ -1,7 +1,6 @@
 """How the poses move: speeds, jumps, roll, and whether they follow velocity and gyroscope in the same log.
 
-An estimator that knows its velocity did not take it from the poses that an exporter wrote: a flight that
-was mirrored, in another unit or in other axes moves otherwise, though somebody could have flown it so.
+An estimator's velocity does not come from exported poses: those in other axes or units move otherwise.
 """
 
 from collections.abc import Sequence
@@ -183,7 +182,7 @@ def _off(track: Track, gap_s: float) -> tuple[Floats, Bools]:
     velocity = median_filter(steps / np.maximum(lasted, 1e-9)[:, None], size=(_AROUND, 1), mode="nearest")
     beside = steps - velocity * lasted[:, None]
     off_m = np.linalg.norm(beside, axis=1)
-    same = lasted <= gap_s
+    same = lasted < min(gap_s, _LONGEST_S)  # farther apart, nobody knows how it moved
     if track.epoch is not None:
         same &= np.diff(track.epoch) == 0
     off_m[~same | (off_m < max(_OFF_M, _TIMES * float(np.median(off_m))))] = 0.0

@@ -1,9 +1,7 @@
-"""Positions on the Earth, with an attitude from elsewhere, in the frame of the structure.
+"""Positions on the Earth (WGS 84), with an attitude from elsewhere, in the frame of the structure.
 
-Latitude, longitude and altitude become metres east, north, up of the structure's origin (WGS 84)
-and are turned by the heading of its +X. Altitudes above the ellipsoid and above mean sea level
-differ by tens of metres: where log and structure use different ones, the undulation of the geoid
-must be given.
+Heights above the ellipsoid and above mean sea level differ by tens of metres: log and structure need one
+datum.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,8 @@
-"""PX4 by uXRCE-DDS: odometry, or local position joined with attitude; and gimbals, as MAVROS has them too.
+"""PX4 by uXRCE-DDS: odometry, or local position with attitude; and gimbals, as MAVROS has them too.
 
-PX4 says north, east, down and forward, right, down, quaternions w x y z, microseconds. Turned to
-east, north, up and forward, left, up here. Fields differ by firmware: what is read is what the
-schema in the log says. The yaw of a gimbal (MAVLink's GIMBAL_DEVICE_ATTITUDE_STATUS: forward, right, down)
-counts from north or from the heading of the vehicle, by its flags; pitch and roll count from the horizon.
+Turned here from north, east, down and forward, right, down (quaternions w x y z, microseconds). The yaw of a
+gimbal (MAVLink's GIMBAL_DEVICE_ATTITUDE_STATUS) counts from north or from the vehicle's heading, by its
+flags.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,8 @@
-"""Poses of ROS 2, ROS 1 and Foxglove's schemas (protobuf, JSON, ROS 2), and what witnesses beside them.
+"""Poses of ROS 2, ROS 1 and Foxglove's schemas, and velocity, turn rates and wind beside them.
 
-ROS has ENU and x forward, y left, z up (REP-103, REP-105), quaternions x y z w: nothing is converted.
-MAVROS publishes these too, already turned from the autopilot's NED and FRD. Foxglove states no axes; its
-poses are taken as those of ROS. Of wind PX4 and ArduPilot log how fast the air moves to the north and to the
-east, MAVROS a twist in east, north and up (its plugin `wind_estimation`).
+ROS and MAVROS have ENU and x forward, y left, z up (REP-103, REP-105), quaternions x y z w; Foxglove states
+no axes and is read alike. PX4 and ArduPilot log the wind to north and east, MAVROS a twist
+(`wind_estimation`).
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """Trees of transforms: TF of ROS and of Foxglove, composed from the fixed frame to the camera.
 
-Several publishers fill one tree at different rates. A chain is evaluated at the stamps of its
-busiest link; the others are interpolated, never across a gap; static links hold at all times.
+A chain has the stamps of its busiest link; others are interpolated, never across a gap; static links always
+hold.
 """
 
 import re

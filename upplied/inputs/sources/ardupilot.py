@@ -1,6 +1,6 @@
-"""ArduPilot's logs (DataFlash, binary and text) and a ground station's telemetry logs, by `pymavlink`.
+"""ArduPilot's logs (DataFlash, binary and text) and telemetry logs of ground stations, by `pymavlink`.
 
-An aircraft that flies on its filter's origin and on satellites logs both: the place of the structure decides.
+Where both the filter's origin and satellites are logged, the place of the structure decides.
 """
 
 import struct

@@ -1,7 +1,6 @@
-"""Logs of messages: MCAP, ROS 1 bags, and ROS 2 bags in SQLite; the same messages and rules in each.
+"""Logs of messages: MCAP, ROS 1 bags by `rosbags`, and ROS 2 bags in SQLite.
 
-A bag of ROS 1 is opened by `rosbags`; one of ROS 2 is two tables of SQLite, the messages in one of them.
-Before ROS Iron it holds no definitions: types then mean what `rosbags` knows by their names.
+A bag from before ROS Iron holds no definitions: its types are those that `rosbags` knows by name.
 """
 
 import sqlite3

@@ -19,7 +19,7 @@ from xml.etree.ElementTree import ParseError
 from defusedxml.common import DefusedXmlException
 
 from upplied.errors import InputError
-from upplied.inputs.files import table
+from upplied.inputs.files import open_regular, table
 from upplied.inputs.sidecar import sidecar_of
 from upplied.inputs.sources import bags, photos, records, trajectories
 from upplied.inputs.sources.source import Fields, Source
@@ -56,7 +56,7 @@ _BYTES, _UNREAD = (
     {name: re.compile(pattern.encode("ascii")) for name, pattern in _TABLES[key].items()}
     for key in ("bytes", "unread")
 )
-_LOGS = (".mcap", ".ulg", ".bag", ".db3", ".tlog", ".srt", ".plan", ".waypoints")  # by name a flight
+_LOGS = (".mcap", ".ulg", ".bag", ".db3", ".tlog", ".srt", ".plan", ".waypoints", ".kmz")  # by name a flight
 
 
 def kind_of(path: Path) -> str:
@@ -67,12 +67,15 @@ def kind_of(path: Path) -> str:
     if path.is_dir():
         return "photos" if photos.members(path) else ""
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             head = stream.read(_HEAD)
     except OSError as error:
         raise InputError(str(path), error.strerror or "cannot be read", "a readable file") from None
     for reason, pattern in _UNREAD.items():
         if pattern.match(head) and (head[0] != 0x1F or ".tar" not in path.name):
+            raise InputError(str(path), reason)
+    for reason, pattern in _TABLES["unread_names"].items():
+        if re.fullmatch(pattern, path.name):
             raise InputError(str(path), reason)
     kind = next((kind for kind, pattern in _BYTES.items() if pattern.match(head)), "")
     kind = kind or _binary(path, head) or ("" if b"\0" in head[:4096] else _text(path, head))
@@ -202,4 +205,4 @@ def _walked(folder: Path) -> Iterator[tuple[Path, Sequence[str]]]:
         if "catalog.json" in names and "heads" in folders:  # a catalog holds no flights of others
             folders.clear()
             continue
-        yield Path(place), sorted(name for name in names if (Path(place) / name).is_file())
+        yield Path(place), sorted(names)

@@ -1,7 +1,6 @@
-"""Missions of ground stations as planned flights: QGroundControl, MAVLink waypoints, KML, DJI WPML, Litchi.
+"""Missions as planned flights: QGroundControl, MAVLink waypoints, KML, DJI WPML, Litchi.
 
-A planned flight is marked so from its passport on: it is what somebody intended, not what was flown.
-Between waypoints the camera is taken to turn steadily; the time is that of the stated speed.
+They are marked as planned. The camera turns steadily between waypoints, at the stated speed.
 """
 
 import csv

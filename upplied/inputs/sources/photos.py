@@ -1,8 +1,7 @@
-"""A folder of drone photos: places, times and cameras of EXIF, attitudes of XMP. Heads alone are read.
+"""A folder of drone photos: positions, times and cameras of EXIF, attitudes of XMP. Heads alone are read.
 
-DJI, Autel and others write angles of the gimbal from true north, pitch 0 at the horizon; some small models
-write the yaw from the aircraft's nose, which shows in a series. Heights count from take-off, since the datum
-of the others is unknown, but for those of satellites that were fixed to the centimetre (RTK).
+The gimbal's yaw counts from true north, on some small models from the nose, which a series shows. Heights
+count from take-off, since other datums are unknown, unless RTK fixed them.
 """
 
 from collections.abc import Iterator
@@ -39,15 +38,13 @@ def read(path: Path, fields: Fields) -> Source:
     with ThreadPoolExecutor(4) as threads:
         heads = list(threads.map(head_of, names))
     placed = [
-        head
-        for head in heads
-        if np.isfinite(head["lat"] + head["lon"]) and (head["lat"], head["lon"]) != (0, 0)
+        head for head in heads if np.isfinite(head["lat"] + head["lon"]) and (head["lat"] or head["lon"])
     ]
     finding = f"{len(placed)} of {len(heads)} photos have a place"
     if len(placed) < 2:
         remedy = "copy the originals: programs that resize or edit photos drop their tags"
         raise refusal(finding, "at least two", remedy)
-    notes = [finding] if len(placed) < len(heads) else []
+    notes: list[str] = []
     models = sorted({head.pop("camera") for head in placed})
     if len(models) > 1:
         finding = f"holds photos of {len(models)} cameras ({', '.join(models[:5])})"
@@ -57,7 +54,11 @@ def read(path: Path, fields: Fields) -> Source:
     order = np.argsort(t_ns, kind="stable")
     at, t_ns = {name: column[order] for name, column in at.items()}, t_ns[order]
     facts = _lens(at, models[0]) | ({"accuracy_m": _accuracy_m(at)} if _fixed(at) else {})
-    return Source([*_tables(at, t_ns, notes)], notes=notes, stills=True, defaults=facts)
+    timed = bool(np.isfinite(at["t_ms"]).all())
+    lost = [finding] if len(placed) < len(heads) else []
+    return Source(
+        [*_tables(at, t_ns, notes)], [], lost, notes=notes, stills=True, defaults=facts, timed=timed
+    )
 
 
 def _lens(at: dict[str, Floats], model: str) -> dict[str, Any]:

@@ -93,9 +93,9 @@ def _realitycapture(text: str) -> Source:
     if (np.abs(x) <= 180).all() and (np.abs(y) <= 90).all():
         notes.append("RealityCapture: x and y are taken for longitude and latitude, alt above the ellipsoid")
         place = fill.fixes("/cameras", t_ns, y, x, alt_ellipsoid=alt)
-        return Source(
-            [place, fill.gimbals("/cameras", t_ns, yaw, pitch, roll), *tables], notes=notes, stills=True
-        )
+        tables = [place, fill.gimbals("/cameras", t_ns, yaw, pitch, roll), *tables]
+        return Source(tables, notes=notes, stills=True, timed=False)
     turns = Rotation.from_euler("ZYX", np.column_stack([90 - yaw, -pitch, roll]), degrees=True).as_quat()
     poses = fill.poses("/cameras", t_ns, np.column_stack([x, y, alt]), turns, "project")
-    return Source([poses, *tables], notes=notes, defaults={"body_frame": "camera"}, stills=True)
+    facts = {"body_frame": "camera"}
+    return Source([poses, *tables], notes=notes, defaults=facts, stills=True, timed=False)

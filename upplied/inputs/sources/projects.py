@@ -1,7 +1,6 @@
-"""Photogrammetry: cameras of OpenSfM and OpenDroneMap, nerfstudio, Bundler and NVM.
+"""Photogrammetry: cameras of OpenSfM and OpenDroneMap, nerfstudio, Bundler and NVM, in the project's frame.
 
-Cameras look along z, x right, y down, unless a format has it otherwise; a pose is that of the camera in the
-project's frame, in which its mesh lies too. COLMAP, Metashape and RealityCapture have modules of their own.
+A camera looks along z, x right, y down, unless a format has it otherwise.
 """
 
 import json
@@ -52,7 +51,7 @@ def reconstructed(
     if not np.isfinite(matrices).all() or (np.abs(np.linalg.det(matrices) - 1) > 1e-2).any():
         raise refusal("holds turns of cameras that are no rotations", "an unedited export", "export it again")
     quats = (Rotation.from_matrix(matrices) * OPTICAL_R_CAMERA).as_quat()
-    notes = list(notes)
+    notes, timed = list(notes), times is not None
     if times is None:
         times = fill.numbered(len(centres))
         notes.append("the project holds no times: one photo every 2 s, in its order")
@@ -64,7 +63,7 @@ def reconstructed(
         tables.append(fill.cameras("/cameras", times, width, height, focal, () if unknown else lenses))
         notes += [UNKNOWN_LENS] * unknown
     defaults: dict[str, Any] = {"body_frame": "camera"} | ({} if scaled else {"unit_m": math.nan})
-    return Source(tables, notes=notes, defaults=defaults, stills=True)
+    return Source(tables, notes=notes, defaults=defaults, stills=True, timed=timed)
 
 
 def _opensfm(content: list[Any]) -> Source:

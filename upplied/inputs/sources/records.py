@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from upplied.inputs.files import table
 from upplied.inputs.sources import source as fill
@@ -49,7 +50,10 @@ def _record(text: str) -> Source:
         name: [row[place] if place < len(row) else "" for row in rows] for name, (place, _) in at.items()
     }
     dates = np.array([fill.dated(cell) for cell in cells.pop("date", [""] * len(rows))])
-    columns = {name: at[name][1] * np.array([*map(_float, column)]) for name, column in cells.items()}
+    columns = {
+        name: at[name][1] * np.asarray(pd.to_numeric(pd.Series(cell, dtype=object), errors="coerce"), float)
+        for name, cell in cells.items()
+    }
     since = columns["s"] * 1e3 if "s" in columns else columns.get("ms", np.full(len(rows), np.nan))
     notes: list[str] = []
     return _source("/record", _times(since, dates, notes), columns, notes)
@@ -154,10 +158,3 @@ def _times(since_ms: Floats, dates: Floats, notes: list[str]) -> Ints:
         return np.round((np.nan_to_num(since_ms) + 1000) * 1e6).astype(np.int64)
     notes.append("no times: one row a second")
     return (1 + np.arange(len(dates), dtype=np.int64)) * 10**9
-
-
-def _float(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")

@@ -1,8 +1,4 @@
-"""What a file holds of a flight, whatever it is written in, and the tables that readers fill.
-
-The tables bear the schemas that `upplied.inputs.schemas` reads, so frames, clocks, cleaning and passport
-are the same for all kinds of file.
-"""
+"""The tables that readers fill, of schemas that `upplied.inputs.schemas` reads, whatever the file."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -42,6 +38,7 @@ class Source:
     stills: bool = False  # photos: no pose between them is missing
     place: Placement | None = None  # of the project's frame, where that is east, north and up of a place
     planned: bool = False  # a mission that was written, not a flight that was flown
+    timed: bool = True  # False: it holds no times, and its poses are numbered
 
     @property
     def topics(self) -> str:

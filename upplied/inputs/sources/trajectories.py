@@ -48,14 +48,15 @@ def _kitti(path: Path, matrices: np.ndarray) -> Source:
     notes = ["KITTI: the first camera's axes, turned until z points up"]
     listed = next((_words(name) for name in times_beside(path) if name.is_file()), [])
     times = 1_000_000_000 + _nanoseconds([line[0] for line in listed])
-    if len(times) != len(matrices):
+    timed = len(times) == len(matrices)
+    if not timed:
         times = numbered(len(matrices))
         notes.append("no times beside it: one pose every 2 s")
     if (np.abs(np.linalg.det(matrices[:, :, :3]) - 1) > 1e-2).any():
         raise refusal("holds matrices that are no rotations", "three rows of [R t] a line")
     quats = (_UPRIGHT * Rotation.from_matrix(matrices[:, :, :3])).as_quat()
     table = poses("/poses", times, _UPRIGHT.apply(matrices[:, :, 3]), quats, "kitti")
-    return Source([table], notes=notes, defaults={"body_frame": "optical"})
+    return Source([table], notes=notes, defaults={"body_frame": "optical"}, timed=timed)
 
 
 def _words(path: Path) -> list[list[bytes]]:
