@@ -9,6 +9,7 @@ and where a correspondence tears.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -93,6 +94,71 @@ class Near(Record):
     away_m: Floats  # (N, 1 + K)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class CarriedToMany(Record):
+    """The samples of one structure on S others, of those on which the same samples are carried."""
+
+    members: tuple[str, ...]
+    samples: Carried  # on the first of them
+    part: Ints  # (S, N), as all of `Carried`
+    place: Floats  # (S, N, 3)
+    towards: Floats  # (S, N, 3)
+    error_m: Floats  # (S, N)
+    linear: Floats  # (S, P, 3, 3)
+    probability: Floats  # (S, P)
+
+    @classmethod
+    def of(cls, parts: Mapping[str, Carried]) -> Self:
+        """Of some structures, those whose samples are those of the first."""
+        first = next(iter(parts.values()), _NONE)
+        names = ("point", "normal", "own_part", "map")
+        same = {name: each for name, each in parts.items()
+                if all(np.array_equal(getattr(each, it), getattr(first, it)) for it in names)}  # fmt: skip
+        columns = ("part", "place", "towards", "error_m", "linear", "probability")
+        stack = (
+            np.stack([getattr(each, it) for each in same.values()] or [getattr(first, it)]) for it in columns
+        )
+        return cls(tuple(same), first, *stack)
+
+    def near(self, near: Near, members: Sequence[int]) -> tuple[Carried, Near]:
+        """The samples about spots on some members, one after the other, and those about each spot there."""
+        chosen, count = near.samples.reshape(-1), len(members)
+        maps = self.probability.shape[1]
+        number = np.arange(count)[:, None]
+        point, normal, own_part = (
+            np.concatenate([each[chosen]] * count)
+            for each in (self.samples.point, self.samples.normal, self.samples.own_part)
+        )
+        part, place, towards, error_m = (
+            np.concatenate(each[members][:, chosen])
+            for each in (self.part, self.place, self.towards, self.error_m)
+        )
+        linear, probability = (np.concatenate(each[members]) for each in (self.linear, self.probability))
+        map_ = (self.samples.map[chosen] + maps * number).reshape(-1)
+        carried = Carried(
+            point,
+            normal,
+            own_part,
+            part,
+            place,
+            towards,
+            error_m,
+            map_,
+            linear,
+            probability,
+            self.samples.step_m,
+        )
+        samples = np.arange(len(point)).reshape(-1, near.samples.shape[1])
+        return carried, Near(
+            samples, np.concatenate([near.weight] * count), np.concatenate([near.away_m] * count)
+        )
+
+
+_NO = np.zeros((0, 3))
+_NONE = Carried(_NO, _NO, *[np.zeros(0, np.int64)] * 2, _NO, _NO, np.zeros(0), np.zeros(0, np.int64),
+                np.zeros((0, 3, 3)), np.zeros(0), 1.0)  # fmt: skip
+
+
 def carried_samples(pair: Pair, source: Structure, target: Structure, settings: Settings) -> Carried:
     """The samples of a pair's source, carried as plans are; both structures in their declared frames."""
     here, there = frames_for(source, target, settings)
@@ -117,7 +183,7 @@ def carried_samples(pair: Pair, source: Structure, target: Structure, settings: 
     ways = np.linalg.norm(off, axis=2)
     # Where nothing faces as a sample does it has no place: that no way is known is no agreement.
     ways[np.isnan(ways[:, _CONES]).all(axis=1), _CONES.start] = np.inf
-    near = about(np.hstack([point, normal]), point, normal, step)
+    near = _about(np.hstack([point, normal]), point, normal, step)
     apart = point[near.samples] - point[:, None]
     uneven = place[near.samples] - place[:, None] - np.einsum("nij,nkj->nki", linear[label], apart)
     uneven = np.where(near.weight > 0, np.nan_to_num(np.linalg.norm(uneven, axis=2)), 0.0).max(axis=1)
@@ -133,8 +199,16 @@ def stated_error(evidence: Floats) -> Floats:
     return np.asarray(_WEIGHTS[0] + evidence @ np.array(_WEIGHTS[1:]), float)
 
 
-def about(spots: Floats, points: Floats, normals: Floats, step_m: float) -> Near:
-    """The samples about spots, places with normals (N, 6); the first is on their side of a thin plate."""
+def about(spots: Floats, carried: Carried) -> Near:
+    """The samples about spots, places with normals (N, 6); the first is on their side of a thin plate.
+
+    Of those that have no place they are any.
+    """
+    spots, points, normals = np.nan_to_num(spots), carried.point, carried.normal
+    return _about(spots, points, normals, carried.step_m)
+
+
+def _about(spots: Floats, points: Floats, normals: Floats, step_m: float) -> Near:
     nearest = _tree(with_normals(points, normals, 2 * step_m)).query(
         with_normals(spots[:, :3], spots[:, 3:], 2 * step_m)
     )[1]

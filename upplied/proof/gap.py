@@ -2,7 +2,7 @@
 
 Viewpoints are chosen among the poses of the plan, those that look from as near, as frontally and as finely as
 the plan itself did at each place, and put in the order of a short way (`tour`) by the safe legs that join
-them. Zone surface that those poses do not show as it is asked for has poses of its own (`zone_gap`).
+them. Zone surface that those poses do not show as required has poses of its own (`zone_gap`).
 """
 
 from __future__ import annotations
@@ -87,11 +87,11 @@ def gap_flight(
     missing : array of bool, shape (S,)
     camera : Camera
     graph : Roadmap
-        Of the structure, with the clearance that is to be kept.
+        Of the structure, with the required clearance.
     limits : RetimeSettings
         Of the vehicle.
     zones : sequence of ZoneGap
-        What no flight shows of zones as they ask for it, whether the plan shows it or not.
+        What no flight shows of zones as required, whether the plan shows it or not.
     rule : InspectionSettings, optional
         How sharp the pictures at its viewpoints must be.
 
@@ -198,7 +198,7 @@ def safe_lengths(graph: Roadmap, places: Floats) -> Floats:
 def _planned_looks(part: Part, plan: Trajectory, graph: Roadmap) -> tuple[Floats, Ints]:
     """What the plan's nearest, most frontal and finest look at each sample reach, (5, M), m, deg, m, deg, m.
 
-    A sample that the plan does not see asks for nothing. The poses of those looks are told as well, (3 M,).
+    A sample that the plan does not see requires nothing. The poses of those looks are returned too, (3 M,).
     """
     count = len(part.cloud)
     if not len(plan):
