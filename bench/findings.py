@@ -8,7 +8,8 @@ where a folder of them is named. Marks are painted on a mesh: a ray follows a pi
 
 * places: the pose is then told with an error, the pixel is read with one, and half of the structures are
   known as scans with noise. How often does the place lie within its stated 95 %?
-* flights: the same for flights in wind with the faults of bench/proof.py, aligned with their plan.
+* flights: the same for flights in wind with the faults of bench/proof.py, aligned with their plan, and with
+  the noise of gimbal and mark that places have.
 * looks: photos that show a place, by the poses as they are told, against rays from the true poses.
 * carried: places that a photo can show, carried to another member of the kind, against the generator's
   truth; those hidden inside of other parts apart.
@@ -156,11 +157,13 @@ def flights(seed: int, count: int) -> None:
                 pixel = rng.uniform([0, 0], [_CAMERA.width_px, _CAMERA.height_px])
                 ray = rays_of(_CAMERA, pixel) @ matrices(true.quat_xyzw[0]).T
                 reach = scene.cast(true.positions, ray[None])[0][0]
-                seen = logged.positions[0], logged.quat_xyzw[0]
+                wobble = Rotation.from_rotvec(rng.normal(0, np.radians(errors.attitude_deg), 3))
+                turned = (Rotation.from_quat(logged.quat_xyzw[0]) * wobble).as_quat()
+                read = pixel + rng.normal(0, errors.pixel_px, 2)
                 if not np.isfinite(reach):
                     continue
                 try:
-                    one = located(kind, scene, _CAMERA, *seen, pixel[None], errors)
+                    one = located(kind, scene, _CAMERA, logged.positions[0], turned, read[None], errors)
                 except RefusedError:
                     continue
                 off = float(np.linalg.norm(one.place - (true.positions[0] + reach * ray)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,9 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from upplied.cli.options import (
-    ByOption,
     FindingArgument,
-    NoteOption,
     StructureArgument,
     XArgument,
     YArgument,
@@ -29,13 +28,16 @@ app = App(
 )
 LISTED = LABELS["findings"]
 SPARE = ("note", "severity", "by")
+_REASONS = 10  # that are printed one by one
+ByOption = Annotated[str, Parameter(help="Your name, stored with the finding.")]
+NoteOption = Annotated[str, Parameter(help="Note, stored with the finding.")]
 PhotoOption = Annotated[str, Parameter(help="Name or path of a registered photo.")]
 TimeOption = Annotated[float | None, Parameter(help="Seconds from its first pose, in place of a photo.")]
 PixelOption = Annotated[tuple[float, float] | None, Parameter(help="X and Y, px from the upper left.")]
 BoxOption = Annotated[tuple[float, float, float, float] | None, Parameter(help="X Y WIDTH HEIGHT, px.")]
 AtOption = Annotated[tuple[float, float, float] | None, Parameter(help="X Y Z, m, frame of the structure.")]
 PoseErrorOption = Annotated[
-    float | None, Parameter(help="Position error, one sigma, m, instead of the flight's.")
+    float | None, Parameter(help="Position error in 95 % of cases, m, instead of the flight's.")
 ]
 FinenessOption = Annotated[float, Parameter("--mm-px", help="Largest ground sample distance, mm per pixel.")]
 SinceOption = Annotated[
@@ -69,13 +71,20 @@ class LookResults(Results):
 
         structure = store.structure(spot.structure_id)
         page, missing = write_crops(self.out, title, looks, spot, structure, self.photos)
-        for reason in missing:
-            complain(f"missing: {reason}")
+        _complain("missing", missing)
         self.say(page)
         return int(bool(missing))
 
 
 LOOKED = LookResults()
+
+
+def _complain(what: str, reasons: Sequence[str]) -> None:
+    """Print the first reasons, and how many more there are."""
+    for reason in reasons[:_REASONS]:
+        complain(f"{what}: {reason}")
+    if len(reasons) > _REASONS:
+        complain(f"{what}: {len(reasons) - _REASONS} more")
 
 
 @app.command
@@ -115,7 +124,7 @@ def add(
     stated = [value is not None and value != "" for value in (pixel, box, outline, at)]
     if (file is None) != (sum(stated) == 1):
         raise SettingsError(
-            "a finding", "has no source, or several", "one of FILE, --pixel, --box, --outline, --at"
+            "a finding", "has no mark, or several", "one of FILE, --pixel, --box, --outline, --at"
         )
     if file is not None:
         marks = read_marks(file)
@@ -132,10 +141,10 @@ def add(
     kinds_of_error = Errors(attitude_deg=attitude_error, pixel_px=pixel_error)
     with errors.status("casting rays"):
         done = add_marks(results.opened(), marks, by, kinds_of_error, pose_error)
-    for reason in done.refused:
-        complain(f"refused: {reason}")
+    _complain("refused", done.refused)
     rows = results.opened().findings()
-    results.show_frame("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, SPARE)
+    if done.ids or results.json:
+        results.show_frame("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, SPARE)
     known = len(done.ids) - done.new
     results.say(f"{done.new} added, {known} already known, {len(done.refused)} refused")
     if done.ids:
@@ -168,8 +177,7 @@ def photos(
     store = where.opened()
     with errors.status("reading photos"):
         new, refused = register_photos(store, flight_of(store, flight), folder, times, clock, by)
-    for reason in refused:
-        complain(f"refused: {reason}")
+    _complain("refused", refused)
     say(f"{new} photos registered, {len(refused)} refused")
     return int(bool(refused))
 

@@ -38,7 +38,7 @@ _OFF_SURFACE = 0.02  # of the diagonal, that a stated place may be off the surfa
 
 @dataclass(frozen=True)
 class Added:
-    """What came of marks."""
+    """The result of adding marks."""
 
     ids: tuple[str, ...]  # of each mark that is a finding now, or was one already
     new: int
@@ -99,8 +99,8 @@ class Placing:
         flight = self._flight(photo["flight_id"] if photo else mark.flight)
         t_s = float(photo["t_s"]) if photo else float(mark.t_s or 0.0)
         if mark.t_s is not None and not abs(mark.t_s - t_s) <= _SAME_TIME_S:
-            found = f"is of {mark.t_s:g} s, its photo {mark.photo} of {t_s:g} s"
-            raise RefusedError(mark.what, found, "one time", "leave the time or the photo away")
+            fault = f"is of {mark.t_s:g} s, its photo {mark.photo} of {t_s:g} s"
+            raise RefusedError(mark.what, fault, "one time", "leave the time or the photo away")
         if not 0 <= t_s <= float(flight.path.t_s[-1]):
             when = f"is of {t_s:g} s, the flight took {float(flight.path.t_s[-1]):.1f} s"
             raise RefusedError(mark.what, when, "a time of the flight", "count from its first pose")
@@ -153,11 +153,11 @@ class Placing:
         }
 
     def _photo(self, mark: Mark) -> dict[str, Any]:
-        """The registered photo of a mark; empty where flight and time alone tell what it is of."""
+        """The registered photo of a mark; empty where flight and time are stated instead."""
         timed = bool(mark.flight) and mark.t_s is not None
         if not (mark.photo or timed):
             remedy = "name a photo, or state --flight ID --time SECONDS"
-            raise RefusedError(mark.what, "names neither photo nor time", "a photo of a known flight", remedy)
+            raise RefusedError(mark.what, "has neither photo nor time", "a photo of a known flight", remedy)
         whole = self._flight(mark.flight).flight_id if mark.flight else ""
         try:
             return registered(self.catalog, mark.photo, whole) if mark.photo else {}
@@ -203,7 +203,7 @@ def add_marks(
     Returns
     -------
     Added
-        What is refused is told with its reason; nothing of it is stored.
+        What is refused is listed with its reason; nothing of it is stored.
     """
     placing, rows, refused = Placing(catalog, errors, pose_m), [], []
     for mark in marks:
@@ -253,8 +253,8 @@ def _enlarged(mark: Mark, size: Floats) -> Floats:
     ratio = size / np.array(mark.size_px)
     if abs(ratio[0] / ratio[1] - 1) > _SAME_SHAPE:
         stated, own = (f"{each[0]:.0f} x {each[1]:.0f} px" for each in (mark.size_px, size))
-        found = f"is of a picture of {stated}, the photo has {own}"
-        raise RefusedError(mark.what, found, "the same proportions", "mark it in the photo as it was taken")
+        fault = f"is of a picture of {stated}, the photo has {own}"
+        raise RefusedError(mark.what, fault, "the same proportions", "mark it in the photo as it was taken")
     return np.asarray(ratio, float)
 
 

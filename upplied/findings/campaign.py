@@ -105,7 +105,7 @@ def due_jobs(
     Returns
     -------
     tuple
-        The jobs, and what kept a whole campaign or a structure of it from having one, in words.
+        The jobs, and why a whole campaign or a structure of it has none, in words.
     """
     jobs: list[Job] = []
     problems = []
@@ -178,7 +178,7 @@ def _transferred(catalog: Catalog, job: Job) -> Plan:
                 carrying.carried(job.source_id, job.target_id)
         except MemoryError:
             raise
-        except Exception as error:  # no plan fails for what is asked later, and then says why
+        except Exception as error:  # no plan fails for a later question, whose answer then says why
             log.warning("%s: findings cannot be carried: %s", job, error)
     return plan
 

@@ -7,7 +7,8 @@ correspondence for each structure, most of which its plans have left behind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -19,7 +20,7 @@ from upplied.config import Settings
 from upplied.errors import CatalogError, RefusedError, UppliedError
 from upplied.findings.counterparts import FARTHEST, Counterparts, carried_spots, nowhere, themselves
 from upplied.findings.looks import Spot, off_surface
-from upplied.findings.sampled import Carried, CarriedToMany, Near, about, carried_samples
+from upplied.findings.sampled import Carried, CarriedGroup, Near, about, carried_samples
 from upplied.fleet.decisions import PlanRequest, SettingsOf, SiblingsOf
 from upplied.planning.correspondence.memo import content_key
 from upplied.planning.correspondence.pair import Pair
@@ -107,8 +108,7 @@ class Carrying:
             except UppliedError as error:
                 problems.append(f"findings on {name}: {error}")
         if len(self.members(kind)) > _FEW:
-            for group in self._groups(reference):
-                self._to_many(reference, group)
+            deque(self._groups(reference, set(self.kinds)), maxlen=0)
         return problems
 
     def to(self, spots: Sequence[Spot], target_id: str) -> Counterparts:
@@ -139,44 +139,39 @@ class Carrying:
     def _on_many(self, on_map: Counterparts, reference: str, names: set[str]) -> dict[str, Counterparts]:
         """Counterparts on a kind's map carried on to those of many structures that share its samples."""
         results: dict[str, Counterparts] = {}
-        for group in self._groups(reference):
-            if not names.intersection(group):
-                continue
-            many = self._to_many(reference, group)
-            members = [at for at, name in enumerate(many.members) if name in names]
-            if not members:
-                continue
-            near = about(on_map.spots, many.samples)
-            carried, near = many.near(near, members)
-            wanted = [many.members[at] for at in members]
-            count = len(on_map)
+        for group in self._groups(reference, names):
+            members = np.array([at for at, name in enumerate(group.members) if name in names], np.int64)
+            wanted, count = [group.members[at] for at in members], len(on_map)
+            near = group.near(on_map.spots, members)
             whole = Counterparts.stacked([on_map] * len(members))
-            there = self._continued(whole, carried, reference, wanted, near)
-            results |= {
-                name: there.rows(slice(at * count, (at + 1) * count)) for at, name in enumerate(wanted)
-            }
+            there = self._continued(whole, group.carried, reference, wanted, near)
+            parts = (there.rows(slice(start, start + count)) for start in range(0, len(there), count))
+            results |= zip(wanted, parts, strict=True)
         return results
 
-    def _groups(self, reference: str) -> list[list[str]]:
-        """The other structures of a reference's kind in the order they were added, in groups."""
+    def _groups(self, reference: str, names: set[str]) -> Iterator[CarriedGroup]:
+        """Those groups of a kind's structures, in the order they were added, that hold some of these."""
         others = [
-            name for name in self.kinds if self.kinds[name] == self.kinds[reference] and name != reference
+            name for name, kind in self.kinds.items() if kind == self.kinds[reference] and name != reference
         ]
-        return [others[start : start + _MANY] for start in range(0, len(others), _MANY)]
+        for start in range(0, len(others), _MANY):
+            some = others[start : start + _MANY]
 
-    def _to_many(self, reference: str, group: Sequence[str]) -> CarriedToMany:
-        """The samples of a kind's map on a group of structures, of those on which they are the same."""
+            def group(some: Sequence[str] = some) -> CarriedGroup:
+                parts = {}
+                for name in some:
+                    with suppress(UppliedError):  # nothing of it corresponds
+                        parts[name] = self.carried(reference, name)
+                if not parts:
+                    raise RefusedError(f"structures {', '.join(some)}"[:200], "have no counterparts")
+                return CarriedGroup.of(parts)
 
-        def stacked() -> CarriedToMany:
-            parts = {}
-            for name in group:
-                with suppress(UppliedError):  # nothing of it corresponds
-                    parts[name] = self.carried(reference, name)
-            return CarriedToMany.of(parts)
-
-        return self.remembered(
-            "carried-to-many", CarriedToMany, [self._study_key(reference, name) for name in group], stacked
-        )
+            if names.intersection(some):
+                key = [self._study_key(reference, name) for name in some]
+                with suppress(RefusedError):
+                    one = self.remembered("carried-groups", CarriedGroup, key, group)
+                    if names.intersection(one.members):
+                        yield one
 
     def instances(self, spot: Spot, target_id: str) -> list[Counterparts]:
         """Where a spot is on each part of a structure like its counterpart, and on that one first."""
@@ -204,7 +199,7 @@ class Carrying:
         return [self._study_key(reference, name) for name in sorted({source_id, target_id} - {reference})]
 
     def remembered(self, stage: str, record: type[R], key: Sequence[Any], compute: Callable[[], R]) -> R:
-        """What follows from a key, kept in the cache of the catalog."""
+        """A record that follows from a key, stored in the cache of the catalog."""
         return self.catalog.cache(stage, record, content_key(stage, *key), compute)
 
     def carried(self, source_id: str, target_id: str, settings: Settings | None = None) -> Carried:

@@ -25,7 +25,7 @@ class Counterparts(Rows):
     place: Floats  # (N, 3) m, frame of the target; NaN where there is none
     normal: Floats  # (N, 3) unit, outward
     turn: Floats  # (N, 3, 3) directions about the spot to those about its counterpart; mirrored ones mirror
-    probability: Floats  # (N,) that it is the right part; NaN where that cannot be told
+    probability: Floats  # (N,) that it is the right part; NaN where that cannot be known
     error_m: Floats  # (N,) how far off it may be in 95 % of cases
     doubtful: Bools  # (N,)
 
@@ -66,7 +66,7 @@ def carried_spots(
     same = carried.own_part[others] == carried.own_part[first][:, None]
     weight = np.where(there & there[:, :1] & same, near.weight, 0.0)
     offset = spots[:, None, :3] - carried.point[others]
-    places, towards = np.nan_to_num(carried.place)[others], carried.towards[others]
+    places, towards = np.nan_to_num(carried.place[others]), carried.towards[others]
     moved = places + np.einsum("nkij,nkj->nki", carried.linear[carried.map[others]], offset)
     share = weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
     place, normal = (np.einsum("nk,nki->ni", share, each) for each in (moved, towards))

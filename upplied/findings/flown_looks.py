@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -92,10 +93,10 @@ def _remembered(catalog: Catalog, hashes: list[str]) -> _Looks:
 
 def _read(catalog: Catalog, hashes: list[str]) -> _Looks:
     """The stored looks of these hashes, each with the samples that it is of."""
-    spots, looks = [], []
+    spots, looks, samples_of = [], [], cache(catalog.surfaces.samples.get)
     for sha256 in hashes:
         stored = catalog.looks.get(sha256).certain
-        samples = catalog.surfaces.samples.get(stored.samples_sha256)
+        samples = samples_of(stored.samples_sha256)
         normals = np.zeros_like(samples.points) if samples.normals is None else samples.normals
         ways = [(stored.distance_m, stored.incidence_deg)]
         if stored.frontal_distance_m is not None and stored.frontal_incidence_deg is not None:

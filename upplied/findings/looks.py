@@ -1,7 +1,7 @@
-"""Which photos of which flights show a place: when, how finely, obliquely and sharply, and where in them.
+"""The photos that show a place: of which flights, when, how finely, obliquely and sharply, and where in them.
 
-Whether something stands in between is asked of the structure by rays. Photos that were registered are asked
-one by one; of a flight without any, its camera is taken to see all the time, and its finest look is told.
+Rays on the structure decide what is occluded. Registered photos are checked one by one; a flight without any
+is taken to record all the time, and its finest look is listed.
 """
 
 from __future__ import annotations
@@ -89,8 +89,8 @@ def off_surface(catalog: Catalog, spots: Sequence[Spot], sha256: str) -> Floats:
     changed = np.array([spot.structure_sha256 not in ("", sha256) for spot in spots], bool)
     if changed.any():
         places = np.array([spot.place for spot in spots])[changed]
-        found = scene_of(catalog.structure(spots[0].structure_id)).closest(places)[0]
-        off[changed] = np.linalg.norm(found - places, axis=1)
+        nearest = scene_of(catalog.structure(spots[0].structure_id)).closest(places)[0]
+        off[changed] = np.linalg.norm(nearest - places, axis=1)
     return off
 
 

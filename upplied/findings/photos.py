@@ -178,7 +178,7 @@ def _photo_row(
         t_s = float(flight.path.t_s[number])
     else:
         raise InputError(
-            str(path), "tells no time", "EXIF with a time, or --times", "list name and t_ns in a CSV"
+            str(path), "has no time", "EXIF with a time, or --times", "list name and t_ns in a CSV"
         )
     end = float(flight.path.t_s[-1])
     if not -_OUTSIDE_S <= t_s <= end + _OUTSIDE_S:

@@ -19,7 +19,7 @@ from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 _TILTS_DEG = (4.0, 8.0, 14.0, 20.0, 28.0, 36.0, 45.0, 55.0, 65.0)  # from the wanted direction
 _TURNS = 12
 _DISTANCES = 7
-_FINE = 0.97  # of the ground sample distance that is asked for: what wind and rounding take
+_FINE = 0.97  # of the largest ground sample distance: a margin for wind and rounding
 _MARGIN_DEG = 4.0  # of the picture, at each rim
 _FARTHER = 0.1  # log of the distance, that weighs as much as a radian
 
