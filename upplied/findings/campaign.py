@@ -147,19 +147,10 @@ def campaign_jobs(
             others.append({**one, "status": "refused", "words": str(error)})
             continue
         key = digest([_PURPOSE, *depends_on(carrying, [row], base, mm_px)])
-        jobs.append(
-            Job(
-                base.about["demonstration_id"],
-                base.about["source_id"],
-                name,
-                base.target.kind,
-                base.settings,
-                key,
-                f"{name} was not looked at where finding {row['finding_id']} is",
-                base.sha256,
-                f"{_PURPOSE} {row['finding_id']} {mm_px!r}",
-            )
-        )
+        pair = base.about["demonstration_id"], base.about["source_id"], name, base.target.kind
+        reason = f"{name} was not looked at where finding {row['finding_id']} is"
+        purpose = f"{_PURPOSE} {row['finding_id']} {mm_px!r}"
+        jobs.append(Job(*pair, base.settings, key, reason, base.sha256, purpose))
     return jobs, others
 
 

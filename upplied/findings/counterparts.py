@@ -35,12 +35,8 @@ class Counterparts(Rows):
             return "the place has no counterpart there"
         if not self.doubtful[at]:
             return ""
-        sure = self.probability[at]
-        part = (
-            "parts cannot be distinguished"
-            if np.isnan(sure)
-            else f"the right part with probability {sure:.2f}"
-        )
+        part = f"the right part with probability {self.probability[at]:.2f}"
+        part = "parts cannot be distinguished" if np.isnan(self.probability[at]) else part
         return f"doubtful: {part}, may be {self.error_m[at]:.2f} m off"
 
     @property

@@ -14,9 +14,7 @@ from upplied.catalog import Catalog
 from upplied.planning.correspondence.memo import content_key
 from upplied.records import Floats, Ints, Record
 
-_FLIGHTS = (
-    100  # whose looks are read at once; in the order they were added, so that only the last group grows
-)
+_FLIGHTS = 100  # whose looks are read at once; in the order they were added: only the last group grows
 
 
 @dataclass(frozen=True, eq=False, repr=False)

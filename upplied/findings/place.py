@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import RefusedError
 from upplied.findings.rays import footprint_m, rays_of
+from upplied.geometry.polylines import chosen_evenly
 from upplied.geometry.poses import matrices
 from upplied.geometry.scene import Scene
 from upplied.planning.visibility.observations import TRULY
@@ -118,12 +119,9 @@ def located(
     place, normal = position + reach[0] * ray, -np.sign(normals[0] @ ray) * normals[0]
     incidence = float(np.degrees(np.arccos(np.clip(-normal @ ray, 0, 1))))
     if incidence > _GRAZING_DEG:
-        raise RefusedError(
-            what,
-            f"looks at the surface at {incidence:.0f} degrees from its normal",
-            f"at most {_GRAZING_DEG:g} degrees",
-            "mark it in a photo that looks more frontally",
-        )
+        fault = f"looks at the surface at {incidence:.0f} degrees from its normal"
+        remedy = "mark it in a photo that looks more frontally"
+        raise RefusedError(what, fault, f"at most {_GRAZING_DEG:g} degrees", remedy)
     alone = Errors(0.0, 0.0, 0.0, 0.0)
     parts = (
         errors,
@@ -217,10 +215,8 @@ def _area(outline: Floats) -> float:
 
 def _densified(pixels: Floats) -> Floats:
     """The corners of an outline with places between them, as many as are cast."""
-    if len(pixels) < 3:
-        return np.asarray(pixels, float)
-    if len(pixels) >= _MOST_CORNERS:
-        return np.asarray(pixels, float)[np.linspace(0, len(pixels) - 1, _MOST_CORNERS).astype(int)]
+    if not 3 <= len(pixels) < _MOST_CORNERS:
+        return np.asarray(pixels, float)[chosen_evenly(len(pixels), _MOST_CORNERS)]
     between = max(1, min(4, _MOST_CORNERS // len(pixels)))
     share = np.arange(between)[None, :, None] / between
     ends = np.roll(pixels, -1, axis=0)

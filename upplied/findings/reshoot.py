@@ -143,10 +143,9 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
             continue
         near = f"no safe look at {mm_px:g} mm/px, {clearance:g} m away, sees the place"
         refused.append(f"finding {one.finding_id}: {near}")
+    what = f"a mission to {structure_id}"
     if not looks:
-        raise RefusedError(
-            f"a mission to {structure_id}", "; ".join(refused)[:2000], "one safe look at least"
-        )
+        raise RefusedError(what, "; ".join(refused)[:2000], "one safe look at least")
     tour = _tour(list(looks.values()), list(looks), base, graph, mm_px)
     path = tour.trajectory
     for one in [one for one, there in zip(looks, tour.covered, strict=True) if not there]:
@@ -155,9 +154,7 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
     reachable = list(looks)
     broken = place_breaches(path, base.target, supposed, clearance)
     if broken:
-        raise RefusedError(
-            f"a mission to {structure_id}", "; ".join(broken), "a safe flight", "ask for fewer"
-        )
+        raise RefusedError(what, "; ".join(broken), "a safe flight", "name fewer findings")
     headline = f"shows {len(reachable)} of {len(rows)} findings on {tour.length_m:.0f} m"
     words = [f"{headline} (by known safe legs at least {tour.bound_m:.0f} m)", *words]
     words += [_words(one, look, base.camera) for one, look in looks.items()]

@@ -132,23 +132,10 @@ class DiscCells(Record):
         name = ((name * _GROUP + within[:, 0]) * _GROUP + within[:, 1]) * _GROUP + within[:, 2]
         order = np.argsort(name, kind="stable")
         first, group_first = _begins(name[order]), _begins(name[order] // _GROUP**3)
-        points, radius_m = (
-            np.ascontiguousarray(points[order], float),
-            np.ascontiguousarray(radius_m[order], float),
-        )
-        place, spread = _balls(points, radius_m, first)
-        cells = np.searchsorted(first, group_first)
-        return cls(
-            points,
-            np.ascontiguousarray(normals[order], float),
-            radius_m,
-            order,
-            first,
-            place,
-            spread,
-            cells,
-            *_balls(place, spread, cells),
-        )
+        discs = points, normals, radius_m
+        points, normals, radius_m = (np.ascontiguousarray(each[order], float) for each in discs)
+        balls, cells = _balls(points, radius_m, first), np.searchsorted(first, group_first)
+        return cls(points, normals, radius_m, order, first, *balls, cells, *_balls(*balls, cells))
 
     def distance(self, places: Floats) -> Floats:
         """Distance (P,), m, of each place (P, 3) from the nearest disc."""

@@ -169,11 +169,8 @@ class Scene:
         if self._cells is not None:
             disc, part = np.divmod(triangle, Discs.TRIANGLES)
             triangle = np.where(triangle < 0, -1, Discs.TRIANGLES * self._cells.index[disc] + part)
-        return (
-            hit["t_hit"].numpy().astype(float),
-            triangle,
-            hit["primitive_normals"].numpy().astype(float),
-        )
+        reach, normal = (hit[name].numpy().astype(float) for name in ("t_hit", "primitive_normals"))
+        return reach, triangle, normal
 
     def hits(self, origins: Floats, directions: Floats) -> Ints:
         """How many surfaces each ray crosses, (N,)."""

@@ -21,9 +21,7 @@ from upplied.planning.surface.skin import skin_parts
 from upplied.records import Bools, Cloud, Record, Structure
 from upplied.threads import one_thread
 
-_NEIGHBOURS = (
-    5  # carried samples nearest to one of the target: their majority decides whether it is in the zone
-)
+_NEIGHBOURS = 5  # carried samples nearest to one of the target: it is in the zone where most of them are
 _REACH = 3.0  # spacings of the target's samples that the nearest of them may be off
 _PART = 0.1  # share of the zone from which a part of the source counts; the largest always does
 
