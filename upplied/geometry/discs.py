@@ -134,8 +134,9 @@ class DiscCells(Record):
         first, group_first = _begins(name[order]), _begins(name[order] // _GROUP**3)
         discs = points, normals, radius_m
         points, normals, radius_m = (np.ascontiguousarray(each[order], float) for each in discs)
-        balls, cells = _balls(points, radius_m, first), np.searchsorted(first, group_first)
-        return cls(points, normals, radius_m, order, first, *balls, cells, *_balls(*balls, cells))
+        (place, spread), cells = _balls(points, radius_m, first), np.searchsorted(first, group_first)
+        groups = _balls(place, spread, cells)
+        return cls(points, normals, radius_m, order, first, place, spread, cells, *groups)
 
     def distance(self, places: Floats) -> Floats:
         """Distance (P,), m, of each place (P, 3) from the nearest disc."""
