@@ -8,7 +8,8 @@ where a folder of them is named. Marks are painted on a mesh: a ray follows a pi
 
 * places: the pose is then told with an error, the pixel is read with one, and half of the structures are
   known as scans with noise. How often does the place lie within its stated 95 %?
-* flights: the same for flights in wind with the faults of bench/proof.py, aligned with their plan.
+* flights: the same for flights in wind with the faults of bench/proof.py, aligned with their plan, and with
+  the noise of gimbal and mark that places have.
 * looks: photos that show a place, by the poses as they are told, against rays from the true poses.
 * carried: places that a photo can show, carried to another member of the kind, against the generator's
   truth; those hidden inside of other parts apart.
@@ -70,6 +71,9 @@ def main() -> None:
     parser.add_argument("--only", default="places,flights,looks,carried,missions,queries")
     parser.add_argument("--meshes", type=Path, help="folder of real meshes, for places")
     parser.add_argument("--count", type=int, default=1000, help="marks")
+    parser.add_argument(
+        "--folder", type=Path, help="of the catalog of queries: made where it is empty, and kept"
+    )
     options = parser.parse_args()
     measures = {
         "places": lambda: places(options.seed, options.count, options.meshes),
@@ -77,7 +81,7 @@ def main() -> None:
         "looks": lambda: looks(options.seed),
         "carried": lambda: carried(options.seed),
         "missions": lambda: missions(options.seed),
-        "queries": lambda: queries(options.seed),
+        "queries": lambda: queries(options.seed, options.folder),
     }
     for name in options.only.split(","):
         began = time.process_time()
@@ -153,11 +157,13 @@ def flights(seed: int, count: int) -> None:
                 pixel = rng.uniform([0, 0], [_CAMERA.width_px, _CAMERA.height_px])
                 ray = rays_of(_CAMERA, pixel) @ matrices(true.quat_xyzw[0]).T
                 reach = scene.cast(true.positions, ray[None])[0][0]
-                seen = logged.positions[0], logged.quat_xyzw[0]
+                wobble = Rotation.from_rotvec(rng.normal(0, np.radians(errors.attitude_deg), 3))
+                turned = (Rotation.from_quat(logged.quat_xyzw[0]) * wobble).as_quat()
+                read = pixel + rng.normal(0, errors.pixel_px, 2)
                 if not np.isfinite(reach):
                     continue
                 try:
-                    one = located(kind, scene, _CAMERA, *seen, pixel[None], errors)
+                    one = located(kind, scene, _CAMERA, logged.positions[0], turned, read[None], errors)
                 except RefusedError:
                     continue
                 off = float(np.linalg.norm(one.place - (true.positions[0] + reach * ray)))
@@ -300,12 +306,43 @@ def _finest_mm(scene: Scene, shots: Trajectory, spot: Spot) -> float:
     return finest
 
 
-def queries(seed: int, members: int = 200, each: int = 50) -> None:
+def queries(seed: int, folder: Path | None, members: int = 200, each: int = 50) -> None:
     """CPU of questions over a large fleet: the first time, and once what is carried is remembered."""
-    rng = np.random.default_rng(seed)
     structures = [random_member("box", seed + 500 + at).structure for at in range(members)]
-    camera, first = _CAMERA, structures[0]
-    catalog = _catalog(structures, [_flown(first, _path(first))])
+    catalog = open_catalog(folder or tempfile.mkdtemp(prefix="findings-"))
+    if not (Path(catalog.root) / "catalog.json").exists():
+        _fill(catalog, structures, each, seed)
+    spots = _spots(structures[0], 2, np.random.default_rng(seed))
+    began, carrying = time.process_time(), Carrying(catalog)
+    carrying.study("box")  # as planning does, for which their pairs were studied
+    print(f"queries: pairs studied and carried in {time.process_time() - began:.0f} s of CPU", flush=True)
+    questions = {
+        "open findings of a class": lambda: catalog.findings(
+            kind="box", class_name="corrosion", state="open"
+        ),
+        "not photographed at 5 mm": lambda: photographed(catalog, spots[0], mm_px=5.0, since="2020-01-01"),
+        "the same of another place": lambda: photographed(catalog, spots[1], mm_px=5.0),
+        "findings by reference": lambda: by_reference(
+            catalog, structures[0].structure_id, class_name="corrosion"
+        ),
+    }
+    for name, ask in questions.items():
+        spent = []
+        for _ in range(2):
+            began = time.process_time()
+            answer = ask()
+            spent.append(time.process_time() - began)
+        print(
+            f"queries {name:28}{len(answer)} rows, first {spent[0]:.2f}, then {spent[1]:.2f} s of CPU",
+            flush=True,
+        )
+
+
+def _fill(catalog: Catalog, structures: list[Structure], each: int, seed: int) -> None:
+    """Findings, plans and flights of a large fleet."""
+    rng, first = np.random.default_rng(seed), structures[0]
+    catalog.add_structures(structures)
+    catalog.add_demonstrations([_flown(first, _path(first))])
     rows, plans = [], []
     for structure in structures:
         for spot in _spots(structure, each, rng):
@@ -335,29 +372,6 @@ def queries(seed: int, members: int = 200, each: int = 50) -> None:
                   "flown_at": catalog.clock.now(),
                   "looks_sha256": put_looks(catalog, cloud.points, cloud.normals, seen, values)}  # fmt: skip
         catalog.add_flight(flight, _path(structure))
-    spots = _spots(first, 2, rng)
-    began, carrying = time.process_time(), Carrying(catalog)
-    carrying.study("box")  # as planning does, for which their pairs were studied
-    print(f"queries: pairs studied and carried in {time.process_time() - began:.0f} s of CPU", flush=True)
-    questions = {
-        "open findings of a class": lambda: catalog.findings(
-            kind="box", class_name="corrosion", state="open"
-        ),
-        "not photographed at 5 mm": lambda: photographed(catalog, spots[0], mm_px=5.0, since="2020-01-01"),
-        "the same of another place": lambda: photographed(catalog, spots[1], mm_px=5.0),
-        "findings by reference": lambda: by_reference(catalog, first.structure_id, class_name="corrosion"),
-    }
-    for name, ask in questions.items():
-        spent = []
-        for _ in range(2):
-            began = time.process_time()
-            answer = ask()
-            spent.append(time.process_time() - began)
-        print(
-            f"queries {name:28}{len(answer)} rows, first {spent[0]:.1f}, then {spent[1]:.2f} s of CPU",
-            flush=True,
-        )
-    assert camera.width_px
 
 
 def _members(seed: int) -> Iterator[tuple[str, Structure]]:

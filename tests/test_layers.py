@@ -198,7 +198,7 @@ SCANNED_ALONE = {
     "outputs/camera_pictures.py": "a picture of what is known",
     "outputs/missions/transits.py": "samples of a structure",
     "outputs/reports.py": "the demonstration, round the structure that it was flown on",
-    "proof/asking.py": "samples of a structure, and its parts",
+    "proof/required_zones.py": "samples of a structure, and its parts",
 }
 
 

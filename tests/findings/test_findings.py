@@ -259,11 +259,11 @@ def test_the_same_mark_again_adds_nothing_and_states_are_a_history(filled, tmp_p
     ("mark", "reason"),
     [
         (Mark("it", "P9.png", ((1.0, 1.0),)), "photo P9.png: belongs to no known flight"),
-        (Mark("it", "P4.png", ((1590.0, 600.0),)), "100 % of it misses the structure"),
+        (Mark("it", "P4.png", ((1590.0, 600.0),)), "is beside the structure, or on another surface"),
         (Mark("it", "P2.png", ((5000.0, 10.0),)), "lies outside of its photo"),
         (Mark("it", flight="past", t_s=30.0, pixels=((1.0, 1.0),)), "the flight took 20.0 s"),
         (Mark("it", flight="none", t_s=1.0, pixels=((1.0, 1.0),)), "flight none: is not in the catalog"),
-        (Mark("it", pixels=((1.0, 1.0),)), "names neither photo nor time"),
+        (Mark("it", pixels=((1.0, 1.0),)), "has neither photo nor time"),
         (Mark("it", place=(0.0, 0.0, 90.0), structure="cube-v1"), "m off the surface of cube-v1"),
     ],
 )  # fmt: skip

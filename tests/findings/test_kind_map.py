@@ -8,6 +8,7 @@ from random_members import random_member
 from true_counterparts import true_counterparts
 
 from upplied.catalog import open_catalog
+from upplied.findings import carried
 from upplied.findings.adding import add_marks, on_surface
 from upplied.findings.carried import Carrying
 from upplied.findings.looks import Spot
@@ -72,6 +73,20 @@ def test_questions_after_a_night_read_what_is_stored_and_no_mesh(boxes, monkeypa
     reference, rows = kind_map(catalog, "box")
     assert reference == members[0].structure.structure_id and np.isfinite(rows["reference_x_m"]).all()
     assert np.isfinite(by_reference(catalog, name, carrying=carrying)["reference_x_m"]).all() and not studied
+
+
+def test_places_on_many_structures_are_those_on_each_alone(boxes, monkeypatch):
+    catalog, members = boxes
+    names = [each.structure.structure_id for each in members]
+    spots = spots_on(members[1].structure, 20)
+    alone = [Carrying(catalog).to(spots, name) for name in names]
+    monkeypatch.setattr(carried, "_FEW", 0)
+    monkeypatch.setattr(carried, "_MANY", 2)  # groups of two and of one
+    assert Carrying(catalog).study("box") == []
+    for chosen in (names, names[2:], names[::-1]):
+        for name, there in zip(chosen, Carrying(catalog).everywhere(spots, chosen), strict=True):
+            for field, values in vars(alone[names.index(name)]).items():
+                np.testing.assert_array_equal(getattr(there, field), values, err_msg=f"{name} {field}")
 
 
 def test_what_is_not_stored_is_studied_once_and_said(boxes, tmp_path):

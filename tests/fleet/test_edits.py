@@ -17,15 +17,15 @@ from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import scene_of
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.proof.carried_edit import (
-    KeptEdit,
-    Touched,
+    StoredEdit,
+    ViewpointChange,
+    combined,
     edit_from_json,
     edit_json,
-    found_again,
-    kept_edit,
-    together,
+    matched_edit,
+    stored_edit,
 )
-from upplied.proof.edit import Asked, Edit, Viewpoint, viewpoints_of
+from upplied.proof.edit import AirspaceLimits, Edit, Viewpoint, viewpoints_of
 from upplied.records import Plan
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -156,7 +156,7 @@ def test_more_distance_is_kept_and_kept_on_when_the_plan_is_changed_again(catalo
     edit_plan(catalog, made, path, "Ben")
     assert newest(catalog)["min_clearance_m"] >= asked - 1e-6
     kept = edit_from_json(catalog.edits().iloc[-1]["edit_json"])
-    assert kept.asked.clearance_m == pytest.approx(asked) and len(kept.touched) == 1
+    assert kept.airspace.clearance_m == pytest.approx(asked) and len(kept.touched) == 1
     with pytest.raises(InputError, match="changes nothing"):
         path = write_edit(catalog, made, tmp_path / "same.json")
         edit_plan(catalog, made, path, "Ben")
@@ -165,23 +165,31 @@ def test_more_distance_is_kept_and_kept_on_when_the_plan_is_changed_again(catalo
 def test_two_changes_together_are_one():
     up = replace(BEFORE[6], position=(*BEFORE[6].position[:2], BEFORE[6].position[2] + 0.5))
     further = replace(up, pitch_deg=-30.0)
-    one = kept_edit(BEFORE, Edit((3,), {6: up}), Asked((BOX,), None), False)
-    two = KeptEdit((Touched(up, further), Touched(BEFORE[8], None)), Asked((BOX,), 3.0), True)
-    both = together(one, two)
-    assert both.touched == (Touched(BEFORE[3], None), Touched(BEFORE[6], further), Touched(BEFORE[8], None))
-    assert both.asked == Asked((BOX,), 3.0) and both.replanned
+    one = stored_edit(BEFORE, Edit((3,), {6: up}), AirspaceLimits((BOX,), None), False)
+    two = StoredEdit(
+        (ViewpointChange(up, further), ViewpointChange(BEFORE[8], None)), AirspaceLimits((BOX,), 3.0), True
+    )
+    both = combined(one, two)
+    assert both.touched == (
+        ViewpointChange(BEFORE[3], None),
+        ViewpointChange(BEFORE[6], further),
+        ViewpointChange(BEFORE[8], None),
+    )
+    assert both.airspace == AirspaceLimits((BOX,), 3.0) and both.replanned
     assert edit_from_json(edit_json(both)) == both
-    assert found_again(both, BEFORE) == (Edit((3, 8), {6: further}), ())
+    assert matched_edit(both, BEFORE) == (Edit((3, 8), {6: further}), ())
     for text in ("", "[]", '{"touched":[{"was":null,"wanted":null}]}', '{"touched": 3}'):
         with pytest.raises(InputError, match="cannot be read"):
             edit_from_json(text)
 
 
 def test_a_viewpoint_is_found_again_by_its_place_and_its_direction():
-    kept = KeptEdit((Touched(BEFORE[4], None),))
+    kept = StoredEdit((ViewpointChange(BEFORE[4], None),))
     turned = [replace(v, yaw_deg=v.yaw_deg + 90) for v in BEFORE]
-    edit, lost = found_again(kept, turned)
-    assert edit == Edit() and "has no like" in lost[0]
-    again, lost = found_again(KeptEdit((Touched(BEFORE[4], None), Touched(BEFORE[4], None))), BEFORE[:5])
+    edit, lost = matched_edit(kept, turned)
+    assert edit == Edit() and "no viewpoint corresponds" in lost[0]
+    again, lost = matched_edit(
+        StoredEdit((ViewpointChange(BEFORE[4], None), ViewpointChange(BEFORE[4], None))), BEFORE[:5]
+    )
     assert again.deleted == (4,) and len(lost) == 1  # not two of one
-    assert found_again(KeptEdit(), [Viewpoint((0, 0, 0), 0, 0)]) == (Edit(), ())
+    assert matched_edit(StoredEdit(), [Viewpoint((0, 0, 0), 0, 0)]) == (Edit(), ())

@@ -25,7 +25,7 @@ from upplied.outputs.zones import zones
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.observations import stations
-from upplied.proof import asking
+from upplied.proof import required_zones
 from upplied.proof.looks import looks_of
 from upplied.records import Camera, Plan, Surroundings, Trajectory
 from upplied.samples.fleet import member
@@ -59,7 +59,9 @@ def made() -> Plan:
 
 @pytest.fixture
 def catalog(tmp_path, made, monkeypatch) -> Catalog:
-    monkeypatch.setattr(asking, "CloudSettings", lambda: COARSE)  # as fine as a gap needs to be told by
+    monkeypatch.setattr(
+        required_zones, "CloudSettings", lambda: COARSE
+    )  # as fine as a gap needs to be told by
     kept = open_catalog(tmp_path / "catalog")
     kept.add_structures([CUBE])
     kept.add_demonstrations([FLOWN])

@@ -25,8 +25,8 @@ from upplied.geometry.scene import scene_of
 from upplied.outputs.publish import publish_pages
 from upplied.outputs.zones import zones
 from upplied.planning.surface.samples import surface_samples
-from upplied.proof.asking import Asking
 from upplied.proof.looks import looks_of
+from upplied.proof.required_zones import RequiredZones
 from upplied.records import Camera, Placement, Plan, Surroundings, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -239,7 +239,7 @@ def test_a_zone_is_labelled_face_by_face(catalog, tmp_path, capsys, name):
     where = ["--catalog", catalog.location]
     assert main(["require", "cube-v1", str(asked), "--by", "Ada", *where]) == 0
     (row,) = required.zones_of(catalog, cube.kind, "cube-v1")
-    asking = Asking(catalog.structure, catalog.cache, cube, None, CAMERA, [row],
+    asking = RequiredZones(catalog.structure, catalog.cache, cube, None, CAMERA, [row],
                     catalog.faces_labelled)  # fmt: skip
     found, _ = asking.required()
     assert (found.zone == (found.normals[:, 2] > 0.9)).all() and found.zone.any()
@@ -259,7 +259,7 @@ def test_labels_of_one_structure_are_carried_to_its_kind(catalog, tmp_path):
     where = ["--by", "Ada", "--catalog", catalog.location]
     assert main(["require", cube.kind, str(asked), "--kind", *where]) == 0
     (row,) = required.zones_of(catalog, cube.kind, "cuboid-v1")
-    asking = Asking(catalog.structure, catalog.cache, cuboid, None, CAMERA, [row],
+    asking = RequiredZones(catalog.structure, catalog.cache, cuboid, None, CAMERA, [row],
                     catalog.faces_labelled)  # fmt: skip
     found, untold = asking.required()
     up = found.normals[:, 2] > 0.9

@@ -7,8 +7,8 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import ByOption, FindingArgument, NoteOption, OnlyKind, OnlyStructure
-from upplied.cli.terminal import HERE, PRINTED, Results, Where, complain, errors, say
+from upplied.cli.options import FindingArgument, OnlyKind, OnlyStructure
+from upplied.cli.terminal import HERE, PRINTED, Results, Where, complain_each, errors, say
 from upplied.outputs.labels import LABELS
 
 app = App(
@@ -16,12 +16,16 @@ app = App(
 )
 LISTED = LABELS["findings"]
 SPARE = ("note", "severity", "by")
+ByOption = Annotated[str, Parameter(help="Your name, stored with the finding.")]
+NoteOption = Annotated[str, Parameter(help="Note, stored with the finding.")]
 PhotoOption = Annotated[str, Parameter(help="Name or path of a registered photo.")]
 TimeOption = Annotated[float | None, Parameter(help="Seconds from its first pose, in place of a photo.")]
 PixelOption = Annotated[tuple[float, float] | None, Parameter(help="X and Y, px from the upper left.")]
 BoxOption = Annotated[tuple[float, float, float, float] | None, Parameter(help="X Y WIDTH HEIGHT, px.")]
 AtOption = Annotated[tuple[float, float, float] | None, Parameter(help="X Y Z, m, frame of the structure.")]
-PoseErrorOption = Annotated[float | None, Parameter(help="Position error, one sigma, m.")]
+PoseErrorOption = Annotated[
+    float | None, Parameter(help="Position error in 95 % of cases, m, instead of the flight's.")
+]
 FinenessOption = Annotated[float, Parameter("--mm-px", help="Largest ground sample distance, mm per pixel.")]
 SinceOption = Annotated[str | None, Parameter("--since", help="First date of looks, such as 2026-03-01.")]
 ToOption = Annotated[str, Parameter("--to", help="IDs separated by commas, or `kind` for all of its kind.")]
@@ -64,7 +68,7 @@ def add(
     stated = [value is not None and value != "" for value in (pixel, box, outline, at)]
     if (file is None) != (sum(stated) == 1):
         raise SettingsError(
-            "a finding", "has no source, or several", "one of FILE, --pixel, --box, --outline, --at"
+            "a finding", "has no mark, or several", "one of FILE, --pixel, --box, --outline, --at"
         )
     if file is not None:
         marks = read_marks(file)
@@ -81,10 +85,10 @@ def add(
     kinds_of_error = Errors(attitude_deg=attitude_error, pixel_px=pixel_error)
     with errors.status("casting rays"):
         done = add_marks(results.opened(), marks, by, kinds_of_error, pose_error)
-    for reason in done.refused:
-        complain(f"refused: {reason}")
+    complain_each("refused", done.refused)
     rows = results.opened().findings()
-    results.show_frame("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, SPARE)
+    if done.ids or results.json:
+        results.show_frame("findings", rows[rows["finding_id"].isin(set(done.ids))], LISTED, SPARE)
     known = len(done.ids) - done.new
     results.say(f"{done.new} added, {known} already known, {len(done.refused)} refused")
     if done.ids:
@@ -117,8 +121,7 @@ def photos(
     store = where.opened()
     with errors.status("reading photos"):
         new, refused = register_photos(store, flight_of(store, flight), folder, times, clock, by)
-    for reason in refused:
-        complain(f"refused: {reason}")
+    complain_each("refused", refused)
     say(f"{new} photos registered, {len(refused)} refused")
     return int(bool(refused))
 

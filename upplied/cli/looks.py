@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from upplied.cli.findings import app
 from upplied.cli.options import FindingArgument, PointArgument, StructureArgument
-from upplied.cli.terminal import Results, complain, errors, point_text
+from upplied.cli.terminal import Results, complain_each, errors, point_text
 from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:
@@ -43,8 +43,7 @@ class LookResults(Results):
 
         structure = store.structure(spot.structure_id)
         page, missing = write_crops(self.out, title, looks, spot, structure, self.photos)
-        for reason in missing:
-            complain(f"missing: {reason}")
+        complain_each("missing", missing)
         self.say(page)
         return int(bool(missing))
 

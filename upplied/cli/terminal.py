@@ -28,6 +28,7 @@ errors = Console(highlight=False, stderr=True)
 
 Advance = Callable[[], None]
 ID_DIGITS = 12  # of the id of a flight, where people read it
+REASONS = 10  # that are printed one by one
 
 
 @Parameter(name="*")
@@ -106,6 +107,14 @@ def say(text: object) -> None:
 def complain(text: object) -> None:
     """Print a line on standard error without wrapping."""
     errors.print(str(text), markup=False, soft_wrap=True)
+
+
+def complain_each(what: str, reasons: Sequence[str]) -> None:
+    """Print the first reasons on standard error, and the number of further ones."""
+    for reason in reasons[:REASONS]:
+        complain(f"{what}: {reason}")
+    if len(reasons) > REASONS:
+        complain(f"{what}: {len(reasons) - REASONS} more")
 
 
 def beside(output: Path) -> Path:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.catalog.verbs.findings import check_texts
@@ -19,9 +18,10 @@ from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError
 from upplied.findings.marks import Mark
-from upplied.findings.photos import flight_of, registered, with_size
+from upplied.findings.photos import flight_of, registered, size_of_photo, with_size
 from upplied.findings.place import Errors, located
 from upplied.findings.rays import rays_of, size_px
+from upplied.geometry.polylines import chosen_evenly
 from upplied.geometry.scene import Scene, scene_of, surface_error_m
 from upplied.geometry.vectors import sphere
 from upplied.records import Floats, Structure
@@ -38,7 +38,7 @@ _OFF_SURFACE = 0.02  # of the diagonal, that a stated place may be off the surfa
 
 @dataclass(frozen=True)
 class Added:
-    """What came of marks."""
+    """The result of adding marks."""
 
     ids: tuple[str, ...]  # of each mark that is a finding now, or was one already
     new: int
@@ -99,15 +99,12 @@ class Placing:
         flight = self._flight(photo["flight_id"] if photo else mark.flight)
         t_s = float(photo["t_s"]) if photo else float(mark.t_s or 0.0)
         if mark.t_s is not None and not abs(mark.t_s - t_s) <= _SAME_TIME_S:
-            found = f"is of {mark.t_s:g} s, its photo {mark.photo} of {t_s:g} s"
-            raise RefusedError(mark.what, found, "one time", "leave the time or the photo away")
+            fault = f"is of {mark.t_s:g} s, its photo {mark.photo} of {t_s:g} s"
+            raise RefusedError(mark.what, fault, "one time", "leave the time or the photo away")
         if not 0 <= t_s <= float(flight.path.t_s[-1]):
             when = f"is of {t_s:g} s, the flight took {float(flight.path.t_s[-1]):.1f} s"
             raise RefusedError(mark.what, when, "a time of the flight", "count from its first pose")
-        width, height = (
-            0 if pd.isna(photo.get(name)) else int(photo[name]) for name in ("width_px", "height_px")
-        )
-        size = (width, height) if width and height else mark.size_px
+        size = size_of_photo(photo, mark.size_px)
         camera = with_size(flight.seen_by(t_s), *size, f"{mark.what}, photo {mark.photo or f'of {t_s:g} s'}")
         limits = np.array(size_px(camera))
         corners = mark.corners * _enlarged(mark, limits)
@@ -115,24 +112,17 @@ class Placing:
             rule = f"0 to {limits[0]} and 0 to {limits[1]} px"
             raise RefusedError(mark.what, "lies outside of its photo", rule, "check the pixels and the photo")
         if not np.isfinite(rays_of(camera, corners)).all():
-            rule, remedy = (
-                "within what the lens shows",
-                "check the distortion in the calibration of the camera",
-            )
+            rule, remedy = "within what the lens shows", "check the distortion in the camera's calibration"
             raise RefusedError(mark.what, "lies where the model of its lens shows nothing", rule, remedy)
         structure = self._structure(flight.target_id)
         pose = flight.at(np.array([t_s]))
         stated = flight.pose_error_m if self.pose_m is None else self.pose_m
-        errors = replace(
-            self.errors,
-            pose_m=self.errors.pose_m if math.isnan(stated) else stated,
-            mesh_m=self.errors.mesh_m or surface_error_m(structure),
-        )
+        pose_m = self.errors.pose_m if math.isnan(stated) else stated
+        mesh_m = self.errors.mesh_m or surface_error_m(structure)
+        errors = replace(self.errors, pose_m=pose_m, mesh_m=mesh_m)
         seen = pose.positions[0], pose.quat_xyzw[0]
         spot = located(mark.what, scene_of(structure), camera, *seen, corners, errors)
-        outline = spot.outline[
-            np.linspace(0, len(spot.outline) - 1, min(_MOST_OUTLINE, len(spot.outline))).astype(int)
-        ]
+        outline = spot.outline[chosen_evenly(len(spot.outline), _MOST_OUTLINE)]
         return self._about(mark, structure, spot.place, spot.normal, flight.flight_id) | {
             "place_error_m": spot.error_m,
             **{f"{name}_error_m": getattr(spot, f"{name}_error_m") for name in ("pose", "pixel", "mesh")},
@@ -153,11 +143,11 @@ class Placing:
         }
 
     def _photo(self, mark: Mark) -> dict[str, Any]:
-        """The registered photo of a mark; empty where flight and time alone tell what it is of."""
+        """The registered photo of a mark; empty where flight and time are stated instead."""
         timed = bool(mark.flight) and mark.t_s is not None
         if not (mark.photo or timed):
             remedy = "name a photo, or state --flight ID --time SECONDS"
-            raise RefusedError(mark.what, "names neither photo nor time", "a photo of a known flight", remedy)
+            raise RefusedError(mark.what, "has neither photo nor time", "a photo of a known flight", remedy)
         whole = self._flight(mark.flight).flight_id if mark.flight else ""
         try:
             return registered(self.catalog, mark.photo, whole) if mark.photo else {}
@@ -203,7 +193,7 @@ def add_marks(
     Returns
     -------
     Added
-        What is refused is told with its reason; nothing of it is stored.
+        What is refused is listed with its reason; nothing of it is stored.
     """
     placing, rows, refused = Placing(catalog, errors, pose_m), [], []
     for mark in marks:
@@ -253,8 +243,8 @@ def _enlarged(mark: Mark, size: Floats) -> Floats:
     ratio = size / np.array(mark.size_px)
     if abs(ratio[0] / ratio[1] - 1) > _SAME_SHAPE:
         stated, own = (f"{each[0]:.0f} x {each[1]:.0f} px" for each in (mark.size_px, size))
-        found = f"is of a picture of {stated}, the photo has {own}"
-        raise RefusedError(mark.what, found, "the same proportions", "mark it in the photo as it was taken")
+        fault = f"is of a picture of {stated}, the photo has {own}"
+        raise RefusedError(mark.what, fault, "the same proportions", "mark it in the photo as it was taken")
     return np.asarray(ratio, float)
 
 

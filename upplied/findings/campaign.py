@@ -105,7 +105,7 @@ def due_jobs(
     Returns
     -------
     tuple
-        The jobs, and what kept a whole campaign or a structure of it from having one, in words.
+        The jobs, and why a whole campaign or a structure of it has none, in words.
     """
     jobs: list[Job] = []
     problems = []
@@ -147,19 +147,10 @@ def campaign_jobs(
             others.append({**one, "status": "refused", "words": str(error)})
             continue
         key = digest([_PURPOSE, *depends_on(carrying, [row], base, mm_px)])
-        jobs.append(
-            Job(
-                base.about["demonstration_id"],
-                base.about["source_id"],
-                name,
-                base.target.kind,
-                base.settings,
-                key,
-                f"{name} was not looked at where finding {row['finding_id']} is",
-                base.sha256,
-                f"{_PURPOSE} {row['finding_id']} {mm_px!r}",
-            )
-        )
+        pair = base.about["demonstration_id"], base.about["source_id"], name, base.target.kind
+        reason = f"{name} was not looked at where finding {row['finding_id']} is"
+        purpose = f"{_PURPOSE} {row['finding_id']} {mm_px!r}"
+        jobs.append(Job(*pair, base.settings, key, reason, base.sha256, purpose))
     return jobs, others
 
 
@@ -178,7 +169,7 @@ def _transferred(catalog: Catalog, job: Job) -> Plan:
                 carrying.carried(job.source_id, job.target_id)
         except MemoryError:
             raise
-        except Exception as error:  # no plan fails for what is asked later, and then says why
+        except Exception as error:  # no plan fails for a later question, whose answer then says why
             log.warning("%s: findings cannot be carried: %s", job, error)
     return plan
 

@@ -7,8 +7,10 @@ correspondence for each structure, most of which its plans have left behind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,8 +18,9 @@ import numpy as np
 from upplied.catalog import Catalog
 from upplied.config import Settings
 from upplied.errors import CatalogError, RefusedError, UppliedError
-from upplied.findings.looks import Spot, off_surface, plane_axes
-from upplied.findings.sampled import Carried, Near, about, carried_samples
+from upplied.findings.counterparts import FARTHEST, Counterparts, carried_spots, nowhere, themselves
+from upplied.findings.looks import Spot, off_surface
+from upplied.findings.sampled import Carried, CarriedGroup, Near, about, carried_samples
 from upplied.fleet.decisions import PlanRequest, SettingsOf, SiblingsOf
 from upplied.planning.correspondence.memo import content_key
 from upplied.planning.correspondence.pair import Pair
@@ -25,49 +28,13 @@ from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.repetition import choices_in
 from upplied.planning.surface.frames import frames_for, named_axes, structure_in
 from upplied.planning.surface.parts import parts_of_both
-from upplied.records import Bools, Floats, Ints, Rows, Structure
+from upplied.records import Structure
 from upplied.threads import one_thread
 
 R = TypeVar("R")
 
 _PRESET = "recommended"
-_LEAST = 0.9  # probability of the part, below which a counterpart is said to be doubtful
-# Of the target's diagonal: a place with a larger stated error is doubtful. Errors have long tails: of places
-# with this one, one of some thousand is more than 2 % off (bench/findings.py, on the other half).
-_FARTHEST = 0.0105
-_BELOW = 0.3  # spacings below the samples' surface, from which on a place lies inside of other parts
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Counterparts(Rows):
-    """Where N spots of one structure are on another; what has no counterpart has no place."""
-
-    part: Ints  # (N,) of the target; -1: none, or its parts are not known
-    place: Floats  # (N, 3) m, frame of the target; NaN where there is none
-    normal: Floats  # (N, 3) unit, outward
-    turn: Floats  # (N, 3, 3) directions about the spot to those about its counterpart; mirrored ones mirror
-    probability: Floats  # (N,) that it is the right part; NaN where that cannot be told
-    error_m: Floats  # (N,) how far off it may be in 95 % of cases
-    doubtful: Bools  # (N,)
-
-    def doubt(self, at: int) -> str:
-        """Why a counterpart is not certain, in words; empty where it is."""
-        if not np.isfinite(self.place[at, 0]):
-            return "the place has no counterpart there"
-        if not self.doubtful[at]:
-            return ""
-        sure = self.probability[at]
-        part = (
-            "parts cannot be distinguished"
-            if np.isnan(sure)
-            else f"the right part with probability {sure:.2f}"
-        )
-        return f"doubtful: {part}, may be {self.error_m[at]:.2f} m off"
-
-    @property
-    def spots(self) -> Floats:
-        """Places with normals (N, 6), to be carried on."""
-        return np.hstack([self.place, self.normal])
+_FEW, _MANY = 10, 50  # structures whose samples are read one by one, and at once
 
 
 class Carrying:
@@ -83,7 +50,7 @@ class Carrying:
     def __init__(self, catalog: Catalog, progress: Callable[[str], object] = lambda _: None) -> None:
         self.catalog, self._progress = catalog, progress
         self._settings = SettingsOf(catalog, PlanRequest())
-        rows = catalog.structures()
+        rows = catalog.structures().sort_values("commit_version", kind="stable")
         self._siblings = SiblingsOf(rows)
         self._sha256 = dict(zip(rows["structure_id"], rows["sha256"], strict=True))
         sizes = np.linalg.norm(rows[["size_x_m", "size_y_m", "size_z_m"]].to_numpy(float), axis=1)
@@ -140,6 +107,8 @@ class Carrying:
                 self.carried(reference, name)
             except UppliedError as error:
                 problems.append(f"findings on {name}: {error}")
+        if len(self.members(kind)) > _FEW:
+            deque(self._groups(reference, set(self.kinds)), maxlen=0)
         return problems
 
     def to(self, spots: Sequence[Spot], target_id: str) -> Counterparts:
@@ -151,34 +120,65 @@ class Carrying:
         source_id = spots[0].structure_id
         off = off_surface(self.catalog, spots, self._sha256[source_id])
         places = np.array([[*spot.place, *spot.normal] for spot in spots])
-        here = _themselves(places, off, self._size_m[source_id])
+        here = themselves(places, off, self._size_m[source_id])
         reference = self.reference(self.kinds[source_id])
         on_map = here
         if source_id != reference and set(names) != {source_id}:
             back = self.carried(reference, source_id).inverse()
-            on_map = self._continued(here, back, source_id, reference)
-        near: tuple[Carried, Near] | None = None
-        results = []
-        for name in names:
-            if name in (source_id, reference):
-                results.append(here if name == source_id else on_map)
-                continue
+            on_map = self._continued(here, back, source_id, [reference])
+        known = {reference: on_map, source_id: here}
+        if len(names) > _FEW:
+            known |= self._on_many(on_map, reference, set(names) - set(known))
+        for name in set(names) - set(known):
             try:
-                carried = self.carried(reference, name)
+                known[name] = self._continued(on_map, self.carried(reference, name), reference, [name])
             except RefusedError:  # nothing of it corresponds
-                results.append(_nowhere(len(spots)))
-                continue
-            if near is None or not np.array_equal(near[0].point, carried.point):
-                near = carried, _about(on_map.spots, carried)
-            results.append(self._continued(on_map, carried, reference, name, near[1]))
+                known[name] = nowhere(len(spots))
+        return [known[name] for name in names]
+
+    def _on_many(self, on_map: Counterparts, reference: str, names: set[str]) -> dict[str, Counterparts]:
+        """Counterparts on a kind's map carried on to those of many structures that share its samples."""
+        results: dict[str, Counterparts] = {}
+        for group in self._groups(reference, names):
+            members = np.array([at for at, name in enumerate(group.members) if name in names], np.int64)
+            wanted, count = [group.members[at] for at in members], len(on_map)
+            near = group.near(on_map.spots, members)
+            whole = Counterparts.stacked([on_map] * len(members))
+            there = self._continued(whole, group.carried, reference, wanted, near)
+            parts = (there.rows(slice(start, start + count)) for start in range(0, len(there), count))
+            results |= zip(wanted, parts, strict=True)
         return results
+
+    def _groups(self, reference: str, names: set[str]) -> Iterator[CarriedGroup]:
+        """Those groups of a kind's structures, in the order they were added, that hold some of these."""
+        others = [
+            name for name, kind in self.kinds.items() if kind == self.kinds[reference] and name != reference
+        ]
+        for start in range(0, len(others), _MANY):
+            some = others[start : start + _MANY]
+
+            def group(some: Sequence[str] = some) -> CarriedGroup:
+                parts = {}
+                for name in some:
+                    with suppress(UppliedError):  # nothing of it corresponds
+                        parts[name] = self.carried(reference, name)
+                if not parts:
+                    raise RefusedError(f"structures {', '.join(some)}"[:200], "have no counterparts")
+                return CarriedGroup.of(parts)
+
+            if names.intersection(some):
+                key = [self._study_key(reference, name) for name in some]
+                with suppress(RefusedError):
+                    one = self.remembered("carried-groups", CarriedGroup, key, group)
+                    if names.intersection(one.members):
+                        yield one
 
     def instances(self, spot: Spot, target_id: str) -> list[Counterparts]:
         """Where a spot is on each part of a structure like its counterpart, and on that one first."""
         reference, settings = self.reference(self.kinds[target_id]), self._settings_of(target_id)
         on_map, first = self.everywhere([spot], [reference, target_id])
         carried = self.carried(reference, target_id)
-        mine = int(carried.own_part[_about(on_map.spots, carried).samples[0, 0]])
+        mine = int(carried.own_part[about(on_map.spots, carried).samples[0, 0]])
         with one_thread():
             pair = self._pair(reference, target_id, settings)[0]
         fit, results = pair.surface, [first]
@@ -190,7 +190,7 @@ class Carrying:
             names = (*settings.correspondence.counterparts, (f"part_{mine}", f"part_{choice}"))
             named = replace(settings, correspondence=replace(settings.correspondence, counterparts=names))
             other = self.carried(reference, target_id, named)
-            results.append(self._continued(on_map, other, reference, target_id))
+            results.append(self._continued(on_map, other, reference, [target_id]))
         return results
 
     def pair_key(self, source_id: str, target_id: str) -> list[Any]:
@@ -199,7 +199,7 @@ class Carrying:
         return [self._study_key(reference, name) for name in sorted({source_id, target_id} - {reference})]
 
     def remembered(self, stage: str, record: type[R], key: Sequence[Any], compute: Callable[[], R]) -> R:
-        """What follows from a key, kept in the cache of the catalog."""
+        """A record that follows from a key, stored in the cache of the catalog."""
         return self.catalog.cache(stage, record, content_key(stage, *key), compute)
 
     def carried(self, source_id: str, target_id: str, settings: Settings | None = None) -> Carried:
@@ -215,24 +215,30 @@ class Carrying:
         return self.remembered("carried-both-ways", Carried, key, carried)
 
     def _continued(
-        self, spots: Counterparts, carried: Carried, source_id: str, target_id: str, near: Near | None = None
+        self,
+        spots: Counterparts,
+        carried: Carried,
+        source_id: str,
+        target_ids: Sequence[str],
+        near: Near | None = None,
     ) -> Counterparts:
-        """Counterparts on one structure carried on to another: of two errors the larger one counts.
+        """Counterparts on one structure carried on to others, as many on each: the larger error counts.
 
         Errors have long tails, so that both are seldom large, and what the two correspondences have in common
         cancels: 97 % of such places lie within it (bench/findings.py).
         """
-        size_m, ratio = self._size_m[target_id], self._size_m[target_id] / self._size_m[source_id]
+        sizes_m = np.array([self._size_m[name] for name in target_ids])
+        size_m = np.repeat(sizes_m, len(spots) // len(target_ids))
         there = carried_spots(spots.spots, carried, size_m, near)
         lost = ~np.isfinite(spots.place[:, :1])
-        error = np.maximum(there.error_m, ratio * spots.error_m)
+        error = np.maximum(there.error_m, size_m / self._size_m[source_id] * spots.error_m)
         return replace(
             there,
             place=np.where(lost, np.nan, there.place),
             turn=there.turn @ spots.turn,
             probability=there.probability * spots.probability,
             error_m=error,
-            doubtful=spots.doubtful | there.doubtful | lost[:, 0] | (error > _FARTHEST * size_m),
+            doubtful=spots.doubtful | there.doubtful | lost[:, 0] | (error > FARTHEST * size_m),
         )
 
     def _settings_of(self, structure_id: str) -> Settings:
@@ -251,80 +257,3 @@ class Carrying:
         both = structure_in(here, source), structure_in(there, target)
         siblings = [self.catalog.structure(name) for name, _ in names]
         return study(*both, settings, self.catalog.cache, siblings), source, target
-
-
-def carried_spots(spots: Floats, carried: Carried, size_m: float, near: Near | None = None) -> Counterparts:
-    """Places with normals (N, 6), carried as the samples about them onto a structure of a size.
-
-    Of the samples, those count that face alike and belong to the part of the nearest one; where another part
-    is as near, the place may be where that one leads. A place that no sample is near, or that lies below
-    them, is inside of other parts, and is uncertain: samples are where surface can be seen.
-    """
-    if not len(carried.point):
-        return _nowhere(len(spots))
-    near = near or _about(spots, carried)
-    others, first = near.samples, near.samples[:, 0]
-    there = np.isfinite(carried.place[others, 0])
-    same = carried.own_part[others] == carried.own_part[first][:, None]
-    weight = np.where(there & there[:, :1] & same, near.weight, 0.0)
-    offset = spots[:, None, :3] - carried.point[others]
-    places, towards = np.nan_to_num(carried.place)[others], carried.towards[others]
-    moved = places + np.einsum("nkij,nkj->nki", carried.linear[carried.map[others]], offset)
-    share = weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
-    place, normal = (np.einsum("nk,nki->ni", share, each) for each in (moved, towards))
-    normal = np.where(there[:, :1], normal, towards[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    above = np.einsum("nki,nki->nk", towards, place[:, None] - places)  # of the samples' tangent planes
-    away, up = near.away_m[:, 0], carried.normal[first]
-    below = np.abs(np.einsum("ni,ni->n", offset[:, 0], up)) > _BELOW * carried.step_m
-    hidden = (away > carried.step_m) | (np.einsum("ni,ni->n", spots[:, 3:], up) <= 0) | below
-    onto = np.where(hidden, 0.0, (share * above).sum(axis=1))
-    place = np.where(there[:, :1], place - onto[:, None] * normal, np.nan)
-    apart = np.linalg.norm(moved - place[:, None], axis=2)
-    seam = np.where(there & ~same & (near.away_m <= carried.step_m), np.nan_to_num(apart), 0.0).max(axis=1)
-    stretch = np.abs(np.linalg.det(carried.linear)) ** (1 / 3)
-    stated = (share * carried.error_m[others]).sum(
-        axis=1
-    )  # it jumps between neighbours: none is known better
-    inside = np.where(hidden, 2 * stretch[carried.map[first]] * np.maximum(away, carried.step_m), 0.0)
-    error, sure = np.maximum(stated + inside, seam), carried.probability[carried.map[first]]
-    doubtful = ~(sure >= _LEAST) | ~there[:, 0] | (error > _FARTHEST * size_m)
-    turn = _turn(spots, -offset, np.nan_to_num(places - place[:, None]), normal, weight[:, 1:] > 0)
-    return Counterparts(carried.part[first], place, normal, turn, sure, error, doubtful)
-
-
-def _about(spots: Floats, carried: Carried) -> Near:
-    """The samples about spots; any about those that have no place."""
-    return about(np.nan_to_num(spots), carried.point, carried.normal, carried.step_m)
-
-
-def _themselves(places: Floats, error_m: Floats, size_m: float) -> Counterparts:
-    """Places of a structure on itself, off by that much."""
-    count = len(places)
-    turn = np.repeat(np.eye(3)[None], count, axis=0)
-    doubtful = error_m > _FARTHEST * size_m
-    part = np.full(count, -1, np.int64)
-    return Counterparts(part, places[:, :3], places[:, 3:], turn, np.ones(count), error_m, doubtful)
-
-
-def _nowhere(count: int) -> Counterparts:
-    """What has no counterpart."""
-    lost = np.full((count, 3, 3), np.nan)
-    part, doubtful = np.full(count, -1, np.int64), np.ones(count, bool)
-    return Counterparts(part, lost[:, 0], lost[:, 0], lost, lost[:, 0, 0], lost[:, 0, 0], doubtful)
-
-
-def _turn(spots: Floats, ring: Floats, carried: Floats, normal: Floats, known: Bools) -> Floats:
-    """The orthogonal matrices (N, 3, 3) that turn directions about spots into those about their counterparts.
-
-    In the plane they are the orthogonal factor of the linear map of the ring of samples about a spot.
-    """
-    here, there = (np.stack([*plane_axes(up), up], axis=-1) for up in (spots[:, 3:], normal))
-    flat, moved = (np.einsum("nki,nij->nkj", each[:, 1:], axes)[..., :2] * known[..., None]
-                   for each, axes in ((ring, here), (carried, there)))  # fmt: skip
-    inverse = np.linalg.pinv(np.einsum("nki,nkj->nij", flat, flat), hermitian=True)
-    left, size, right = np.linalg.svd(np.einsum("nki,nkj->nij", moved, flat) @ inverse)
-    plane = np.repeat(np.eye(3)[None], len(spots), axis=0)
-    enough = (known.sum(axis=1) >= 3) & (size[:, 1] > 0)
-    plane[enough, :2, :2] = (left @ right)[enough]
-    return np.asarray(there @ plane @ here.transpose(0, 2, 1))

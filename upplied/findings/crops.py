@@ -118,17 +118,14 @@ def _photo(look: Look, folder: Path | None) -> np.ndarray:
     row = look.row
     places = [Path(row["path"]), *([folder / row["photo"]] if folder is not None else [])]
     place = next((path for path in places if path.is_file()), None)
+    what = f"photo {row['photo']}"
     if place is None:
         remedy = "name the folder where it is now: --photos FOLDER"
-        raise InputError(
-            f"photo {row['photo']}", f"is not at {row['path']}", "where it was registered", remedy
-        )
+        raise InputError(what, f"is not at {row['path']}", "where it was registered", remedy)
     data = read_regular(place, MOST_BYTES)
     if hashlib.sha256(data).hexdigest() != row["sha256"]:
-        raise InputError(
-            f"photo {row['photo']}", f"at {place} is another one", "the bytes that were registered"
-        )
-    return pixels_in(data, f"photo {row['photo']}")
+        raise InputError(what, f"at {place} is another one", "the bytes that were registered")
+    return pixels_in(data, what)
 
 
 def _warped(photo: np.ndarray, look: Look, grid: Floats) -> np.ndarray:

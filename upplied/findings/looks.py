@@ -1,7 +1,7 @@
-"""Which photos of which flights show a place: when, how finely, obliquely and sharply, and where in them.
+"""The photos that show a place: of which flights, when, how finely, obliquely and sharply, and where in them.
 
-Whether something stands in between is asked of the structure by rays. Photos that were registered are asked
-one by one; of a flight without any, its camera is taken to see all the time, and its finest look is told.
+Rays on the structure decide what is occluded. Registered photos are checked one by one; a flight without any
+is taken to record all the time, and its finest look is listed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from upplied.catalog import Catalog
 from upplied.config import InspectionSettings
 from upplied.errors import SettingsError
 from upplied.findings.adding import on_surface, outline_of
-from upplied.findings.photos import Flown, flights_round, with_size
+from upplied.findings.photos import Flown, flights_round, size_of_photo, with_size
 from upplied.findings.rays import focal_of, footprint_m, frustum_of, pixels_of, size_px
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import scene_of
@@ -73,10 +73,7 @@ def spot_at(
 
 def spot_of(row: dict[str, Any]) -> Spot:
     """The spot of a finding's row: what was marked, and about it as far as the place may be off."""
-    place, normal = (
-        np.array([row["x_m"], row["y_m"], row["z_m"]]),
-        np.array(json.loads(row["normal_json"]), float),
-    )
+    place, normal = np.array([row["x_m"], row["y_m"], row["z_m"]]), np.array(json.loads(row["normal_json"]))
     error = row.get("place_error_m")
     radius = max(_LEAST_M, float(error) if error is not None and error == error else 0.0)
     corners = np.concatenate([outline_of(row), _around(place, normal, radius)])
@@ -89,8 +86,8 @@ def off_surface(catalog: Catalog, spots: Sequence[Spot], sha256: str) -> Floats:
     changed = np.array([spot.structure_sha256 not in ("", sha256) for spot in spots], bool)
     if changed.any():
         places = np.array([spot.place for spot in spots])[changed]
-        found = scene_of(catalog.structure(spots[0].structure_id)).closest(places)[0]
-        off[changed] = np.linalg.norm(found - places, axis=1)
+        nearest = scene_of(catalog.structure(spots[0].structure_id)).closest(places)[0]
+        off[changed] = np.linalg.norm(nearest - places, axis=1)
     return off
 
 
@@ -130,9 +127,8 @@ def looks_frame(looks: Sequence[Look]) -> pd.DataFrame:
 def _look(flight: Flown, spot: Spot, t_s: float, photo: dict[Any, Any]) -> Look | None:
     """How a photo that looks towards a spot shows it; None where its lens does not."""
     pose, camera = flight.at(np.array([t_s])), flight.seen_by(t_s)
-    size = [0 if pd.isna(photo.get(name)) else int(photo[name]) for name in ("width_px", "height_px")]
-    if all(size):
-        camera = with_size(camera, size[0], size[1], f"photo {photo['name']}")
+    if any(size := size_of_photo(photo)):
+        camera = with_size(camera, *size, f"photo {photo['name']}")
     position, quat = pose.positions[0], pose.quat_xyzw[0]
     ray = spot.place - position
     distance = float(np.linalg.norm(ray))

@@ -58,7 +58,7 @@ def read_marks(path: Path) -> list[Mark]:
     Raises
     ------
     InputError
-        If it is of no known form, or too large. What is wrong with a single mark is told when it is placed.
+        If it is of no known form, or too large. Faults of a single mark are reported when it is placed.
     """
     import hashlib
 
@@ -150,7 +150,7 @@ def corners_of(flat: Any) -> tuple[tuple[float, float], ...]:
     values = [float(value) for value in flat]
     if not 2 <= len(values) <= 2 * _MOST_CORNERS or len(values) % 2:
         raise ValueError(
-            f"an outline of {len(values)} numbers, x and y of 1 to {_MOST_CORNERS} corners are due"
+            f"an outline has {len(values)} numbers; state x and y of each corner, of {_MOST_CORNERS} at most"
         )
     return _finite(tuple(zip(values[::2], values[1::2], strict=True)))
 

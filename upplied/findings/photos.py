@@ -177,23 +177,19 @@ def _photo_row(
     elif flight.stills and number >= 0:
         t_s = float(flight.path.t_s[number])
     else:
-        raise InputError(
-            str(path), "tells no time", "EXIF with a time, or --times", "list name and t_ns in a CSV"
-        )
+        rule, remedy = "EXIF with a time, or --times", "list name and t_ns in a CSV"
+        raise InputError(str(path), "has no time", rule, remedy)
     end = float(flight.path.t_s[-1])
     if not -_OUTSIDE_S <= t_s <= end + _OUTSIDE_S:
         fault = f"was taken {t_s:.1f} s after the first pose, the flight took {end:.1f} s"
-        raise InputError(
-            str(path), fault, "within the flight", "state what its clock was behind: --clock SECONDS"
-        )
+        remedy = "state what its clock was behind: --clock SECONDS"
+        raise InputError(str(path), fault, "within the flight", remedy)
     sha256, t_s = hashlib.sha256(data).hexdigest(), min(max(t_s, 0.0), end)
     size = tuple(int(head[name]) if math.isfinite(head[name]) else 0 for name in ("width", "height"))
     if not all(size):
-        with contextlib.suppress(
-            InputError
-        ):  # of one that cannot be read here, as a raw one, it is not known
-            from upplied.outputs.pictures import size_of
+        from upplied.outputs.pictures import size_of
 
+        with contextlib.suppress(InputError):  # of one that cannot be read here, as a raw one
             size = size_of(data, str(path))
     return {
         "photo_id": digest([flight.flight_id, sha256, round(t_s, 3)]),
@@ -241,17 +237,19 @@ def registered(catalog: Catalog, photo: str, flight_id: str = "") -> dict[str, A
     if len(rows) > 1 and Path(photo).is_file():
         rows = rows[rows["sha256"] == hashlib.sha256(read_regular(photo, MOST_BYTES)).hexdigest()]
     rows = rows.drop_duplicates(["flight_id", "sha256"], keep="last")
-    if len(rows) != 1:
+    fault, remedy = "belongs to no known flight", "register it: upplied findings photos FLIGHT FOLDER"
+    if len(rows) > 1:
         several = ", ".join(each[:12] for each in rows["flight_id"])
-        raise RefusedError(
-            f"photo {name}",
-            "belongs to no known flight" if rows.empty else f"is of several flights: {several}",
-            "a photo of one flight, registered",
-            "register it: upplied findings photos FLIGHT FOLDER"
-            if rows.empty
-            else "name the flight: --flight ID",
-        )
+        fault, remedy = f"is of several flights: {several}", "name the flight: --flight ID"
+    if len(rows) != 1:
+        raise RefusedError(f"photo {name}", fault, "a photo of one flight, registered", remedy)
     return {str(key): value for key, value in rows.iloc[0].items()}
+
+
+def size_of_photo(photo: dict[Any, Any], otherwise: tuple[int, int] = (0, 0)) -> tuple[int, int]:
+    """Width and height, px, of a row of registered photos, if both are known."""
+    size = [0 if pd.isna(photo.get(name)) else int(photo[name]) for name in ("width_px", "height_px")]
+    return (size[0], size[1]) if all(size) else otherwise
 
 
 def with_size(camera: Camera, width_px: int, height_px: int, what: str) -> Camera:

@@ -1,8 +1,7 @@
-"""Where a mark in a photo lies on the surface, and how far off that may be.
+"""The place of a mark in a photo on the surface, and its error, which holds in 95 % of cases.
 
-What is not known exactly is drawn again and again: where the camera was, how it looked, which pixel was
-meant and where the surface is. The rays of all draws are cast on the structure, so that an edge, or a surface
-that is looked at obliquely, makes the error as large as it is. An error holds in 95 % of cases.
+Camera position, attitude, pixel and surface are drawn at random many times, and the rays of all draws are
+cast on the structure: edges and oblique surfaces count with the error that they truly cause.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.errors import RefusedError
 from upplied.findings.rays import footprint_m, rays_of
+from upplied.geometry.polylines import chosen_evenly
 from upplied.geometry.poses import matrices
 from upplied.geometry.scene import Scene
 from upplied.planning.visibility.observations import TRULY
@@ -30,12 +30,12 @@ _GRAZING_DEG = TRULY.max_incidence_deg
 
 @dataclass(frozen=True)
 class Errors:
-    """How well it is known from where and along which ray a mark was seen; three of them hold in 95 %."""
+    """Errors of the ray along which a mark was seen, and of the surface."""
 
-    pose_m: float = 0.5  # of the position, where nothing states it
+    pose_m: float = 0.5  # of the position in 95 % of cases, where nothing states it
     attitude_deg: float = 0.4  # of the camera, one sigma about each axis: as of usual gimbals
     pixel_px: float = 1.0  # of the mark, one sigma across and down
-    mesh_m: float = 0.0  # of the surface, along its normal
+    mesh_m: float = 0.0  # of the surface along its normal, in 95 % of cases
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -111,22 +111,17 @@ def located(
     rays = rays_of(camera, aims) @ turn.T
     hit &= _together(reach, rays)
     if not hit[0] or hit.mean() < _HIT:
-        raise RefusedError(
-            what,
-            f"{100 * (1 - hit.mean()):.0f} % of it misses the structure, or the part that its middle is on",
-            "it lies on the structure",
-            "check photo, time and pixel, or state the place by --at X Y Z",
-        )
+        off = f"with {100 * (~hit).mean():.0f} % of it"
+        fault = f"is beside the structure, or on another surface than its middle, {off}"
+        rule, remedy = f"{100 * _HIT:.0f} % at most", "check photo, time and pixel, or state --at X Y Z"
+        raise RefusedError(what, fault, rule, remedy)
     ray = rays_of(camera, middle) @ turn.T
     place, normal = position + reach[0] * ray, -np.sign(normals[0] @ ray) * normals[0]
     incidence = float(np.degrees(np.arccos(np.clip(-normal @ ray, 0, 1))))
     if incidence > _GRAZING_DEG:
-        raise RefusedError(
-            what,
-            f"looks at the surface at {incidence:.0f} degrees from its normal",
-            f"at most {_GRAZING_DEG:g} degrees",
-            "mark it in a photo that looks more frontally",
-        )
+        fault = f"looks at the surface at {incidence:.0f} degrees from its normal"
+        remedy = "mark it in a photo that looks more frontally"
+        raise RefusedError(what, fault, f"at most {_GRAZING_DEG:g} degrees", remedy)
     alone = Errors(0.0, 0.0, 0.0, 0.0)
     parts = (
         errors,
@@ -220,10 +215,8 @@ def _area(outline: Floats) -> float:
 
 def _densified(pixels: Floats) -> Floats:
     """The corners of an outline with places between them, as many as are cast."""
-    if len(pixels) < 3:
-        return np.asarray(pixels, float)
-    if len(pixels) >= _MOST_CORNERS:
-        return np.asarray(pixels, float)[np.linspace(0, len(pixels) - 1, _MOST_CORNERS).astype(int)]
+    if not 3 <= len(pixels) < _MOST_CORNERS:
+        return np.asarray(pixels, float)[chosen_evenly(len(pixels), _MOST_CORNERS)]
     between = max(1, min(4, _MOST_CORNERS // len(pixels)))
     share = np.arange(between)[None, :, None] / between
     ends = np.roll(pixels, -1, axis=0)

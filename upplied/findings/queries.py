@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,13 @@ from upplied.catalog import Catalog
 from upplied.catalog.schema.rows import camera_of
 from upplied.catalog.verbs.queries import When, moment
 from upplied.errors import CatalogError
-from upplied.findings.carried import Carrying, Counterparts
+from upplied.findings.carried import Carrying
+from upplied.findings.counterparts import Counterparts
+from upplied.findings.flown_looks import flown_looks, remember_looks
 from upplied.findings.looks import Spot, looks_at_spot, looks_frame, spot_of
 from upplied.findings.rays import focal_of
+
+_STRUCTURES = 20  # whose findings are carried and read at once
 
 
 def photographed(
@@ -54,39 +59,43 @@ def photographed(
     own_error = 0.0 if isinstance(of, Spot) else float(of["place_error_m"] or 0.0)
     names = carrying.targets(spot.structure_id, to)
     names = [spot.structure_id, *names] if to == "kind" else names
-    flights = catalog.flights(kind="flown").drop_duplicates("flight_id", keep="last")
-    flights = flights[(flights["looks_sha256"] != "") & flights["target_id"].isin(set(names))]
-    earliest = pd.Timestamp.min.tz_localize("UTC") if since is None else moment(since)
-    flights = flights[~(flights["flown_at"] < earliest)]
-    demonstrated = set(catalog.demonstrations()["structure_id"])
-    focal = _focals(catalog)
-    own: dict[str, list[dict[Any, Any]]] = {}
-    columns = ["target_id", "flight_id", "demonstration_id", "flown_at", "looks_sha256"]
-    for each in flights[columns].to_dict("records"):
-        own.setdefault(each["target_id"], []).append(each)
-    rows = []
     if every:
         places = [(name, there) for name in names for there in carrying.instances(spot, name)]
     else:
         places = list(zip(names, carrying.everywhere([spot], names), strict=True))
-    for name, there in places:
-        place, error = there.place[0], float(np.hypot(there.error_m[0], own_error))
+    earliest = pd.Timestamp.min.tz_localize("UTC") if since is None else moment(since)
+    looks = _looks(catalog, places)
+    rows = []
+    for at, (name, there) in enumerate(places):
+        error = float(np.hypot(there.error_m[0], own_error))
         row = {"structure_id": name, "part": int(there.part[0])}
-        row |= dict(zip(("x_m", "y_m", "z_m"), place, strict=True))
+        row |= dict(zip(("x_m", "y_m", "z_m"), there.place[0], strict=True))
         row |= {"probability": there.probability[0], "error_m": error, "doubt": there.doubt(0)}
-        flown = own.get(name, ()) if np.isfinite(place[0]) else ()
-        looks = [_seen(catalog, each, place, there.normal[0], focal) for each in flown]
-        if name in demonstrated and np.isfinite(place[0]):
-            looks += _demonstrated(catalog, Spot(name, place, there.normal[0], there.place))
-        count = [
-            look for look in looks if look and look["mm_px"] <= mm_px and not look["looked_at"] < earliest
-        ]
+        count = [look for look in looks[at] if look["mm_px"] <= mm_px and not look["looked_at"] < earliest]
         last: dict[str, Any] = max(count, key=lambda one: one["looked_at"], default={})
         none = {"looked_at": pd.NaT, "flight_id": "", "mm_px": np.nan, "incidence_deg": np.nan}
         rows.append(row | none | last | {"looks": len(count)})
     frame = pd.DataFrame(rows)
     frame["looked_at"] = pd.to_datetime(frame["looked_at"], utc=True)
     return frame
+
+
+def _looks(catalog: Catalog, places: Sequence[tuple[str, Counterparts]]) -> list[list[dict[str, Any]]]:
+    """The finest look of each demonstration and each flown flight at a counterpart on each structure."""
+    demonstrations = catalog.demonstrations(every=True)
+    focal = {str(row["demonstration_id"]): focal_of(camera_of({str(k): v for k, v in row.items()}))[0]
+             for row in demonstrations.to_dict("records")}  # fmt: skip
+    demonstrated = set(catalog.demonstrations()["structure_id"])
+    known = {at: (name, there.spots[0]) for at, (name, there) in enumerate(places)
+             if np.isfinite(there.place[0, 0])}  # fmt: skip
+    looks: list[list[dict[str, Any]]] = [[] for _ in places]
+    for at, look in flown_looks(catalog, known):
+        pixels = focal.get(str(look.pop("demonstration_id")), np.nan)
+        looks[at].append(look | {"mm_px": 1e3 * look.pop("sampled_m") / pixels})
+    for at, (name, spot) in known.items():
+        if name in demonstrated:
+            looks[at] += _demonstrated(catalog, Spot(name, spot[:3], spot[3:], places[at][1].place))
+    return looks
 
 
 def by_reference(
@@ -115,25 +124,35 @@ def by_reference(
     carrying = carrying or Carrying(catalog)
     if reference_id not in carrying.kinds:
         raise CatalogError(f"structure {reference_id}", "is not in the catalog")
-    rows = catalog.findings(kind=carrying.kinds[reference_id], class_name=class_name, state=state)
-    columns = [f"reference_{name}" for name in ("x_m", "y_m", "z_m", "probability", "error_m", "doubtful")]
-    if rows.empty:
-        return rows.reindex(columns=[*rows.columns, *columns])
-    own: dict[str, list[int]] = {}
-    for at, name in enumerate(rows["target_id"]):
-        own.setdefault(name, []).append(at)
-    order, every = np.concatenate([*own.values()]), rows.to_dict("records")
-    key = [reference_id, [carrying.pair_key(name, reference_id) for name in own], rows["entry_id"].tolist()]
+    rows = catalog.findings(kind=carrying.kinds[reference_id])
+    own = rows.groupby("target_id").indices
+    names = [name for name in carrying.kinds if name in own]
+    values = np.full((len(rows), 5), np.nan)
+    doubtful = np.ones(len(rows), bool)
+    for start in range(0, len(names), _STRUCTURES):
+        some = {name: rows.iloc[own[name]] for name in names[start : start + _STRUCTURES]}
+        there = _on_reference(carrying, reference_id, some)
+        at = np.concatenate([own[name] for name in some])
+        values[at] = np.column_stack([there.place, there.probability, there.error_m])
+        doubtful[at] = there.doubtful
+    columns = [f"reference_{name}" for name in ("x_m", "y_m", "z_m", "probability", "error_m")]
+    rows[columns], rows["reference_doubtful"] = values, doubtful
+    for column, value in (("class", class_name), ("state", state)):
+        rows = rows if value is None else rows[rows[column] == value]
+    return rows.reset_index(drop=True)
+
+
+def _on_reference(carrying: Carrying, reference_id: str, rows: Mapping[str, pd.DataFrame]) -> Counterparts:
+    """The places on a reference of the findings of some structures, one structure after the other."""
+    entries = [each["entry_id"].tolist() for each in rows.values()]
+    key = [reference_id, [carrying.pair_key(name, reference_id) for name in rows], entries]
 
     def placed() -> Counterparts:
-        spots = ([spot_of({str(key): value for key, value in every[at].items()}) for at in some]
-                 for some in own.values())  # fmt: skip
+        spots = ([spot_of({str(key): value for key, value in row.items()}) for row in each.to_dict("records")]
+                 for each in rows.values())  # fmt: skip
         return Counterparts.stacked([carrying.to(some, reference_id) for some in spots])
 
-    there = carrying.remembered("findings-on-reference", Counterparts, key, placed).rows(np.argsort(order))
-    values = np.column_stack([there.place, there.probability, there.error_m])
-    rows[columns[:5]], rows[columns[5]] = values, there.doubtful
-    return rows
+    return carrying.remembered("findings-on-reference", Counterparts, key, placed)
 
 
 def kind_map(catalog: Catalog, kind: str) -> tuple[str, pd.DataFrame]:
@@ -145,38 +164,16 @@ def kind_map(catalog: Catalog, kind: str) -> tuple[str, pd.DataFrame]:
 
 def study_kinds(catalog: Catalog) -> list[str]:
     """Remember what questions need about each kind that has findings; what could not be, in words."""
-    carrying = Carrying(catalog)
-    kinds = sorted(set(catalog.findings()["kind"]).intersection(carrying.kinds.values()))
-    return [problem for kind in kinds for problem in carrying.study(kind)]
+    carrying, problems = Carrying(catalog), list[str]()
+    for kind in sorted(set(catalog.findings()["kind"]).intersection(carrying.kinds.values())):
+        problems += carrying.study(kind)
+        by_reference(catalog, carrying.reference(kind), carrying=carrying)
+    remember_looks(catalog)
+    return problems
 
 
-def _seen(
-    catalog: Catalog, flight: dict[Any, Any], place: Any, normal: Any, focal: dict[str, float]
-) -> dict[str, Any] | None:
-    """The look of a flight at the patch nearest to a place; None where it did not see it for certain."""
-    looks = catalog.looks.get(flight["looks_sha256"]).certain
-    patch = catalog.surfaces.nearest(looks.samples_sha256, place, normal)
-    at = int(np.searchsorted(looks.patch, patch))
-    if at == len(looks.patch) or looks.patch[at] != patch:
-        return None
-    ways = [(looks.distance_m[at], looks.incidence_deg[at])]
-    if looks.frontal_distance_m is not None and looks.frontal_incidence_deg is not None:
-        ways.append((looks.frontal_distance_m[at], looks.frontal_incidence_deg[at]))
-    pixels = focal.get(str(flight["demonstration_id"]), np.nan)
-    fine = [(1e3 * far / max(np.cos(np.radians(aslant)), 1e-6) / pixels, aslant) for far, aslant in ways]
-    finest, aslant = min(fine)
-    about = {"looked_at": flight["flown_at"], "flight_id": flight["flight_id"]}
-    return about | {"mm_px": float(finest), "incidence_deg": float(aslant)}
-
-
-def _demonstrated(catalog: Catalog, spot: Spot) -> list[dict[str, Any] | None]:
+def _demonstrated(catalog: Catalog, spot: Spot) -> list[dict[str, Any]]:
     """The finest look of each demonstration at a spot."""
     finest = looks_frame(looks_at_spot(catalog, spot, ("demonstration",))).drop_duplicates("flight_id")
     about = {"taken_at": "looked_at", **{name: name for name in ("flight_id", "mm_px", "incidence_deg")}}
     return [{about[name]: row[name] for name in about} for row in finest.to_dict("records")]
-
-
-def _focals(catalog: Catalog) -> dict[str, float]:
-    """Pixels per radian of the camera of each demonstration."""
-    rows = catalog.demonstrations(every=True).to_dict("records")
-    return {str(row["demonstration_id"]): focal_of(camera_of(row))[0] for row in rows}

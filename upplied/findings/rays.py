@@ -25,9 +25,8 @@ def size_px(camera: Camera) -> tuple[int, int]:
     """Width and height of the camera's photos, px; the usual width where it is not known."""
     if camera.width_px and camera.height_px:
         return camera.width_px, camera.height_px
-    across, down = (
-        math.tan(math.radians(min(angle, 150.0)) / 2) for angle in (camera.hfov_deg, camera.vfov_deg)
-    )
+    angles = camera.hfov_deg, camera.vfov_deg
+    across, down = (math.tan(math.radians(min(angle, 150.0)) / 2) for angle in angles)
     return _USUAL_PX, max(1, round(_USUAL_PX * down / across))
 
 
@@ -86,13 +85,10 @@ def frustum_of(camera: Camera) -> Camera:
     sides = [np.column_stack([share, 0 * share + end]) for end in (0, 1)]
     border = np.concatenate([*sides, *(side[:, ::-1] for side in sides)]) * [width, height]
     ahead, left, up = np.abs(rays := rays_of(camera, border)).T
-    whole = not (rays[:, 0] > 0).all()
-    fov = (
-        (360.0, 180.0)
-        if whole
-        else 2 * np.degrees([np.arctan2(left, ahead).max(), np.arctan2(up, ahead).max()])
-    )
-    return replace(camera, hfov_deg=float(fov[0]), vfov_deg=float(fov[1]), lens=None)
+    across, down = (2 * float(np.degrees(np.arctan2(side, ahead).max())) for side in (left, up))
+    if not (rays[:, 0] > 0).all():
+        across, down = 360.0, 180.0
+    return replace(camera, hfov_deg=across, vfov_deg=down, lens=None)
 
 
 def footprint_m(camera: Camera, position: Floats, place: Floats, normal: Floats) -> float:

@@ -1,4 +1,4 @@
-"""A mission that shows findings from where their photos did, and near enough: a draft like any plan."""
+"""A mission that shows findings from the views of their photos, and finely enough: a draft like any plan."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from upplied.planning.airspace.roadmap import Roadmap, roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.plan import METHOD_VERSION
 from upplied.planning.surface.samples import surface_samples
-from upplied.proof.gap import Toured, toured
+from upplied.proof.tour_flight import Toured, toured
 from upplied.provenance import method, recorded
 from upplied.records import (
     Camera,
@@ -52,7 +52,7 @@ _AS_WANTED_DEG, _AS_NEAR = 1.0, 1.02  # off the reference view, that is not wort
 
 @dataclass(frozen=True)
 class Base:
-    """What a mission round a structure is planned by."""
+    """The basis of a mission round a structure."""
 
     target: Structure
     camera: Camera
@@ -65,7 +65,7 @@ class Base:
 
 @dataclass(frozen=True)
 class Reshot:
-    """What came of planning a mission."""
+    """The result of planning a mission."""
 
     plan: Plan
     shown: tuple[str, ...]  # findings
@@ -97,15 +97,15 @@ def plan_reshoot(catalog: Catalog, rows: Sequence[dict[str, Any]], structure_id:
         raise RefusedError("the mission", f"has {request}", "at least one finding, and more than 0 mm/px")
     base = base_of(catalog, structure_id)
     carrying = Carrying(catalog)
-    made = mission(carrying, rows, base, mm_px)
+    result = mission(carrying, rows, base, mm_px)
     key = digest(["reshoot", *depends_on(carrying, rows, base, mm_px)])
     hashes = zip(("demonstration_sha256", "source_sha256", "target_sha256"), base.sha256, strict=True)
     provenance = {
         **dict(hashes), **recorded(), "method_version": METHOD_VERSION, "settings": base.settings,
-        "purpose": f"reshoot {digest([list(made.shown), mm_px])[:20]}",
+        "purpose": f"reshoot {digest([list(result.shown), mm_px])[:20]}",
     }  # fmt: skip
-    catalog.add_plans([(key, made.plan, provenance)])
-    return replace(made, transfer_id=id_of(key))
+    catalog.add_plans([(key, result.plan, provenance)])
+    return replace(result, transfer_id=id_of(key))
 
 
 def depends_on(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_px: float) -> list[Any]:
@@ -143,10 +143,9 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
             continue
         near = f"no safe look at {mm_px:g} mm/px, {clearance:g} m away, sees the place"
         refused.append(f"finding {one.finding_id}: {near}")
+    what = f"a mission to {structure_id}"
     if not looks:
-        raise RefusedError(
-            f"a mission to {structure_id}", "; ".join(refused)[:2000], "one safe look at least"
-        )
+        raise RefusedError(what, "; ".join(refused)[:2000], "one safe look at least")
     tour = _tour(list(looks.values()), list(looks), base, graph, mm_px)
     path = tour.trajectory
     for one in [one for one, there in zip(looks, tour.covered, strict=True) if not there]:
@@ -155,9 +154,7 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
     reachable = list(looks)
     broken = place_breaches(path, base.target, supposed, clearance)
     if broken:
-        raise RefusedError(
-            f"a mission to {structure_id}", "; ".join(broken), "a safe flight", "ask for fewer"
-        )
+        raise RefusedError(what, "; ".join(broken), "a safe flight", "name fewer findings")
     headline = f"shows {len(reachable)} of {len(rows)} findings on {tour.length_m:.0f} m"
     words = [f"{headline} (by known safe legs at least {tour.bound_m:.0f} m)", *words]
     words += [_words(one, look, base.camera) for one, look in looks.items()]

@@ -1,14 +1,14 @@
-"""The samples of a structure carried to another one: found out once for a pair, whatever is carried after.
+"""The samples of a structure carried to another one: computed once for a pair, whatever is carried after.
 
-A place in the middle of a featureless skin could be carried a little further along it and look as right. So
-each is carried by other maps as well: by the registration alone, by the box of its part, and by the boxes of
-what of its part faces as it does, or does so at its length, breadth or height. How far off a sample may be
-follows from how much these ways disagree, and from how unevenly its neighbours are carried: where parts meet,
-and where a correspondence tears.
+On a featureless skin a place could lie a little farther along and look as right. So each sample is carried by
+other maps as well: the registration, the box of its part, and the boxes of the samples that face as it does,
+in all and within a slab of the part. Its stated error follows from how much these maps disagree, and from how
+unevenly its neighbours are carried, as where parts meet and where a correspondence tears.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -31,7 +31,7 @@ from upplied.records import Bools, Floats, Ints, Record, Structure
 _COSINES = (0.7, 0.85, 0.95)  # least cosine between normals of what faces alike
 _SLAB_CONE, _SLAB = 0.6, 0.2  # the same within a slab of the part, and half its width of the part's extent
 _FEWEST = 8  # samples that have a box
-_EVERY = 4  # of a part's samples, of which boxes are asked: they differ little between neighbours
+_EVERY = 4  # of a part's samples, for which boxes are made: they differ little between neighbours
 _STRETCH = 1.4  # most by which such boxes differ
 _CONES = slice(2, 2 + len(_COSINES))  # the ways that follow from them
 _WAYS = _CONES.stop + 3
@@ -61,7 +61,7 @@ class Carried(Record):
     error_m: Floats  # (N,) how far off the place may be in 95 % of cases
     map: Ints  # (N,) of each sample
     linear: Floats  # (P, 3, 3) of each map: how offsets from a sample are carried
-    probability: Floats  # (P,) of each map: that it leads to the right part; NaN where that cannot be told
+    probability: Floats  # (P,) of each map: that it leads to the right part; NaN where that cannot be known
     step_m: float  # spacing of the samples
 
     def inverse(self) -> Self:
@@ -93,6 +93,32 @@ class Near(Record):
     away_m: Floats  # (N, 1 + K)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class CarriedGroup(Record):
+    """The samples of one structure on S others, of those on which the same samples are carried."""
+
+    members: tuple[str, ...]
+    carried: Carried  # N samples on the first of them, then on the next
+
+    @classmethod
+    def of(cls, parts: Mapping[str, Carried]) -> Self:
+        """Of some structures, one at least, those whose samples are those of the first."""
+        first, shared = next(iter(parts.values())), ("point", "normal", "own_part", "map")
+        same = {name: part for name, part in parts.items()
+                if all(np.array_equal(getattr(part, it), getattr(first, it)) for it in shared)}  # fmt: skip
+        columns = {name: np.concatenate([getattr(part, name) for part in same.values()])
+                   for name in vars(first) if name != "step_m"}  # fmt: skip
+        columns["map"] += np.repeat(len(first.probability) * np.arange(len(same)), len(first.point))
+        return cls(tuple(same), Carried(**columns, step_m=first.step_m))
+
+    def near(self, spots: Floats, members: Ints) -> Near:
+        """The samples about spots (K, 6) on some members (M,), one after the other, (M K,)."""
+        count, one = len(self.carried.point) // len(self.members), self.carried
+        near = _about(np.nan_to_num(spots), one.point[:count], one.normal[:count], one.step_m)
+        samples = (near.samples + count * members[:, None, None]).reshape(-1, near.samples.shape[1])
+        return Near(samples, *(np.tile(each, (len(members), 1)) for each in (near.weight, near.away_m)))
+
+
 def carried_samples(pair: Pair, source: Structure, target: Structure, settings: Settings) -> Carried:
     """The samples of a pair's source, carried as plans are; both structures in their declared frames."""
     here, there = frames_for(source, target, settings)
@@ -117,7 +143,7 @@ def carried_samples(pair: Pair, source: Structure, target: Structure, settings: 
     ways = np.linalg.norm(off, axis=2)
     # Where nothing faces as a sample does it has no place: that no way is known is no agreement.
     ways[np.isnan(ways[:, _CONES]).all(axis=1), _CONES.start] = np.inf
-    near = about(np.hstack([point, normal]), point, normal, step)
+    near = _about(np.hstack([point, normal]), point, normal, step)
     apart = point[near.samples] - point[:, None]
     uneven = place[near.samples] - place[:, None] - np.einsum("nij,nkj->nki", linear[label], apart)
     uneven = np.where(near.weight > 0, np.nan_to_num(np.linalg.norm(uneven, axis=2)), 0.0).max(axis=1)
@@ -133,8 +159,16 @@ def stated_error(evidence: Floats) -> Floats:
     return np.asarray(_WEIGHTS[0] + evidence @ np.array(_WEIGHTS[1:]), float)
 
 
-def about(spots: Floats, points: Floats, normals: Floats, step_m: float) -> Near:
-    """The samples about spots, places with normals (N, 6); the first is on their side of a thin plate."""
+def about(spots: Floats, carried: Carried) -> Near:
+    """The samples about spots, places with normals (N, 6); the first is on their side of a thin plate.
+
+    Of those that have no place they are any.
+    """
+    spots, points, normals = np.nan_to_num(spots), carried.point, carried.normal
+    return _about(spots, points, normals, carried.step_m)
+
+
+def _about(spots: Floats, points: Floats, normals: Floats, step_m: float) -> Near:
     nearest = _tree(with_normals(points, normals, 2 * step_m)).query(
         with_normals(spots[:, :3], spots[:, 3:], 2 * step_m)
     )[1]
@@ -200,7 +234,7 @@ def _boxes(some: Patch, side: Patch, slab: Floats) -> tuple[Floats, Floats, Bool
 
 
 def _tree(points: Floats) -> cKDTree:
-    """For few queries: made in less than half the time of a balanced one."""
+    """For few queries: built in less than half the time of a balanced one."""
     return cKDTree(points, balanced_tree=False, compact_nodes=False)
 
 

@@ -8,18 +8,18 @@ import numpy as np
 
 from upplied.config import RetimeSettings
 from upplied.findings.looks import Spot, plane_axes
-from upplied.findings.rays import focal_of, footprint_m
+from upplied.findings.rays import focal_of
 from upplied.geometry.poses import from_yaw_pitch, look_at, yaw_pitch
 from upplied.planning.airspace.roadmap import Roadmap, links
-from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.observations import TRULY
 from upplied.proof.inspected import narrowed
+from upplied.proof.zone_gap import Part
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 
 _TILTS_DEG = (4.0, 8.0, 14.0, 20.0, 28.0, 36.0, 45.0, 55.0, 65.0)  # from the wanted direction
 _TURNS = 12
 _DISTANCES = 7
-_FINE = 0.97  # of the ground sample distance that is asked for: what wind and rounding take
+_FINE = 0.97  # of the largest ground sample distance: a margin for wind and rounding
 _MARGIN_DEG = 4.0  # of the picture, at each rim
 _FARTHER = 0.1  # log of the distance, that weighs as much as a radian
 
@@ -81,8 +81,6 @@ def best_look(
 
 def shows(poses: Trajectory, spot: Spot, camera: Camera, graph: Roadmap, mm_px: float) -> Bools:
     """Which poses (P,) show a spot well inside the picture, at that ground sample distance at most."""
-    cloud, narrow = Cloud(spot.place[None], spot.normal[None]), narrowed(camera, _MARGIN_DEG)
-    seen = visible(poses.positions, poses.quat_xyzw, cloud, narrow, TRULY, graph.airspace.scene).seen[:, 0]
-    for at in np.flatnonzero(seen):
-        seen[at] = 1e3 * footprint_m(camera, poses.positions[at], spot.place, spot.normal) <= mm_px
-    return np.asarray(seen, bool)
+    farthest_m = 1e-3 * mm_px * focal_of(camera)[0]
+    part = Part(Cloud(spot.place[None], spot.normal[None]), camera, TRULY, farthest_m)
+    return part.seen(poses, graph, narrowed(camera, _MARGIN_DEG))[:, 0]

@@ -21,8 +21,15 @@ from upplied.planning.airspace.roadmap import Roadmap, roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.samples import surface_samples
-from upplied.proof.carried_edit import KeptEdit, edit_from_json, found_again, kept_edit, put_back, together
-from upplied.proof.edit import Asked, Edit, Viewpoint, edited, viewpoints_of
+from upplied.proof.carried_edit import (
+    StoredEdit,
+    combined,
+    edit_from_json,
+    matched_edit,
+    restored,
+    stored_edit,
+)
+from upplied.proof.edit import AirspaceLimits, Edit, Viewpoint, edited, viewpoints_of
 from upplied.records import Bools, Cloud, Floats, Plan, Structure, Trajectory
 from upplied.simulate import measure_flown
 
@@ -35,7 +42,7 @@ class Base:
     """What a change counts the viewpoints of: the plan as it is kept, or one that was planned anew."""
 
     plan: Plan
-    airspace: Asked | None = None  # of the airspace that it was planned anew in; None: as it is kept
+    airspace: AirspaceLimits | None = None  # of the airspace that it was planned anew in; None: as it is kept
 
     @cached_property
     def viewpoints(self) -> list[Viewpoint]:
@@ -70,7 +77,7 @@ class Editing:
         self._memo = Recent(catalog.cache)
         edits = catalog.edits()
         own = edits.loc[edits["transfer_id"] == transfer_id, "edit_json"]
-        self.earlier = edit_from_json(own.iloc[-1]) if len(own) else KeptEdit()  # that made this plan
+        self.earlier = edit_from_json(own.iloc[-1]) if len(own) else StoredEdit()  # that made this plan
         self._roadmaps: OrderedDict[str, Roadmap] = OrderedDict()
 
     @property
@@ -84,11 +91,11 @@ class Editing:
         route = self.recipe.settings.route
         return route.clearance_m if route.enforce else USUAL_CLEARANCE_M
 
-    def clearance_m(self, airspace: Asked) -> float:
+    def clearance_m(self, airspace: AirspaceLimits) -> float:
         """The clearance that a change asks for, never less than the plan's own."""
-        return max(self.usual_m, self.earlier.asked.clearance_m or 0.0, airspace.clearance_m or 0.0)
+        return max(self.usual_m, self.earlier.airspace.clearance_m or 0.0, airspace.clearance_m or 0.0)
 
-    def judged(self, base: Base, edit: Edit, airspace: Asked) -> JudgedEdit:
+    def judged(self, base: Base, edit: Edit, airspace: AirspaceLimits) -> JudgedEdit:
         """The plan as it was changed, with the measures that every plan has.
 
         Raises
@@ -114,7 +121,7 @@ class Editing:
         plan = replace(measured, is_viewpoint=stops, added=added, flyable=True, not_flyable="")
         return JudgedEdit(plan, tuple(broken), short if shown < least else "")
 
-    def replanned(self, airspace: Asked, fixed: KeptEdit) -> tuple[Base, Edit]:
+    def replanned(self, airspace: AirspaceLimits, fixed: StoredEdit) -> tuple[Base, Edit]:
         """The plan made anew in an airspace, with fixed viewpoints put back, and these by its numbers.
 
         Raises
@@ -131,22 +138,22 @@ class Editing:
         plan = plan_transfer(*inputs, settings, self._memo, zones, self.recipe.siblings)
         if plan.trajectory is None:
             raise RefusedError(f"a plan of {target.structure_id} in that airspace", plan.reason)
-        flags, edit = put_back(fixed, *flown_path(plan))
+        flags, edit = restored(fixed, *flown_path(plan))
         return Base(replace(plan, is_viewpoint=flags), airspace), edit
 
-    def carried(self, change: KeptEdit) -> tuple[Base, Edit, tuple[str, ...]]:
+    def carried(self, change: StoredEdit) -> tuple[Base, Edit, tuple[str, ...]]:
         """A change of another plan on this one: planned anew where that one was, else as it is.
 
         Returns what it is of, the change by its numbers, and what of it has no place there, in words.
         """
         if change.replanned:
-            return *self.replanned(change.asked, change), ()
-        edit, lost = found_again(change, self.stored.viewpoints)
+            return *self.replanned(change.airspace, change), ()
+        edit, lost = matched_edit(change, self.stored.viewpoints)
         return self.stored, edit, lost
 
-    def to_keep(self, base: Base, edit: Edit, airspace: Asked) -> KeptEdit:
+    def to_keep(self, base: Base, edit: Edit, airspace: AirspaceLimits) -> StoredEdit:
         """A change by its places, to be carried over to plans made later."""
-        return together(self.earlier, kept_edit(base.viewpoints, edit, airspace, base.airspace is not None))
+        return combined(self.earlier, stored_edit(base.viewpoints, edit, airspace, base.airspace is not None))
 
     @cached_property
     def scene(self) -> Scene:
@@ -158,16 +165,16 @@ class Editing:
         """Samples of the structure as it was scanned."""
         return surface_samples(self.target, scene_of(self.target), self.recipe.settings.clouds)
 
-    def _forbidding(self, airspace: Asked) -> Structure:
+    def _forbidding(self, airspace: AirspaceLimits) -> Structure:
         """The structure with the boxes that are forbidden."""
-        if not (airspace.boxes or self.earlier.asked.boxes):
+        if not (airspace.boxes or self.earlier.airspace.boxes):
             return self.target
         around = self.target.surroundings
-        boxes = np.concatenate([around.keep_out_m, boxes_of(self.earlier.asked), boxes_of(airspace)])
+        boxes = np.concatenate([around.keep_out_m, boxes_of(self.earlier.airspace), boxes_of(airspace)])
         name = self.target.sha256 and digest([self.target.sha256, boxes.tolist()])
         return replace(self.target, surroundings=replace(around, keep_out_m=boxes), sha256=name)
 
-    def _roadmap(self, request: Asked, path: Trajectory) -> Roadmap:
+    def _roadmap(self, request: AirspaceLimits, path: Trajectory) -> Roadmap:
         name = digest([request.boxes, self.clearance_m(request), path.positions.tobytes().hex()])
         if name not in self._roadmaps:
             around = self._forbidding(request).surroundings
@@ -203,6 +210,6 @@ def flown_path(plan: Plan) -> tuple[Trajectory, Bools]:
     return plan.trajectory, plan.is_viewpoint
 
 
-def boxes_of(airspace: Asked) -> Floats:
+def boxes_of(airspace: AirspaceLimits) -> Floats:
     """The forbidden boxes (K, 2, 3), m, each by its lower and its upper corner."""
     return np.sort(np.array(airspace.boxes, float).reshape(-1, 2, 3), axis=1)

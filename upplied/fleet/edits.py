@@ -22,7 +22,7 @@ from upplied.fleet.gaps import derived_from
 from upplied.inputs.files import read_regular
 from upplied.outputs.files import replace_file
 from upplied.proof.carried_edit import edit_from_json, edit_json
-from upplied.proof.edit import Asked, Edit, Viewpoint, edit_of
+from upplied.proof.edit import AirspaceLimits, Edit, Viewpoint, edit_of
 from upplied.provenance import method
 
 _MOST_BYTES = 16 << 20
@@ -75,7 +75,9 @@ def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> 
     return keep_edit(catalog, editing, editing.stored, edit, airspace, by, what=str(path))
 
 
-def read_edit(what: str, document: Mapping[str, Any], editing: Editing, base: Base) -> tuple[Edit, Asked]:
+def read_edit(
+    what: str, document: Mapping[str, Any], editing: Editing, base: Base
+) -> tuple[Edit, AirspaceLimits]:
     """What differs from a plan in the viewpoints, boxes and clearance that a file, or a page, says.
 
     Raises
@@ -105,7 +107,9 @@ def read_edit(what: str, document: Mapping[str, Any], editing: Editing, base: Ba
     if len(boxes) > _MOST_BOXES:
         raise InputError(what, f"forbids {len(boxes)} boxes", f"{_MOST_BOXES} at most")
     whole = tuple(tuple(box.ravel().tolist()) for box in np.sort(boxes, axis=1))
-    return edit_of(base.viewpoints, after), Asked(whole, clearance if clearance > editing.usual_m else None)
+    return edit_of(base.viewpoints, after), AirspaceLimits(
+        whole, clearance if clearance > editing.usual_m else None
+    )
 
 
 def keep_edit(
@@ -113,7 +117,7 @@ def keep_edit(
     editing: Editing,
     base: Base,
     edit: Edit,
-    airspace: Asked,
+    airspace: AirspaceLimits,
     by: str,
     note: str = "",
     carried_from: str = "",
@@ -215,10 +219,12 @@ def _carried(catalog: Catalog, row: Row, edit: Row) -> tuple[str, ...]:
     editing = Editing(catalog, row["transfer_id"])
     change = edit_from_json(edit["edit_json"])
     base, again, lost = editing.carried(change)
-    if again == Edit() and not change.asked.words:
+    if again == Edit() and not change.airspace.words:
         raise RefusedError("none of it", "; ".join(lost) or "is left")
     notes = tuple(f"not carried over: {one}" for one in lost)
-    keep_edit(catalog, editing, base, again, change.asked, edit["by"], edit["note"], edit["edit_id"], notes)
+    keep_edit(
+        catalog, editing, base, again, change.airspace, edit["by"], edit["note"], edit["edit_id"], notes
+    )
     return lost
 
 

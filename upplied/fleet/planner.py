@@ -21,7 +21,7 @@ from upplied.fleet.decisions import Job
 from upplied.geometry.scene import open3d
 from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.plan import plan_transfer
-from upplied.proof.asking import Asking
+from upplied.proof.required_zones import RequiredZones
 from upplied.records import Camera, Demonstration, Plan, Structure
 from upplied.records.required import RequiredSurface
 
@@ -168,5 +168,5 @@ def required_surface(
     zones = zones_named(catalog, target.kind, target.structure_id, name)
     known = Camera(), zones, catalog.faces_labelled
     # Where the zones are is asked, not what may be seen of them: what was never scanned plays no part.
-    asking = Asking(catalog.structure, memo, target, None, *known)
+    asking = RequiredZones(catalog.structure, memo, target, None, *known)
     return asking.required()

@@ -15,8 +15,8 @@ from upplied.config import digest, focal_px
 from upplied.geometry.vectors import with_normals
 from upplied.outputs.zones import flown_rows, looked
 from upplied.planning.geometry.clouds import spacing
-from upplied.proof.asking import Asking
 from upplied.proof.gap import square_metres
+from upplied.proof.required_zones import RequiredZones
 from upplied.proof.zone_gap import ZoneGap
 from upplied.proof.zones import Demand
 from upplied.records import Bools, Camera, Cloud, Ints, Structure
@@ -91,12 +91,12 @@ def nearest(surface: Cloud, cloud: Cloud) -> Ints:
     return np.asarray(known.query(with_normals(cloud.points, cloud.outward, 2 * apart))[1], np.int64)
 
 
-def _asking(catalog: Catalog, row: Row, target: Structure, camera: Camera) -> Asking | None:
+def _asking(catalog: Catalog, row: Row, target: Structure, camera: Camera) -> RequiredZones | None:
     zones = zones_of(catalog, target.kind, target.structure_id)
     if not zones:
         return None
     known = target, catalog.supposed(str(row["transfer_id"])), camera, zones
-    return Asking(catalog.structure, catalog.cache, *known, catalog.faces_labelled)
+    return RequiredZones(catalog.structure, catalog.cache, *known, catalog.faces_labelled)
 
 
 def _flights(catalog: Catalog, row: Row) -> list[Row]:

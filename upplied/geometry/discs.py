@@ -58,13 +58,13 @@ class Discs(Record):
     def error_m(self) -> float:
         """How far the surface may lie from the discs, m: as far as any sample does from its neighbours'.
 
-        Each sample is asked as though it had not been scanned: that holds the noise, and edges between
+        Each sample counts as though it had not been scanned: that includes noise, and edges between
         samples. One farther off than a disc is wide stands alone in the air and tells nothing of the
         others. Nothing is known of what was never scanned.
         """
         if self.away.shape[1] < _RIM + 2:
             return self.grain_m
-        reach = _INSIDE * self.away[:, _RIM + 1]  # of each disc, without the sample that is asked
+        reach = _INSIDE * self.away[:, _RIM + 1]  # of each disc, without that sample
         off = _off_others(self.points, self.normals, self.away, self.nearest, reach)
         return float(off[off <= self.grain_m].max(initial=0.0))
 
@@ -132,23 +132,11 @@ class DiscCells(Record):
         name = ((name * _GROUP + within[:, 0]) * _GROUP + within[:, 1]) * _GROUP + within[:, 2]
         order = np.argsort(name, kind="stable")
         first, group_first = _begins(name[order]), _begins(name[order] // _GROUP**3)
-        points, radius_m = (
-            np.ascontiguousarray(points[order], float),
-            np.ascontiguousarray(radius_m[order], float),
-        )
-        place, spread = _balls(points, radius_m, first)
-        cells = np.searchsorted(first, group_first)
-        return cls(
-            points,
-            np.ascontiguousarray(normals[order], float),
-            radius_m,
-            order,
-            first,
-            place,
-            spread,
-            cells,
-            *_balls(place, spread, cells),
-        )
+        discs = points, normals, radius_m
+        points, normals, radius_m = (np.ascontiguousarray(each[order], float) for each in discs)
+        (place, spread), cells = _balls(points, radius_m, first), np.searchsorted(first, group_first)
+        groups = _balls(place, spread, cells)
+        return cls(points, normals, radius_m, order, first, place, spread, cells, *groups)
 
     def distance(self, places: Floats) -> Floats:
         """Distance (P,), m, of each place (P, 3) from the nearest disc."""
@@ -211,7 +199,7 @@ def _nearest(
     group_spread: Floats,
 ) -> tuple[Floats, Ints]:
     """What may hold the nearest disc is nearer than some disc is, and its spread: the nearest cell first."""
-    away, found = np.empty(len(places)), np.empty(len(places), np.int64)
+    away, nearest_disc = np.empty(len(places)), np.empty(len(places), np.int64)
     from_group = np.empty(len(group_place))
     for row in range(len(places)):
         at_x, at_y, at_z = places[row]
@@ -246,5 +234,5 @@ def _nearest(
                     distance = np.sqrt(above * above + aside * aside)
                     if distance < best:
                         best, which = distance, disc
-        away[row], found[row] = best, which
-    return away, found
+        away[row], nearest_disc[row] = best, which
+    return away, nearest_disc

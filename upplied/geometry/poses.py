@@ -67,11 +67,8 @@ def facing(forward: Floats, left: Floats) -> Floats:
 def _heading_elevation(forward: Floats, left: Floats) -> tuple[Floats, Floats]:
     flat = np.hypot(forward[..., 0], forward[..., 1])
     steep = flat < _STEEP * np.abs(forward[..., 2])
-    yaw = np.where(
-        steep,
-        np.arctan2(-left[..., 0], left[..., 1]),
-        np.arctan2(forward[..., 1], forward[..., 0]),
-    )
+    ahead = np.arctan2(forward[..., 1], forward[..., 0])
+    yaw = np.where(steep, np.arctan2(-left[..., 0], left[..., 1]), ahead)
     return yaw, np.arctan2(forward[..., 2], flat)
 
 

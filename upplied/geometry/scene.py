@@ -82,7 +82,7 @@ class Scene:
     vertices : array, shape (V, 3), m
     triangles : array, shape (T, 3), vertex indices
     threads : int
-        Of each call; 0: as many as `threads.cast_rays_on` was told, else as the library chooses.
+        Of each call; 0: as many as `threads.cast_rays_on` states, else as the library chooses.
         Results do not depend on it.
     grain_m : float
         How coarsely the triangles stand for the surface: 0 for a mesh, the discs' radius for a
@@ -94,7 +94,7 @@ class Scene:
         Where the triangles are nearer than that to those across, `thin_error_m` stands for `error_m`.
     cells : DiscCells, optional
         The discs that the triangles stand for, in its order, from which distances are taken. Triangles
-        are told in the order that the discs had before.
+        are numbered in the order that the discs had before.
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class Scene:
         return self.blocked(np.concatenate([starts, ends - starts], axis=1), slack)
 
     def blocked(self, rays: np.ndarray, slack: float = 1e-3) -> Bools:
-        """`occluded` for rays made already: no copy, for callers that cast millions.
+        """`occluded` for given rays: no copy, for callers that cast millions.
 
         Parameters
         ----------
@@ -169,11 +169,8 @@ class Scene:
         if self._cells is not None:
             disc, part = np.divmod(triangle, Discs.TRIANGLES)
             triangle = np.where(triangle < 0, -1, Discs.TRIANGLES * self._cells.index[disc] + part)
-        return (
-            hit["t_hit"].numpy().astype(float),
-            triangle,
-            hit["primitive_normals"].numpy().astype(float),
-        )
+        reach, normal = (hit[name].numpy().astype(float) for name in ("t_hit", "primitive_normals"))
+        return reach, triangle, normal
 
     def hits(self, origins: Floats, directions: Floats) -> Ints:
         """How many surfaces each ray crosses, (N,)."""

@@ -62,13 +62,13 @@ def nearest_of_all(points: Floats, count: int) -> tuple[Floats, Ints]:
     return away, nearest
 
 
-def neighbour_spacing(points: Floats, asked: Floats | None = None) -> float:
+def neighbour_spacing(points: Floats, places: Floats | None = None) -> float:
     """Median distance of points (N, 3), or of some of them, to the nearest other one; 0 for a single one."""
     from scipy.spatial import cKDTree
 
     if len(points) < 2:
         return 0.0
-    return float(np.median(cKDTree(points).query(points if asked is None else asked, k=2)[0][:, 1]))
+    return float(np.median(cKDTree(points).query(points if places is None else places, k=2)[0][:, 1]))
 
 
 def triangle_areas(structure: Structure) -> Floats:

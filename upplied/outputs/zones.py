@@ -16,7 +16,7 @@ from upplied.catalog.verbs import required
 from upplied.geometry.polylines import cumulated, leg_lengths
 from upplied.outputs.missions.gate import ZONE
 from upplied.outputs.missions.records import Mission
-from upplied.proof.asking import Asking
+from upplied.proof.required_zones import RequiredZones
 from upplied.proof.zones import Looked
 from upplied.records import Camera, Cloud, Floats, Ints, Plan, Structure, Trajectory
 
@@ -39,7 +39,7 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     plans = [catalog.plan(str(row["transfer_id"])) for row in rows]
     supposed = next((plan.supposed for plan in plans if plan.supposed is not None), None)
     known = supposed, first, required_zones, catalog.faces_labelled
-    asking = Asking(catalog.structure, catalog.cache, target, *known)
+    asking = RequiredZones(catalog.structure, catalog.cache, target, *known)
     shown = [
         asking.planned(plan, camera)
         for plan, camera in zip(plans, cameras, strict=True)
@@ -127,14 +127,14 @@ class MissionZones:
             return []
         known = self.catalog.structure, self.catalog.cache
         plan, faces = self.plan, self.catalog.faces_labelled
-        asking = Asking(*known, self.structure, plan.supposed, self.camera, self.required, faces)
+        asking = RequiredZones(*known, self.structure, plan.supposed, self.camera, self.required, faces)
         return asking.judged(*self._looks(asking, missions))
 
     def notes(self, missions: Sequence[Mission] = ()) -> tuple[str, ...]:
         """The results as notes of a mission."""
         return tuple(map(_words, self.judged(missions)))
 
-    def _looks(self, asking: Asking, missions: Sequence[Mission]) -> list[Looked]:
+    def _looks(self, asking: RequiredZones, missions: Sequence[Mission]) -> list[Looked]:
         if not missions:
             return [asking.planned(self.plan, self.camera)]
         flown = map(_flown, missions)

@@ -1,9 +1,9 @@
-"""A flown log laid on its plan: which moment of the plan each pose is of, and what is wrong with its frame.
+"""A flown log aligned with its plan: the moment of the plan of each pose, and the errors of the log's frame.
 
-Little is corrected: a constant shift and turn of the log's frame where what lies beside the plan has that
-shape (`frame`), a constant turn of its camera, and steps of the position that no vehicle flies. Whether a
-constant shift was the log's or the vehicle's no log can tell, so the stated error is never less than what was
-moved, and what was seen and how near it came are judged by the path as logged and by the path as corrected.
+Corrected are a constant shift and turn of the frame where the deviation has that shape (`frame`), a constant
+turn of the camera, and position jumps that no vehicle flies. No log shows whether a constant shift is its own
+or the vehicle's: the stated error is never less than the correction, and views and clearance are judged by
+the path as logged and by the path as corrected.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from upplied.proof.frame import FrameError, frame_error
 from upplied.proof.matching import Matched, matched, projected
 from upplied.records import Bools, Floats, Record, Trajectory
 
-SILENT_S, SILENT_STEPS = 1.0, 3.0  # between two poses, and at least so many usual steps: nothing is known
+SILENT_S, SILENT_STEPS = 1.0, 3.0  # between two poses, and so many usual steps: nothing is known
 _JUMP_M, _JUMP_MPS2 = 0.3, 20.0  # a step of the position that no vehicle flies: twice the force of gravity
 _JUMP_NOISES = 6.0  # times what the positions usually differ by from their neighbours
 _NEAR_M = 4.0  # from the plan, within which a pose belongs to it
-_FAR_M = 6.0  # the same, before the frame is corrected
+_FAR_M = 6.0  # before the frame is corrected
 _SIGMAS = 3.0
-_LARGEST_M, _LARGEST_DEG = 5.0, 10.0  # of what is corrected: more is another flight, or another place
+_LARGEST_M, _LARGEST_DEG = 5.0, 10.0  # of a correction: more is another flight, or another place
 _LARGEST_CAMERA_DEG = 5.0  # what a compass or a mount may be off; more is a camera that looked elsewhere
-_LEAST_SHARE = 0.3  # of the poses near the plan, after all of it
-_FEWEST = 10  # poses that a turn of the camera is told from
+_LEAST_SHARE = 0.3  # of the poses near the plan, after the correction
+_FEWEST = 10  # poses that a turn of the camera is estimated from
 _EXACT_M, _FINE_M, _MOST_FINE = 0.02, 0.01, 2_000_000
 _IN_TIME_S, _IN_TIME_PCT = 2.0, 90  # of the poses, within which of one another clock and plan go together
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Alignment(Record):
-    """A log on its plan, and what was done to it."""
+    """A log on its plan, and its corrections."""
 
     flown: Trajectory  # in the frame of the plan; times are the log's, from 0
     planned_s: Floats  # (N,) moment of the plan that each pose corresponds to; NaN where to none
@@ -49,7 +49,7 @@ class Alignment(Record):
     place_error_m: float  # how far off the corrected positions may be: never less than they were moved
     camera_yaw_deg: float  # added to the logged heading of the camera
     camera_pitch_deg: float
-    jumps: tuple[tuple[float, float], ...] = ()  # time of the log, s, and size, m, of what was taken out
+    jumps: tuple[tuple[float, float], ...] = ()  # removed: time of the log, s, and size, m
     beside_m: float = 0.0  # of its plan, where that is more than the log's stated accuracy: not corrected
     backwards: float = 0.0  # share of the poses at which the plan was flown against its order
 
@@ -96,9 +96,7 @@ def align(plan: Trajectory, log: Trajectory, accuracy_m: float | None = None) ->
         error = frame_error(plan, whole, on.moment, _FAR_M)
     moved_m = error.moved(whole.positions) - whole.positions
     most = float(np.linalg.norm(moved_m, axis=1).max())
-    beside = 0.0
-    if error.believed and accuracy_m is not None and most > accuracy_m:
-        beside = most
+    beside = most if error.believed and accuracy_m is not None and most > accuracy_m else 0.0
     used = error.believed and not beside
     on_plan = whole.positions
     if error.believed:  # where it belongs, whether the log or the vehicle was beside it
@@ -116,16 +114,17 @@ def align(plan: Trajectory, log: Trajectory, accuracy_m: float | None = None) ->
         turned = replace(log, t_s=place.moment, quat_xyzw=from_yaw_pitch(yaw, pitch)).take(near)
         offsets = camera_offset(plan, turned)
         if max(abs(offset) for offset, _ in offsets) <= np.radians(_LARGEST_CAMERA_DEG):
-            bias = [_bias(*each) for each in offsets]  # else it looked elsewhere: what it missed was not seen
+            # One that is turned farther looked elsewhere: what it missed was not seen.
+            bias = [offset if abs(offset) > _SIGMAS * sigma else 0.0 for offset, sigma in offsets]
     corrected = used or any(bias)
     turned_to = from_yaw_pitch(yaw + bias[0], np.clip(pitch + bias[1], -np.pi / 2, np.pi / 2))
     clock, clock_error = _clock(log, place.moment, near, on)
     jumped, off = (
         float(np.linalg.norm(path - log.positions, axis=1).max()) for path in (whole.positions, positions)
     )
-    may_be_off = jumped + error.error_m
+    place_error = jumped + error.error_m
     if accuracy_m is not None:  # two sigma of what the log states
-        may_be_off = min(may_be_off, 2 * accuracy_m + off)
+        place_error = min(place_error, 2 * accuracy_m + off)
     return Alignment(
         flown=replace(log, positions=positions, quat_xyzw=turned_to if corrected else log.quat_xyzw),
         planned_s=np.where(near, place.moment, np.nan),
@@ -134,7 +133,7 @@ def align(plan: Trajectory, log: Trajectory, accuracy_m: float | None = None) ->
         clock_error_s=clock_error,
         shift_m=error.shift_m if used else np.zeros(3),
         heading_deg=float(np.degrees(error.turn_rad)) if used else 0.0,
-        place_error_m=may_be_off,
+        place_error_m=place_error,
         camera_yaw_deg=float(np.degrees(bias[0])),
         camera_pitch_deg=float(np.degrees(bias[1])),
         jumps=jumps,
@@ -150,11 +149,11 @@ def as_simulated(plan: Trajectory, flown: Trajectory) -> Alignment:
     return Alignment(flown, there, off, 0.0, 0.0, np.zeros(3), 0.0, 0.0, 0.0, 0.0)
 
 
-def follows_exactly(path: Trajectory, found: Alignment) -> bool:
+def follows_exactly(path: Trajectory, aligned: Alignment) -> bool:
     """Whether the poses of a log lie on a path to 2 cm, as no vehicle flies."""
     along = arc_length(path.positions)
     fine = np.append(np.arange(0.0, along[-1], max(_FINE_M, along[-1] / _MOST_FINE)), along[-1])
-    own = found.flown.positions[found.on_plan]
+    own = aligned.flown.positions[aligned.on_plan]
     off = cKDTree(interpolated(fine, along, path.positions)).query(own)[0]
     return bool(np.percentile(off, 95) < _EXACT_M)
 
@@ -172,10 +171,10 @@ def silences(flown: Trajectory) -> list[tuple[float, float]]:
 
 
 def without_jumps(log: Trajectory) -> tuple[Trajectory, tuple[tuple[float, float], ...]]:
-    """The log without steps of its position that no vehicle can fly, and when and how far they went.
+    """The log without position jumps that no vehicle can fly, and when and how far they went.
 
-    What comes after such a step is moved back, so that the path goes on where it was. A step within a
-    silence, or one larger than any correction, is no such step: what was flown stays where it was logged.
+    The rest is moved back, so that the path continues. A step within a silence, or one larger than any
+    correction, is no jump: what was flown stays where it was logged.
     """
     step, gap = np.diff(log.positions, axis=0), np.diff(log.t_s)
     if len(step) < 3:
@@ -185,14 +184,10 @@ def without_jumps(log: Trajectory) -> tuple[Trajectory, tuple[tuple[float, float
     usual[1:-1], usual[0], usual[-1] = (pace[:-2] + pace[2:]) / 2, pace[1], pace[-2]
     beyond = (pace - usual) * gap[:, None]
     size = np.linalg.norm(beyond, axis=1)
-    found = (size > _JUMP_M) & (size > _JUMP_MPS2 * gap**2)
-    found &= (
-        (size > _JUMP_NOISES * np.median(size))
-        & (size <= _LARGEST_M)
-        & (gap <= SILENT_STEPS * np.median(gap))
-    )
+    least = np.maximum(np.maximum(_JUMP_M, _JUMP_MPS2 * gap**2), _JUMP_NOISES * np.median(size))
+    jump = (size > least) & (size <= _LARGEST_M) & (gap <= SILENT_STEPS * np.median(gap))
     peak = size >= np.maximum(np.append(size[1:], 0), np.insert(size[:-1], 0, 0))  # its neighbours echo it
-    at = np.flatnonzero(found & peak)
+    at = np.flatnonzero(jump & peak)
     if not len(at):
         return log, ()
     back = np.zeros_like(log.positions)
@@ -237,8 +232,3 @@ def _clock(log: Trajectory, moment: Floats, near: Bools, on: Matched) -> tuple[f
     parts = np.array([np.median(each) for each in np.array_split(late, 10)])
     spread = 1.4826 * float(np.median(np.abs(parts - np.median(parts))))
     return middle, max(spread / np.sqrt(len(parts)), 0.01)
-
-
-def _bias(offset: float, error: float) -> float:
-    """A constant turn, rad: where it is beyond three errors; else 0."""
-    return offset if abs(offset) > _SIGMAS * error else 0.0

@@ -1,4 +1,4 @@
-"""What came of a flight: what it inspected as planned and saw (`looks`), and how far it kept to its plan."""
+"""The result of a flight: what it inspected as planned and saw (`looks`), and its deviation from the plan."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _FRECHET_POSES = 800  # of each path
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AsFlown(Record):
-    """What came of a flight."""
+    """The result of a flight."""
 
     looks: Looks
     flown_pct: float  # of the plan's length, the share that was flown
-    clearance_m: float  # that the path kept for certain while it was recorded, as logged and as corrected
+    clearance_m: float  # certain while it was recorded, of the path as logged and as corrected
     silent_s: float  # how long nothing is known of it
     cross_track_p95_m: float  # from the planned path, of the poses that belong to it
-    frechet_m: float  # between the flown path and the part of the plan that was flown
+    frechet_m: float  # from the flown path to the flown part of the plan
     photos_missing: int  # viewpoints that show what no photo shows; 0 where no photos are known
     findings: tuple[str, ...]
 
@@ -60,7 +60,7 @@ def as_flown(
     aligned : Alignment
         Of the log on the plan.
     logged : Trajectory
-        The path as it was logged, of which the clearance is asked as well.
+        The path as it was logged; its clearance counts as well.
     surface : Cloud
         N samples with normals.
     camera : Camera
@@ -69,7 +69,7 @@ def as_flown(
         Times of the photos, by the log's clock from its first pose; without them the camera is taken to
         see all the time.
     planned_with : Camera, optional
-        That the plan was made for; else the flight's own.
+        Of the plan; else the flight's own.
     rule : InspectionSettings, optional
         When a look is sharp and frontal, as the plan's settings have it.
     """
@@ -109,29 +109,29 @@ def as_flown(
 def _clearance(scene: Scene, aligned: Alignment, logged: Trajectory) -> float:
     """The lesser of both paths, less what the error that is stated may add to how far they lie apart."""
     flown = aligned.flown
-    kept = [clearance_kept(scene, replace(flown, positions=logged.positions))]
+    least = flown_clearance(scene, replace(flown, positions=logged.positions))
     moved_m = float(np.linalg.norm(flown.positions - logged.positions, axis=1).max())
     if moved_m:
-        kept.append(clearance_kept(scene, flown))
-    return max(min(kept) - max(aligned.place_error_m - moved_m, 0.0), 0.0)
+        least = min(least, flown_clearance(scene, flown))
+    return max(least - max(aligned.place_error_m - moved_m, 0.0), 0.0)
 
 
-def clearance_kept(scene: Scene, flown: Trajectory) -> float:
-    """The distance from the structure, m, that a path kept while it was recorded.
+def flown_clearance(scene: Scene, flown: Trajectory) -> float:
+    """The least distance of a path from the structure, m, while it was recorded.
 
     Between two poses it may bend away from their chord by an eighth of how it bends around them, which is
     taken off, and as much again for the noise of the poses. What was flown in a silence is not known: its
     chord does not count.
     """
-    kept = np.inf
+    least = np.inf
     for part in pieces(flown):
         path = flown.positions[part]
         bend = np.zeros(len(path))
         bend[1:-1] = np.linalg.norm(np.diff(path, 2, axis=0), axis=1) / 4
         nearest = path_clearance(scene, path)
         near = scene.distance(path) <= nearest.distance_m + _NEARLY_M
-        kept = min(kept, nearest.certain_m - float(bend[near].max(initial=0.0)))
-    return max(float(kept), 0.0)
+        least = min(least, nearest.certain_m - float(bend[near].max(initial=0.0)))
+    return max(float(least), 0.0)
 
 
 def _passed(viewpoint_s: Floats, aligned: Alignment) -> Floats:

@@ -1,9 +1,9 @@
-"""How short a way by some of many poses that together see every sample can be at best.
+"""A lower bound on the length of a path by some of many poses that together see every sample.
 
-The way is a tour through a depot that costs nothing to reach. Its linear relaxation (poses and legs in part;
-every sample seen; as many legs as poses ask for; no part of the tour cut off, as in the covering tour of
-Gendreau, Laporte and Semet 1997) is solved with the cuts that it breaks and the legs that pay, round by
-round. By its duals each round gives a bound that holds, whether more rounds would raise it or not.
+The path is a tour through a depot that costs nothing to reach. Its linear relaxation (fractional poses and
+legs; every sample seen; degrees; no subtours, as in the covering tour of Gendreau, Laporte and Semet 1997) is
+solved with violated cuts and legs of negative reduced cost, round by round. By its duals every round gives a
+valid bound.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _CLOSE = 0.99  # of a known way's length: a bound so near to it says that the wa
 
 
 def bound_m(apart: Floats, seen: Bools, known_m: float = np.inf) -> float:
-    """A length, m, below which no way by some of these poses shows every sample.
+    """A length, m, below which no path by some of these poses shows every sample.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def bound_m(apart: Floats, seen: Bools, known_m: float = np.inf) -> float:
     seen : array of bool, shape (P, S)
         Which pose sees which sample; each is seen by one at least.
     known_m : float
-        Length of a way that does, m: a bound near to it is not raised any more.
+        Length of a path that does, m: a bound near to it is not raised any more.
     """
     seen = _hardest(seen[:, seen.any(axis=0)])
     useful = np.flatnonzero(seen.any(axis=1))
@@ -114,32 +114,32 @@ class _Relaxed:
         self.flow, self.share = np.zeros(number), np.zeros(count)
         goal = np.concatenate([self.cost[first, second], np.zeros(count)])
         equal = np.append(np.zeros(count), 2.0)
-        found = linprog(goal, upper, most, degree, equal, bounds=(0, 1), method="highs")
-        if found.status != 0:  # the cuts ask for more legs than there are
+        solution = linprog(goal, upper, most, degree, equal, bounds=(0, 1), method="highs")
+        if solution.status != 0:  # the cuts need more legs than there are
             return 0.0, self.join()
-        self.flow, self.share = found.x[:number], found.x[number:]
-        prices = found.ineqlin.marginals[self.seen.shape[1] :]
-        pays = self._reduced(found.eqlin.marginals, prices)
+        self.flow, self.share = solution.x[:number], solution.x[number:]
+        prices = solution.ineqlin.marginals[self.seen.shape[1] :]
+        pays = self._reduced(solution.eqlin.marginals, prices)
         if len(prices) > _MOST_CUTS:
             bind = np.flatnonzero(np.abs(prices) > _SLACK)
             self.sides, self.least = self.sides[bind], [self.least[at] for at in bind]
         pays[self.legs | ~np.triu(np.ones_like(self.legs), 1)] = 0.0
-        bound = float(found.fun + np.minimum(pays, 0.0).sum())
+        bound = float(solution.fun + np.minimum(pays, 0.0).sum())
         new = np.argsort(pays, axis=None, kind="stable")[:_NEW_LEGS]
         new = new[pays.ravel()[new] < -_SLACK]
         self.legs.ravel()[new] = True
         return bound, bool(len(new))
 
     def _reduced(self, node: Floats, cut: Floats) -> Floats:
-        """What each leg would change the value by, per unit."""
-        found = self.cost - node[:, None] - node[None]
+        """The reduced cost of each leg."""
+        cost = self.cost - node[:, None] - node[None]
         for side, price in zip(self.sides, cut, strict=True):
             if price:
-                found += price * (side[:, None] != side[None])
-        return found
+                cost += price * (side[:, None] != side[None])
+        return cost
 
     def cut(self) -> bool:
-        """Add the cuts that the solution breaks: round what sees a sample, or round a pose."""
+        """Add the cuts that the solution violates: round what sees a sample, or round a pose."""
         count = len(self.apart)
         used = self.flow > _SLACK
         first, second, flow = self.first[used], self.second[used], self.flow[used]
@@ -148,11 +148,11 @@ class _Relaxed:
         groups += [(np.array([pose]), int(pose)) for pose in np.flatnonzero(self.share > 0.05)]
         for poses, pose in groups:
             side, value = _least_cut(count + 1, first, second, flow, poses)
-            asked = 2.0 if pose < 0 else 2.0 * float(self.share[pose])
-            if value < asked - 0.02:
+            least = 2.0 if pose < 0 else 2.0 * float(self.share[pose])
+            if value < least - 0.02:
                 whole = pose < 0 or bool((~(self.seen & ~side[:-1, None]).any(axis=0)).any())
                 key = side.tobytes() + bytes([whole]) + (b"" if whole else str(pose).encode())
-                lacks = value - (2.0 if whole else asked)
+                lacks = value - (2.0 if whole else least)
                 new[key] = (lacks, side, -1 if whole else pose, 2.0 if whole else 0.0)
         if not new:
             return False
@@ -170,11 +170,11 @@ def _least_cut(count: int, first: Ints, second: Ints, flow: Floats, poses: Ints)
     others = np.concatenate([second, first, poses])
     room = np.concatenate([whole, whole, np.full(len(poses), 100 * _WHOLE, np.int32)])
     graph = csr_matrix((room, (ends, others)), (count + 1, count + 1))
-    found = maximum_flow(graph, source, count - 1)
-    left = graph - found.flow
+    flow_ = maximum_flow(graph, source, count - 1)
+    left = graph - flow_.flow
     left.data[left.data < 0] = 0
     left.eliminate_zeros()
     reached = breadth_first_order(left.tocsr(), source, return_predecessors=False)
     side = np.zeros(count, bool)
     side[reached[reached < count]] = True
-    return side, found.flow_value / _WHOLE
+    return side, flow_.flow_value / _WHOLE

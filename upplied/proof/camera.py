@@ -1,7 +1,7 @@
-"""By what constant turn a logged camera differs from its plan, told from how far it lags behind it.
+"""The constant turn of a logged camera against its plan, estimated together with its lag.
 
-A camera that follows its plan is late: while it turns it stands behind by its lag times its rate, and round a
-tower, where it turns one way all the time, that looks like a mount that is off. So both are told together.
+A camera that follows its plan is late by its lag times its rate. Round a tower, where it turns one way all
+the time, that looks like a rotated mount.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import numpy as np
 from upplied.geometry.poses import interpolate, yaw_pitch
 from upplied.records import Floats, Ints, Trajectory
 
-LEAST_TURN_DEG = 0.1  # one sigma of a turn is never told as less: a gimbal is no better
+LEAST_TURN_DEG = 0.1  # one sigma of a turn, at least: a gimbal is no better
 _BLOCK_S = 20.0  # stretches whose errors hang together, and count as one
 _LAG_S = 0.3  # one sigma of what a gimbal or a heading may lag by, beyond what the position does
-_HALF_S = 0.25  # over which the planned rate is told, to both sides
-_HUBER_DEG = 1.0  # residuals beyond count less: looks aside that were not flown
+_HALF_S = 0.25  # to both sides, over which the planned rate is taken
+_HUBER_DEG = 1.0  # residuals beyond count less
 _ROUNDS = 8
 
 
@@ -56,19 +56,16 @@ def _constant(off_rad: Floats, rate_radps: Floats, block: Ints) -> tuple[float, 
         return 0.0, float("inf")
     shape = np.column_stack([np.ones(len(off_rad)), rate_radps])
     share = 1.0 / np.bincount(of)[of]
-    found = np.array([np.median(off_rad), 0.0])
-    spread = np.radians(_HUBER_DEG)
+    values = np.array([np.median(off_rad), 0.0])
+    spread, least = np.radians(_HUBER_DEG), float(np.radians(LEAST_TURN_DEG))
     prior = np.diag([0.0, _LAG_S**-2])
     for _ in range(_ROUNDS):
-        left = off_rad - shape @ found
+        left = off_rad - shape @ values
         weight = share * np.minimum(1.0, np.radians(_HUBER_DEG) / np.maximum(np.abs(left), 1e-12))
-        told = (shape * weight[:, None]).T @ shape / spread**2 + prior
-        found = np.linalg.solve(told, (shape * weight[:, None]).T @ off_rad / spread**2)
-        left = off_rad - shape @ found
+        normal = (shape * weight[:, None]).T @ shape / spread**2 + prior
+        values = np.linalg.solve(normal, (shape * weight[:, None]).T @ off_rad / spread**2)
+        left = off_rad - shape @ values
         middles = np.array([np.median(left[of == name]) for name in range(len(names))])
-        spread = max(
-            1.4826 * float(np.median(np.abs(middles - np.median(middles)))), np.radians(LEAST_TURN_DEG)
-        )
-    told = (shape * weight[:, None]).T @ shape / spread**2 + prior
-    error = float(np.sqrt(np.linalg.inv(told)[0, 0]))
-    return float(found[0]), max(error, float(np.radians(LEAST_TURN_DEG)))
+        spread = max(1.4826 * float(np.median(np.abs(middles - np.median(middles)))), least)
+    normal = (shape * weight[:, None]).T @ shape / spread**2 + prior
+    return float(values[0]), max(float(np.sqrt(np.linalg.inv(normal)[0, 0])), least)

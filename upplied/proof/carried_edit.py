@@ -1,7 +1,7 @@
-"""What a person changed of a plan, kept by places, so that it is found again in a plan made later.
+"""What a person changed of a plan, stored by places, so that it can be applied to a plan made later.
 
-A viewpoint is found again as the one of the new plan that is nearest to where it was, no farther than
-viewpoints of that plan are from each other, and looks the same way.
+A changed viewpoint is matched with the viewpoint of the new plan nearest to where it was, no farther than
+viewpoints of that plan are from each other, that looks the same way.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ import numpy as np
 from upplied.errors import InputError
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import from_yaw_pitch, optical_axis
-from upplied.proof.edit import Asked, Edit, Viewpoint, viewpoints_of
+from upplied.proof.edit import AirspaceLimits, Edit, Viewpoint, viewpoints_of
 from upplied.records import Bools, Floats, Trajectory
 
-_SAME_M = 1e-3  # as the steps of a plan are kept
+_SAME_M = 1e-3  # to which the steps of a plan are stored
 _TURNED_DEG = 30.0  # less than half of what usual cameras see: the same surface is in the picture
-_RULE = "as the program keeps a change"
+_RULE = "a change in the form that the program stores"
 
 
 @dataclass(frozen=True)
-class Touched:
+class ViewpointChange:
     """A viewpoint that a person changed: where it was, and where it is wanted; None: left out."""
 
     was: Viewpoint
@@ -33,94 +33,96 @@ class Touched:
 
 
 @dataclass(frozen=True)
-class KeptEdit:
+class StoredEdit:
     """A change of a plan that is carried over to plans made later."""
 
-    touched: tuple[Touched, ...] = ()
-    asked: Asked = field(default_factory=Asked)
-    replanned: bool = False  # the rest was planned anew in the airspace that is asked for
+    touched: tuple[ViewpointChange, ...] = ()
+    airspace: AirspaceLimits = field(default_factory=AirspaceLimits)
+    replanned: bool = False  # the rest was planned anew in that airspace
 
 
-def kept_edit(before: Sequence[Viewpoint], edit: Edit, asked: Asked, replanned: bool) -> KeptEdit:
+def stored_edit(
+    before: Sequence[Viewpoint], edit: Edit, airspace: AirspaceLimits, replanned: bool
+) -> StoredEdit:
     """A change by places in the place of numbers; `before` are the viewpoints that it counts."""
-    touched = [Touched(before[number], None) for number in edit.deleted]
-    touched += [Touched(before[number], edit.changed[number]) for number in sorted(edit.changed)]
-    return KeptEdit(tuple(touched), asked, replanned)
+    wanted = {**dict.fromkeys(edit.deleted), **{at: edit.changed[at] for at in sorted(edit.changed)}}
+    touched = (ViewpointChange(before[at], new) for at, new in wanted.items())
+    return StoredEdit(tuple(touched), airspace, replanned)
 
 
-def together(earlier: KeptEdit, later: KeptEdit) -> KeptEdit:
+def combined(earlier: StoredEdit, later: StoredEdit) -> StoredEdit:
     """Two changes, the later one of the plan that the earlier one made, as one."""
     new = list(later.touched)
     touched = []
     for one in earlier.touched:
         again = [each for each in new if one.wanted is not None and _same_place(each.was, one.wanted)]
-        touched.append(Touched(one.was, again[0].wanted) if again else one)
+        touched.append(ViewpointChange(one.was, again[0].wanted) if again else one)
         new = [each for each in new if each not in again]
-    wanted = (earlier.asked.clearance_m, later.asked.clearance_m)
-    clearance = max((value for value in wanted if value is not None), default=None)
-    boxes = tuple(dict.fromkeys((*earlier.asked.boxes, *later.asked.boxes)))
+    both = earlier.airspace, later.airspace
+    clearance = max((each.clearance_m for each in both if each.clearance_m is not None), default=None)
+    boxes = tuple(dict.fromkeys(box for each in both for box in each.boxes))
     replanned = earlier.replanned or later.replanned
-    return KeptEdit((*touched, *new), Asked(boxes, clearance), replanned)
+    return StoredEdit((*touched, *new), AirspaceLimits(boxes, clearance), replanned)
 
 
 def _same_place(one: Viewpoint, other: Viewpoint) -> bool:
     return bool(np.linalg.norm(np.subtract(one.position, other.position)) < _SAME_M)
 
 
-def found_again(kept: KeptEdit, viewpoints: Sequence[Viewpoint]) -> tuple[Edit, tuple[str, ...]]:
+def matched_edit(stored: StoredEdit, viewpoints: Sequence[Viewpoint]) -> tuple[Edit, tuple[str, ...]]:
     """The change in the numbers of another plan's viewpoints, and what of it has no place there, in words."""
-    if not kept.touched:
+    if not stored.touched:
         return Edit(), ()
     places = np.array([v.position for v in viewpoints])
-    axes = _axes(viewpoints)
-    near = _usual_gap(places)
-    deleted: list[int] = []
-    changed: dict[int, Viewpoint] = {}
+    axes, near = _axes(viewpoints), _usual_gap(places)
+    wanted: dict[int, Viewpoint | None] = {}
     lost: list[str] = []
-    for one in kept.touched:
+    for one in stored.touched:
         off = np.linalg.norm(places - one.was.position, axis=1)
         turned = np.degrees(np.arccos(np.clip(axes @ _axes([one.was])[0], -1, 1)))
-        taken = np.isin(np.arange(len(places)), [*deleted, *changed])
-        fits = (off <= near) & (turned <= _TURNED_DEG) & ~taken
-        where = ", ".join(f"{value:.1f}" for value in one.was.position)
-        if not fits.any():
-            lost.append(f"the viewpoint at ({where}) m has no like: the nearest is {off.min():.1f} m off")
+        fits = (off <= near) & (turned <= _TURNED_DEG) & ~np.isin(np.arange(len(places)), list(wanted))
+        if fits.any():
+            wanted[int(np.where(fits, off, np.inf).argmin())] = one.wanted
             continue
-        number = int(np.flatnonzero(fits)[off[fits].argmin()])
-        if one.wanted is None:
-            deleted.append(number)
-        else:
-            changed[number] = one.wanted
-    return Edit(tuple(sorted(deleted)), changed), tuple(lost)
+        where = ", ".join(f"{value:.1f}" for value in one.was.position)
+        lost.append(f"no viewpoint corresponds to that at ({where}) m: the nearest is {off.min():.1f} m off")
+    return _edit(wanted), tuple(lost)
 
 
-def put_back(kept: KeptEdit, path: Trajectory, is_viewpoint: Bools) -> tuple[Bools, Edit]:
+def _edit(wanted: dict[int, Viewpoint | None]) -> Edit:
+    """What becomes of viewpoints by their numbers; None: left out."""
+    changed = {at: view for at, view in wanted.items() if view is not None}
+    return Edit(tuple(sorted(set(wanted) - set(changed))), changed)
+
+
+def restored(stored: StoredEdit, path: Trajectory, is_viewpoint: Bools) -> tuple[Bools, Edit]:
     """Which poses of a plan made anew are viewpoints, so that each that is wanted is one, and the change.
 
-    A wanted viewpoint that has no like takes the place of the nearest pose of the path that was none; one
-    that was left out and has no like is left out already.
+    A wanted viewpoint without a match takes the place of the nearest pose of the path that was none; one
+    that was left out and has no match is left out already.
     """
-    viewpoints = viewpoints_of(path, is_viewpoint)
-    edit, _ = found_again(kept, viewpoints)
+    edit, _ = matched_edit(stored, viewpoints_of(path, is_viewpoint))
     index, flags = np.flatnonzero(is_viewpoint), np.array(is_viewpoint, bool)
-    left_out = [int(index[number]) for number in edit.deleted]
-    wanted = {int(index[number]): view for number, view in edit.changed.items()}
-    for view in (one.wanted for one in kept.touched):
+    wanted = {
+        int(index[at]): view for at, view in (*dict.fromkeys(edit.deleted).items(), *edit.changed.items())
+    }
+    for view in (one.wanted for one in stored.touched):
         if view is not None and view not in wanted.values():
             off = np.linalg.norm(path.positions - view.position, axis=1)
             at = int(np.where(flags, np.inf, off).argmin())
             flags[at], wanted[at] = True, view
     number = np.cumsum(flags) - 1
-    changed = {int(number[at]): wanted[at] for at in sorted(wanted)}
-    return flags, Edit(tuple(int(number[at]) for at in sorted(left_out)), changed)
+    return flags, _edit({int(number[at]): wanted[at] for at in sorted(wanted)})
 
 
-def edit_json(kept: KeptEdit) -> str:
+def edit_json(stored: StoredEdit) -> str:
     """A change as JSON."""
-    return json.dumps(asdict(kept), separators=(",", ":"), sort_keys=True)
+    document = asdict(stored)
+    document["asked"] = document.pop("airspace")  # as catalogs have it
+    return json.dumps(document, separators=(",", ":"), sort_keys=True)
 
 
-def edit_from_json(text: str) -> KeptEdit:
+def edit_from_json(text: str) -> StoredEdit:
     """A change as `edit_json` writes it.
 
     Raises
@@ -129,23 +131,24 @@ def edit_from_json(text: str) -> KeptEdit:
         If it is none.
     """
     try:
-        said = json.loads(text)
-        touched = tuple(Touched(_viewpoint(t["was"]), _viewpoint(t["wanted"])) for t in said["touched"])
-        if any(each.was is None for each in touched):
-            raise ValueError("a viewpoint that was nowhere")
-        boxes = tuple(tuple(float(value) for value in box) for box in said["asked"]["boxes"])
-        clearance = said["asked"]["clearance_m"]
-        asked = Asked(boxes, None if clearance is None else float(clearance))
-        return KeptEdit(touched, asked, bool(said["replanned"]))
+        document = json.loads(text)
+        touched = tuple(
+            ViewpointChange(
+                _viewpoint(each["was"]), None if each["wanted"] is None else _viewpoint(each["wanted"])
+            )
+            for each in document["touched"]
+        )
+        boxes = tuple(tuple(float(value) for value in box) for box in document["asked"]["boxes"])
+        clearance = document["asked"]["clearance_m"]
+        airspace = AirspaceLimits(boxes, None if clearance is None else float(clearance))
+        return StoredEdit(touched, airspace, bool(document["replanned"]))
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError("a change of a plan", f"cannot be read: {error}"[:200], _RULE) from None
 
 
-def _viewpoint(said: Any) -> Any:
-    if said is None:
-        return None
-    x, y, z = (float(value) for value in said["position"])
-    return Viewpoint((x, y, z), float(said["yaw_deg"]), float(said["pitch_deg"]))
+def _viewpoint(document: Any) -> Viewpoint:
+    x, y, z = (float(value) for value in document["position"])
+    return Viewpoint((x, y, z), float(document["yaw_deg"]), float(document["pitch_deg"]))
 
 
 def _axes(viewpoints: Sequence[Viewpoint]) -> Floats:

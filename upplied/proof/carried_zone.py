@@ -1,4 +1,4 @@
-"""A zone that was named on one structure, found on another of its kind through their correspondences."""
+"""A zone that was named on one structure, carried to another of its kind by their correspondences."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from upplied.planning.surface.skin import skin_parts
 from upplied.records import Bools, Cloud, Record, Structure
 from upplied.threads import one_thread
 
-_NEIGHBOURS = 5  # carried samples nearest to one of the target: most of them say whether it is of the zone
-_REACH = 3.0  # times the spacing of the target's samples, that the nearest of them may be off
-_PART = 0.1  # share of the zone from which a part of the source is asked for; the largest always is
+_NEIGHBOURS = 5  # carried samples nearest to one of the target: it is in the zone where most of them are
+_REACH = 3.0  # spacings of the target's samples that the nearest of them may be off
+_PART = 0.1  # share of the zone from which a part of the source counts; the largest always does
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CarriedZone(Record):
     """A zone on the target."""
 
-    patches: Bools  # (N,) of the samples that were asked about
-    probability: float  # that they are the right part; NaN where that cannot be told
+    patches: Bools  # (N,) samples of the target
+    probability: float  # that they are the right part; NaN where that cannot be known
     lost_pct: float  # of the zone, what has no counterpart
 
 
@@ -71,14 +71,13 @@ def carried_zone(
     skin = skin_parts(pair.source, pair.source_scene, fit.source).label
     zone = zone_of(where, pair.source, fit.source, skin, faces)
     assert zone is not None
-    kept = fit.correspondences.target_index >= 0
-    mine = _carried(fit, zone)
     apart_m = spacing(fit.target)
     turned = there.from_declared(surface.points), surface.outward @ there.turn
     known = cKDTree(with_normals(fit.target.points, fit.target.outward, 2 * apart_m))
     nearest = known.query(with_normals(*turned, 2 * apart_m))[1]
-    lost = 100 * float((zone & ~kept).sum() / zone.sum())
-    return CarriedZone(np.asarray(mine[nearest], bool), _probability(fit, zone), lost)
+    lost = zone & (fit.correspondences.target_index < 0)
+    patches = np.asarray(_carried(fit, zone)[nearest], bool)
+    return CarriedZone(patches, _probability(fit, zone), 100 * float(lost.sum() / zone.sum()))
 
 
 def _carried(fit: Fit, zone: Bools) -> Bools:
@@ -88,10 +87,9 @@ def _carried(fit: Fit, zone: Bools) -> Bools:
     if not (known & zone).any():
         return np.zeros(len(fit.target), bool)
     count = min(_NEIGHBOURS, int(known.sum()))
-    off, nearest = cKDTree(places[known]).query(fit.target.points, k=count)
-    off, nearest = off.reshape(-1, count), nearest.reshape(-1, count)
-    said = zone[known][nearest].mean(axis=1) > 0.5
-    return np.asarray(said & (off[:, 0] <= _REACH * spacing(fit.target)), bool)
+    off, nearest = cKDTree(places[known]).query(fit.target.points, k=range(1, count + 1))
+    inside = zone[known][nearest].mean(axis=1) > 0.5
+    return np.asarray(inside & (off[:, 0] <= _REACH * spacing(fit.target)), bool)
 
 
 def _probability(fit: Fit, zone: Bools) -> float:
@@ -99,10 +97,6 @@ def _probability(fit: Fit, zone: Bools) -> float:
     if fit.carried is None:
         return float("nan")
     share = np.bincount(labels_of(fit.source)[zone]) / zone.sum()
-    found = []
-    for part in np.flatnonzero(share >= min(_PART, share.max())):
-        partners = [int(other) for other in fit.correspondences.target_parts(int(part))]
-        if not partners:
-            return 0.0
-        found.append(certainty(fit, int(part), partners))
-    return min(found)
+    parts = np.flatnonzero(share >= min(_PART, share.max())).tolist()
+    partners = {part: fit.correspondences.target_parts(part).tolist() for part in parts}
+    return min(certainty(fit, part, others) if others else 0.0 for part, others in partners.items())

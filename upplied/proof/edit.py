@@ -1,8 +1,7 @@
-"""A plan as a person changed it: viewpoints moved, turned or left out, boxes forbidden, more distance kept.
+"""A plan as a person changed it: viewpoints moved, turned or left out, boxes forbidden, more clearance.
 
-What was not touched is flown as it was planned. Where a viewpoint was moved or left out, or a box is in the
-way, a safe way joins what is left. Viewpoints that come too near a structure only because more distance is
-asked for are moved away from it, as little as will do.
+Unchanged legs are flown as planned. Where a viewpoint was moved or left out, or a box is in the way, a safe
+way joins the rest. Viewpoints too near the structure only for the larger clearance are moved just far enough.
 """
 
 from __future__ import annotations
@@ -46,25 +45,23 @@ class Edit:
     @property
     def words(self) -> str:
         """What was changed, in words."""
-        said = [f"viewpoint {number} left out" for number in self.deleted]
-        said += [f"viewpoint {number} changed" for number in sorted(self.changed)]
-        return ", ".join(said)
+        words = [f"viewpoint {number} left out" for number in self.deleted]
+        return ", ".join(words + [f"viewpoint {number} changed" for number in sorted(self.changed)])
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What a person asks of the airspace of a plan."""
+class AirspaceLimits:
+    """What a person forbids in the airspace of a plan."""
 
     boxes: tuple[tuple[float, ...], ...] = ()  # of six numbers each: two corners, m, structure frame
-    clearance_m: float | None = None  # more than the plan keeps
+    clearance_m: float | None = None  # more than the plan's
 
     @property
     def words(self) -> str:
-        """What is asked for, in words."""
-        said = [f"{len(self.boxes)} boxes forbidden"] if len(self.boxes) > 1 else []
-        said += ["a box forbidden"] if len(self.boxes) == 1 else []
-        said += [f"{self.clearance_m:g} m of clearance"] if self.clearance_m is not None else []
-        return ", ".join(said)
+        """The limits, in words."""
+        boxes = "a box forbidden" if len(self.boxes) == 1 else f"{len(self.boxes)} boxes forbidden"
+        clearance = "" if self.clearance_m is None else f"{self.clearance_m:g} m of clearance"
+        return ", ".join(filter(None, (boxes if self.boxes else "", clearance)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,7 +104,7 @@ def edited(
     is_viewpoint : array of bool, shape (N,)
     edit : Edit
     graph : Roadmap
-        Of the structure with what is forbidden now.
+        Of the structure with the new limits.
     limits : RetimeSettings
 
     Raises
@@ -116,29 +113,30 @@ def edited(
         If nothing is left, a viewpoint breaks a rule of the airspace, or no safe way joins two of them.
     """
     index = np.flatnonzero(is_viewpoint)
-    kept = [number for number in range(len(index)) if number not in edit.deleted]
-    if len(kept) < 2:
-        raise RefusedError("the plan", f"has {len(kept)} viewpoints left", "at least two")
+    left = [number for number in range(len(index)) if number not in edit.deleted]
+    if len(left) < 2:
+        raise RefusedError("the plan", f"has {len(left)} viewpoints left", "at least two")
     yaw, pitch = yaw_pitch(plan.quat_xyzw)
     whole = _Piece(plan.positions, np.unwrap(yaw), pitch, plan.t_s, np.asarray(is_viewpoint, bool))
-    stops = {number: _stop(whole, int(index[number]), edit.changed.get(number)) for number in kept}
+    stops = {number: _stop(whole, int(index[number]), edit.changed.get(number)) for number in left}
     for number, stop in stops.items():
         if number not in edit.changed:
             stops[number] = stop = _farther(stop, graph.airspace)
         if why := graph.airspace.why(stop.positions[0]):
             raise RefusedError(f"viewpoint {number}", why, "", "move it, or leave it out")
-    first, last = kept[0], kept[-1]
+    first, last = left[0], left[-1]
     parts = []
     if first == 0 and first not in edit.changed:
         parts.append(whole.rows(slice(0, int(index[first]))))
     parts.append(stops[first])
-    for one, other in pairwise(kept):
+    for one, other in pairwise(left):
         parts += _between(whole, index, (one, other), stops, edit, graph)
         parts.append(stops[other])
     if last == len(index) - 1 and last not in edit.changed:
         parts.append(whole.rows(slice(int(index[last]) + 1, None)))
-    made = _joined(parts, graph)
-    path = Waypoints(made.positions, from_yaw_pitch(made.yaw, made.pitch), made.t_s, made.is_viewpoint)
+    whole = _joined(parts, graph)
+    quats = from_yaw_pitch(whole.yaw, whole.pitch)
+    path = Waypoints(whole.positions, quats, whole.t_s, whole.is_viewpoint)
     timed, flags, demonstrated_s, _ = retime(path, plan, limits)
     return replace(timed, fov_deg=fov_at(plan, demonstrated_s)), flags
 
@@ -154,7 +152,7 @@ def _stop(whole: _Piece, at: int, wanted: Viewpoint | None) -> _Piece:
 
 
 def _farther(stop: _Piece, airspace: Airspace) -> _Piece:
-    """A viewpoint moved as far from the structure as the clearance asks for; its camera looks as before."""
+    """A viewpoint moved as far from the structure as the clearance requires; its camera looks as before."""
     lack = airspace.clearance_m - float(airspace.scene.distance(stop.positions)[0])
     return stop if lack <= 0 else replace(stop, positions=pushed_out(stop.positions, airspace))
 
@@ -177,11 +175,9 @@ def _between(
         )
     along = arc_length(line)
     share = (along / max(along[-1], _APART_M))[1:-1]
-
-    def along_the_way(start: Floats, end: Floats) -> Floats:
-        return np.asarray(start[0] + share * (end[0] - start[0]))
-
-    yaw, pitch, t_s = (along_the_way(*ends) for ends in ((a.yaw, b.yaw), (a.pitch, b.pitch), (a.t_s, b.t_s)))
+    yaw, pitch, t_s = (
+        start + share * (end - start) for start, end in ((a.yaw, b.yaw), (a.pitch, b.pitch), (a.t_s, b.t_s))
+    )
     return [_Piece(line[1:-1], yaw, pitch, t_s, np.zeros(len(share), bool))]
 
 

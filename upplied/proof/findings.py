@@ -17,7 +17,7 @@ _WHOLE_PCT = 98.0  # of the plan's length: less is a flight that was broken off
 _PAUSE_S = 5.0  # longer than the plan takes between two places: the flight was resumed, or waited
 _STUCK_S, _STUCK_DEG, _TURNED_DEG = 5.0, 0.3, 5.0  # a camera that stands while its plan turns
 _WAITS = 0.2  # of its pace, less is a wait
-_BEAT_S = 0.5  # at which the camera is asked whether it turned
+_BEAT_S = 0.5  # between checks whether the camera turned
 PASSED_S = 1.0  # of a viewpoint, within which it was passed
 _PHOTO_S = 1.0  # of a viewpoint, within which a photo is its own
 

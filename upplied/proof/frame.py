@@ -1,13 +1,12 @@
-"""By what shift and turn of a log's frame its path comes to lie on its plan, and whether that is its error.
+"""The shift and turn of a log's frame that bring its path onto its plan, and whether they are its error.
 
-Only what lies across the plan's path is asked: along it, pace and frame cannot be told apart. An error of the
-frame is the same over the whole flight: it is believed where it takes away most of what lies across, in
-nearly every stretch. How a vehicle strays, or a stand-off that is larger all round, has no such shape.
+Only the deviation across the plan's path counts: along it, pace and frame cannot be distinguished. An error
+of the frame is the same over the whole flight: it is believed if it removes most of the deviation in nearly
+every stretch. A vehicle that strays, or a larger stand-off all round, has no such shape.
 
-How far off the positions may be is stated for the worst of them, whether they are moved or not: what the
-fit would move them by, and two sigma of the fit in its weakest direction. A ring round a tower tells no turn
-about its axis, a straight leg no shift along it: there the fit knows no more than what frames are usually
-off by.
+The stated error is that of the worst position, moved or not: the correction, and two sigma of the fit in its
+weakest direction. A ring round a tower determines no turn about its axis, a straight leg no shift along it:
+there the usual errors of frames are assumed.
 """
 
 from __future__ import annotations
@@ -20,16 +19,16 @@ from upplied.geometry.polylines import interpolated
 from upplied.proof.matching import projected
 from upplied.records import Bools, Floats, Record, Trajectory
 
-_BLOCK_S = (8.0, 20.0)  # stretches that are left out in turn: longer than errors of position hang together
+_BLOCK_S = (8.0, 20.0)  # stretches that are left out in turn: longer than errors of position correlate
 _BLOCKS = 6  # of a short flight
-_FEWEST = 4  # stretches that an error of the frame is told from
+_FEWEST = 4  # stretches that an error of the frame is estimated from
 _SIGMAS = 3.0
 _LEAST_M, _LEAST_DEG = 0.1, 0.3  # less than vehicles drift: nothing is corrected
-_LEFT = 0.6  # of what lay across the path, that may be left after a correction, in the median
-_BETTER, _LITTLE_M = 0.85, 0.05  # of the stretches lie nearer then, or hardly farther
+_LEFT = 0.6  # share of the median deviation that may be left after a correction
+_BETTER, _LITTLE_M = 0.85, 0.05  # share of stretches that come nearer then, or hardly farther
 _ROUNDS = 15
 _HUBER_M = 0.3  # residuals beyond count less: gusts, and the ways there and back
-_PRIOR_M, _PRIOR_DEG = 3.0, 3.0  # one sigma of a shift and of a turn that the path does not tell
+_PRIOR_M, _PRIOR_DEG = 3.0, 3.0  # one sigma of a shift and of a turn that the path does not determine
 _PRIOR = np.diag([_PRIOR_M**-2] * 3 + [np.radians(_PRIOR_DEG) ** -2])
 _STRAY_M = 0.1  # one sigma of how vehicles stray from their path over a stretch, at least
 _TANGENT_S = 0.4
@@ -53,7 +52,7 @@ class FrameError(Record):
 
 
 def frame_error(plan: Trajectory, log: Trajectory, moment: Floats, near_m: float) -> FrameError:
-    """The error of a log's frame, told by where its poses lie beside the plan.
+    """The error of a log's frame, estimated from the deviation of its poses across the plan.
 
     Parameters
     ----------
@@ -77,21 +76,21 @@ def frame_error(plan: Trajectory, log: Trajectory, moment: Floats, near_m: float
         if np.abs(change).max() < 1e-4:
             break
     names = np.unique(beside.block[still])
-    scatter, error = np.zeros((4, 4)), np.full(4, np.inf)
+    scatter, sigma = np.zeros((4, 4)), np.full(4, np.inf)
     if len(names) >= _FEWEST:
-        whole, told = normal.sum(axis=0) + _PRIOR, right.sum(axis=0) - _PRIOR @ values
-        left = [np.linalg.solve(whole - normal[out].sum(axis=0), told - right[out].sum(axis=0))
+        whole, right_sum = normal.sum(axis=0) + _PRIOR, right.sum(axis=0) - _PRIOR @ values
+        left = [np.linalg.solve(whole - normal[out].sum(axis=0), right_sum - right[out].sum(axis=0))
                 for out in (beside.block == name for name in names)]  # fmt: skip
         spread = np.asarray(left) - np.mean(left, axis=0)
         scatter = (len(left) - 1) / len(left) * spread.T @ spread
-        error = np.sqrt(np.diag(scatter))
+        sigma = np.sqrt(np.diag(scatter))
     error_m = beside.may_be_off_m(FrameError(middle, values[:3], float(values[3])), scatter)
     values = values.copy()
     for part, least in ((slice(3), _LEAST_M), (slice(3, 4), np.radians(_LEAST_DEG))):
-        if not np.linalg.norm(values[part]) > max(_SIGMAS * np.linalg.norm(error[part]), least):
+        if not np.linalg.norm(values[part]) > max(_SIGMAS * np.linalg.norm(sigma[part]), least):
             values[part] = 0.0
-    found = FrameError(middle, values[:3], float(values[3]), error_m)
-    return replace(found, believed=bool(values.any()) and beside.shaped(found))
+    error = FrameError(middle, values[:3], float(values[3]), error_m)
+    return replace(error, believed=bool(values.any()) and beside.shaped(error))
 
 
 class _Beside:
@@ -104,7 +103,7 @@ class _Beside:
         self.block = np.asarray(since // np.clip(since[-1] / _BLOCKS, *_BLOCK_S), np.int64)
 
     def across(self, error: FrameError) -> tuple[Floats, Floats, Bools]:
-        """What lies across the path (N, 3) at each pose, how it changes with shift and turn, which count."""
+        """The deviation across the path (N, 3) at each pose, its Jacobian by shift and turn, which count."""
         plan, moved = self.plan, error.moved(self.log.positions)
         on = projected(plan, moved, self.moment)
         gap = on.place - moved
@@ -120,25 +119,25 @@ class _Beside:
         return np.einsum("nij,nj->ni", flat, gap), flat @ _motion(moved - error.middle), near
 
     def may_be_off_m(self, fit: FrameError, scatter: Floats) -> float:
-        """What a fit would move the worst position by, and two sigma of it in its weakest direction, m.
+        """The correction of the worst position, and two sigma of the fit in its weakest direction, m.
 
         Each stretch counts once; `scatter` (4, 4) is that of fits without one of them.
         """
         across, jacobian, near = self.across(fit)
         _, of = np.unique(self.block, return_inverse=True)
         share = near / np.maximum(np.bincount(of, near), 1)[of]
-        told = np.einsum("nki,nkj,n->ij", jacobian, jacobian, share)
+        normal = np.einsum("nki,nkj,n->ij", jacobian, jacobian, share)
         stray_m = max(np.sqrt(np.mean(across[near] ** 2)) if near.any() else 0.0, _STRAY_M)
-        covariance = np.linalg.inv(told / stray_m**2 + _PRIOR) + scatter
+        covariance = np.linalg.inv(normal / stray_m**2 + _PRIOR) + scatter
         moved = fit.moved(self.log.positions)
         motion = _motion(moved - fit.middle)
         sigma_m = np.sqrt(np.linalg.eigvalsh(motion @ covariance @ motion.transpose(0, 2, 1))[:, -1])
         return float((np.linalg.norm(moved - self.log.positions, axis=1) + 2 * sigma_m).max())
 
-    def shaped(self, found: FrameError) -> bool:
-        """Whether most of what lies across the path goes with it, and in nearly every stretch some of it."""
-        before, _, near = self.across(FrameError(found.middle, np.zeros(3), 0.0))
-        sizes = [np.linalg.norm(each, axis=1) for each in (before, self.across(found)[0])]
+    def shaped(self, error: FrameError) -> bool:
+        """Whether a correction removes most of the deviation, and in nearly every stretch some of it."""
+        before, _, near = self.across(FrameError(error.middle, np.zeros(3), 0.0))
+        sizes = [np.linalg.norm(each, axis=1) for each in (before, self.across(error)[0])]
         stretches = [near & (self.block == name) for name in np.unique(self.block[near])]
         middles = np.array([[np.median(size[some]) for size in sizes] for some in stretches])
         was, now = np.sqrt(np.mean(middles**2, axis=0))

@@ -1,8 +1,8 @@
-"""Which samples a flight inspected as its plan asks: as finely, and by a look that is sharp and frontal.
+"""Which samples a flight inspected as planned: as finely, and by a look that is sharp and frontal.
 
 The terms are those by which plans are measured (`planning.measures.resolution`, `visibility.pictures`): the
-ground sample distance of the finest sharp look, with the obliquity of the patch in it. What a plan asks of a
-patch is its own finest look at it.
+ground sample distance of the finest sharp look, with the obliquity of the patch in it. A plan requires of a
+patch its own finest look at it.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def planned_looks(
     rule: InspectionSettings,
     photo_s: Floats | None = None,
 ) -> PlannedLooks:
-    """What a plan asks of a look at each sample of a surface.
+    """What a plan requires of a look at each sample of a surface.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def planned_looks(
         When a look is sharp and frontal.
     photo_s : array, shape (K,), s, optional
         Moments of the plan at which it takes photos, where only photos count; what those do not show is
-        asked for as finely as the plan sees it on its way.
+        required as finely as the plan sees it on its way.
     """
     steps = moments(plan)
     shown = views(plan, surface, camera, TRULY, scene)

@@ -1,4 +1,4 @@
-"""How a flight sees each sample of a surface: in view, near, frontally, when, and as its plan asks."""
+"""How a flight sees each sample of a surface: in view, near, frontally, when, and as planned."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class Looks(Record):
     speed_mps: Floats  # (N,) of the camera then
     t_s: Floats  # (N,) of the flight
     pictures: Ints  # (N,) that show it: photos, or viewpoints that were passed where no photos are known
-    # Distance and incidence (N,) of the most frontal look: of all, then within each distance asked for.
+    # Distance and incidence (N,) of the most frontal look: of all, then within each given distance.
     frontal: tuple[tuple[Floats, Floats], ...] = ()
     assumed: Bools | None = None  # (N,) seen if the correction of the log is right, and only then
-    inspected: Bools | None = None  # (N,) for certain as the plan asks; None: nothing was asked
+    inspected: Bools | None = None  # (N,) for certain as planned; None: no plan is known
     inspected_if_corrected: Bools | None = None  # (N,) the same, if the correction of the log is right
 
     def __len__(self) -> int:
@@ -43,11 +43,11 @@ class Looks(Record):
 
     @property
     def values(self) -> dict[str, Floats]:
-        """What the catalog keeps of them, by name, (N,) each."""
+        """What the catalog stores of them, by name, (N,) each."""
         names = ("distance_m", "incidence_deg", "speed_mps", "t_s")
         distance, incidence = self.frontal[0]
-        kept = {name: getattr(self, name) for name in names}
-        return kept | {"frontal_distance_m": distance, "frontal_incidence_deg": incidence}
+        values = {name: getattr(self, name) for name in names}
+        return values | {"frontal_distance_m": distance, "frontal_incidence_deg": incidence}
 
 
 def looks_of(
@@ -62,10 +62,9 @@ def looks_of(
 ) -> Looks:
     """How a flight sees each sample of a surface: in view and range, nothing in between, not too obliquely.
 
-    Nothing is seen while the log is silent: a path is not made up there. Where no photos are known, a sample
-    counts as shown in a picture at each moment of `picture_s`, and in one picture at least where it is seen.
-    The nearest look is not always the most frontal: that one is told too, of all looks and of those within
-    each distance of `within_m`. Which of them match the looks of a plan is told where those are `wanted`.
+    Nothing is seen while the log is silent. Where no photos are known, a sample counts as shown in a picture
+    at each moment of `picture_s`, and in one picture at least where it is seen. The most frontal look is that
+    of all looks, and of those within each distance `within_m`; `inspected` needs those of a plan, `wanted`.
     """
     shown = views_from(_looking(flown, photo_s), surface, camera, scene)
     poses, seen = shown.stations, shown.seen
@@ -150,7 +149,7 @@ def _best(
     positions: Floats, points: Floats, normals: Floats, seen: Bools, farthest_m: float, frontal: bool
 ) -> Ints:
     """For each point the pose that sees it from nearest, or most frontally, within a distance; or -1."""
-    best, found = np.full(len(points), np.inf), np.full(len(points), -1, np.int64)
+    best, which = np.full(len(points), np.inf), np.full(len(points), -1, np.int64)
     for pose in range(len(positions)):
         for index in range(len(points)):
             if seen[pose, index]:
@@ -163,8 +162,8 @@ def _best(
                     continue
                 cost = -along / np.sqrt(max(gap, 1e-24)) if frontal else gap
                 if cost < best[index]:
-                    best[index], found[index] = cost, pose
-    return found
+                    best[index], which[index] = cost, pose
+    return which
 
 
 def _speeds(flown: Trajectory) -> Floats:

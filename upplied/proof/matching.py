@@ -1,9 +1,8 @@
-"""Which moment of a plan each pose of a log corresponds to, whatever pace, pauses and order it was flown in.
+"""The moment of a plan that each pose of a log corresponds to, at any pace, with pauses and in any order.
 
-First along both paths at coarse steps: of all ways to follow the plan, forwards or backwards, the one whose
-places and looks lie nearest, where 0.8 to 1.25 times the plan's pace cost nothing, pauses and haste a little,
-and to go on elsewhere or to turn round much (a shortest path; Viterbi 1967). Then each pose goes to the place
-of the plan that is nearest to it around that moment.
+First in coarse steps: of all ways to follow the plan, forwards or backwards, the one whose positions and
+directions are nearest, where 0.8 to 1.25 times the plan's pace costs nothing, pauses and haste a little, and
+jumps and reversals much (a shortest path; Viterbi 1967). Then the nearest place of the plan at that time.
 """
 
 from __future__ import annotations

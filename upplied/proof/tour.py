@@ -1,10 +1,10 @@
-"""A short safe way by some of many poses that together see every sample.
+"""A short safe path by some of many poses that together see every sample.
 
-Poses are put in where they cost least for what they see, until every sample is seen. The way is made better
-by turning stretches round (2-opt), exchanging poses for others that show what they alone show, and leaving
-out those that are not needed. Then some are left out at random or all about one, what they alone showed is
-seen again by where it costs least, and the shorter way is kept, again and again (iterated local search;
-Lourenco, Martin and Stuetzle 2003). The same poses give the same way.
+Poses are inserted where they cost least for what they see, until every sample is seen. The path is shortened
+by reversing stretches (2-opt), exchanging poses for others that show what they alone show, and dropping those
+that are not needed. Then some are removed, at random or all about one, and replaced where that costs least;
+the shorter path remains (iterated local search; Lourenco, Martin and Stuetzle 2003). The same poses give the
+same path.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from upplied.records import Bools, Floats, Ints
 
 _TRIALS = 120  # of leaving some out: beyond, ways of the sample fleet hardly became shorter
 _LEFT_OUT = 6  # poses at a time, at most
-_WORTH = 1.15  # times the shortest so far, up to which a trial is made better
+_WORTH = 1.15  # times the shortest so far, up to which a trial is shortened further
 _NOISE = 0.5  # on the costs by which every second trial chooses
 _LITTLE_M = 1e-6
 

@@ -1,4 +1,4 @@
-"""Zone surface that no flight shows as it is asked for, and the safe poses that a flight may show it from."""
+"""Zone surface that no flight shows as required, and the safe poses that a flight may show it from."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ class Part(Record):
     """Samples that are missing, and the looks that count as showing them."""
 
     cloud: Cloud  # M samples with normals
-    camera: Camera  # its range is no farther than is asked for
-    asked: VisibilitySettings = TRULY
-    farthest_m: float = np.inf  # distance over the cosine of the incidence, for the detail that is asked
+    camera: Camera  # its range is no farther than is required
+    rule: VisibilitySettings = TRULY
+    farthest_m: float = np.inf  # distance over the cosine of the incidence, for the required detail
 
     def seen(self, poses: Trajectory, graph: Roadmap, camera: Camera | None = None) -> Bools:
         """Which poses (P, M) show each sample; none does where the camera is not sharp so near."""
         if self.camera.max_range_m <= self.camera.min_range_m:
             return np.zeros((len(poses), len(self.cloud)), bool)
         where = poses.positions, poses.quat_xyzw, self.cloud, camera or self.camera
-        seen = visible(*where, self.asked, graph.airspace.scene).seen
+        seen = visible(*where, self.rule, graph.airspace.scene).seen
         pose, sample = np.nonzero(seen) if np.isfinite(self.farthest_m) else (np.zeros(0, np.int64),) * 2
         ray = poses.positions[pose] - self.cloud.points[sample]
         away2, frontal = (ray**2).sum(axis=1), (ray * self.cloud.outward[sample]).sum(axis=1)
@@ -55,11 +55,11 @@ class ZoneGap(Record):
 
     zone: str  # its name
     cloud: Cloud  # M samples with normals and areas
-    farthest_m: float = np.inf  # that a frontal look may be from, for the detail that is asked
+    farthest_m: float = np.inf  # of a frontal look, for the required detail
     incidence_deg: float = 90.0  # from the normal, at most
 
     def part(self, camera: Camera) -> Part:
-        """The samples with the looks that count; a zone never asks for less than what counts as seen."""
+        """The samples with the looks that count; a zone never requires less than what counts as seen."""
         most = min(self.incidence_deg, TRULY.max_incidence_deg)
         near = replace(camera, max_range_m=min(camera.max_range_m, self.farthest_m))
         return Part(self.cloud, near, replace(TRULY, max_incidence_deg=most), self.farthest_m)
@@ -70,8 +70,8 @@ def poses_for(
 ) -> Trajectory:
     """Safe poses beside the known ones that show what those do not.
 
-    Each looks at a sample, from as near and as frontally as is asked: from the most frontal place that sees
-    it, and from the usual distance on the same ray.
+    Each looks at a sample as near and as frontally as required: from the most frontal place that sees it, and
+    from the usual distance on the same ray.
 
     Parameters
     ----------
@@ -80,19 +80,19 @@ def poses_for(
         Poses there are already.
     graph : Roadmap
     limits : RetimeSettings
-        Whose pitch of the gimbal is kept.
+        For the pitch of the gimbal.
     usual_m : float
         From the surface, as the plan is.
     """
     left: Bools = np.asarray(~part.well(known, graph).any(axis=0), bool)
-    made = known.take(np.zeros(0, np.int64))
+    new_poses = known.take(np.zeros(0, np.int64))
     low, high = limits.min_gimbal_pitch_deg, limits.max_gimbal_pitch_deg
     rim = max(part.camera.vfov_deg / 2 - _MARGIN_DEG, 0.0)  # above and below the middle of the picture
     pitch = max(low - rim, -90.0), min(high + rim, 90.0)
     places = np.full((len(left), 3), np.nan)
     if left.any():
         rest = Cloud(part.cloud.points[left], part.cloud.outward[left])
-        places[left] = seen_from(rest, graph.airspace, part.camera, part.asked, pitch_deg=pitch)
+        places[left] = seen_from(rest, graph.airspace, part.camera, part.rule, pitch_deg=pitch)
     left &= np.isfinite(places[:, 0])
     while left.any():
         open_ = np.flatnonzero(left)
@@ -102,9 +102,9 @@ def poses_for(
         new = new.take(np.array([len(links(graph, place)) > 0 for place in new.positions], bool))
         if len(new):
             left &= ~part.well(new, graph).any(axis=0)
-            made = in_a_row([made, new])
+            new_poses = in_a_row([new_poses, new])
         left[tried] = False
-    return made
+    return new_poses
 
 
 def _before(

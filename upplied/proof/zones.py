@@ -1,4 +1,4 @@
-"""Whether a zone of a structure was shown as it is asked for: met, missed or unattainable, and why."""
+"""Whether a zone of a structure was shown as required: met, missed or unattainable, and why."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Demand:
     zone: str  # its name
     where: str  # landmarks, part_0, or "box X Y Z X Y Z" (m), separated by commas
     on: str = ""  # the structure that the place is on, and is carried from; empty: each structure itself
-    looks: int = 1  # pictures that show each patch, at least; what else is asked is asked of one of them
+    looks: int = 1  # pictures that show each patch, at least; all other limits hold for one of them
     gsd_mm: float | None = None  # a pixel covers this much of the surface at most
     incidence_deg: float | None = None  # from the normal, at most
     max_age_days: float | None = None  # of a look, at most
@@ -51,9 +51,9 @@ class ZoneVerdict:
 
 
 def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looked]) -> ZoneVerdict:
-    """Judge a zone by all looks at it; each patch must be shown by one look that keeps every demand.
+    """Judge a zone by all looks at it; each patch must be shown by one look within every limit.
 
-    Where more than one look is asked for, as many pictures that are young enough must show it.
+    Where more than one look is required, as many pictures that are young enough must show it.
 
     Parameters
     ----------
@@ -61,56 +61,49 @@ def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looke
     zone : array of bool, shape (N,)
         Patches of the zone.
     attainable : array of bool, shape (N,)
-        Patches that some safe camera can see at all; the others are told and do not count.
+        Patches that some safe camera can see at all; the others are reported and do not count.
     looks : sequence of Looked
     """
-    asked = zone & attainable
+    required = zone & attainable
     if not zone.any():
         return ZoneVerdict("unattainable", float("nan"), "it has no counterpart here")
-    beyond = 100 * float((zone & ~attainable).sum() / zone.sum())
-    if not asked.any():
+    if not required.any():
         return ZoneVerdict("unattainable", float("nan"), "no safe camera can see any of it")
-    seen, sharp, frontal, kept, often = _steps(demand, len(zone), looks)
-    all_kept = kept & often
-    share = 100 * float(all_kept[asked].mean())
-    rest = f"; {beyond:.1f} % of it no safe camera can see" if beyond else ""
-    if all_kept[asked].all():
-        return ZoneVerdict("met", share, rest.removeprefix("; "))
-    steps = (
-        ("was not seen", asked & ~seen),
-        (_coarse(demand, looks), asked & seen & ~sharp),
-        (f"was seen more obliquely than {demand.incidence_deg or 0:g} deg", asked & sharp & ~frontal),
-        (f"was seen longer ago than {demand.max_age_days or 0:g} days", asked & frontal & ~kept),
-        (f"was seen in fewer than {demand.looks} pictures", asked & kept & ~often),
-    )
-    parts = [f"{100 * part.sum() / asked.sum():.1f} % {words}" for words, part in steps if part.any()]
-    return ZoneVerdict("missed", share, ", ".join(parts) + rest)
+    beyond = 100 * float((zone & ~attainable).sum() / zone.sum())
+    words = _words(demand, looks)
+    passed = _steps(demand, len(zone), looks)
+    share = 100 * float(passed[-1][required].mean())
+    before = (np.ones(len(zone), bool), *passed)
+    lost = [required & was & ~now for was, now in zip(before, passed, strict=False)]
+    parts = [f"{100 * one.sum() / required.sum():.1f} % {why}" for why, one in zip(words, lost, strict=True)
+             if one.any()]  # fmt: skip
+    rest = f"{beyond:.1f} % of it no safe camera can see" if beyond else ""
+    why = "; ".join(filter(None, (", ".join(parts), rest)))
+    return ZoneVerdict("missed" if parts else "met", share, why)
 
 
-def as_asked(demand: Demand, count: int, looks: Sequence[Looked]) -> Bools:
-    """Which of a surface's patches (N,), of which there are `count`, looks showed as a zone asks."""
-    *_, kept, often = _steps(demand, count, looks)
-    return np.asarray(kept & often, bool)
+def shown_as_required(demand: Demand, count: int, looks: Sequence[Looked]) -> Bools:
+    """Which of a surface's patches (N,), of which there are `count`, looks showed within every limit."""
+    return _steps(demand, count, looks)[-1]
 
 
-def _steps(demand: Demand, count: int, looks: Sequence[Looked]) -> tuple[Bools, ...]:
-    """Patches (N,) seen; near enough; frontal as well; so by a young look; in pictures enough."""
-    seen, sharp, frontal, kept = (np.zeros(count, bool) for _ in range(4))
+def _steps(demand: Demand, count: int, looks: Sequence[Looked]) -> list[Bools]:
+    """Patches (N,) seen; near enough; frontal as well; so by a young look; and in pictures enough."""
+    seen, fine, frontal, young = (np.zeros(count, bool) for _ in range(4))
     pictures = np.zeros(count, np.int64)
     for look in looks:
         there = np.isfinite(look.distance_m)
-        fine, level = np.zeros(count, bool), np.zeros(count, bool)
+        near, level = np.zeros(count, bool), np.zeros(count, bool)
         for distance, incidence in look.each:
             frontal_m = distance / np.maximum(np.cos(np.radians(incidence)), 1e-9)
-            near = np.isfinite(distance) & _fine(demand, look.camera, frontal_m)
-            fine |= near
-            level |= near & (demand.incidence_deg is None or incidence <= demand.incidence_deg)
-        young = demand.max_age_days is None or look.age_days <= demand.max_age_days
-        seen, sharp, frontal = seen | there, sharp | fine, frontal | level
-        kept |= level & young
-        if young:
+            close = np.isfinite(distance) & _fine(demand, look.camera, frontal_m)
+            near |= close
+            level |= close & (demand.incidence_deg is None or incidence <= demand.incidence_deg)
+        seen, fine, frontal = seen | there, fine | near, frontal | level
+        if demand.max_age_days is None or look.age_days <= demand.max_age_days:
+            young |= level
             pictures += there if look.pictures is None else np.where(there, np.maximum(look.pictures, 1), 0)
-    return seen, sharp, frontal, kept, pictures >= demand.looks
+    return [seen, fine, frontal, young, young & (pictures >= demand.looks)]
 
 
 def _fine(demand: Demand, camera: Camera, distance_m: Floats) -> Bools:
@@ -125,7 +118,15 @@ def _fine(demand: Demand, camera: Camera, distance_m: Floats) -> Bools:
     return np.asarray(distance_m <= 1e-3 * demand.gsd_mm * focal_px(camera.width_px, camera.hfov_deg), bool)
 
 
-def _coarse(demand: Demand, looks: Sequence[Looked]) -> str:
+def _words(demand: Demand, looks: Sequence[Looked]) -> tuple[str, ...]:
+    """Why a patch fails each of `_steps`, of those that pass all before it."""
+    coarse = f"was seen from too far for {demand.gsd_mm or 0:g} mm a pixel"
     if any(not look.camera.width_px for look in looks):
-        return "was seen by a camera whose pixels are not known"
-    return f"was seen from too far for {demand.gsd_mm or 0:g} mm a pixel"
+        coarse = "was seen by a camera whose pixels are not known"
+    return (
+        "was not seen",
+        coarse,
+        f"was seen more obliquely than {demand.incidence_deg or 0:g} deg",
+        f"was seen longer ago than {demand.max_age_days or 0:g} days",
+        f"was seen in fewer than {demand.looks} pictures",
+    )

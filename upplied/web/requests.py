@@ -17,8 +17,8 @@ from upplied.errors import InputError
 from upplied.fleet.editing import Editing
 from upplied.fleet.edits import FARTHEST_M, viewpoint_of
 from upplied.outputs.display import packed
-from upplied.proof.asking import Asking
 from upplied.proof.edit import Viewpoint
+from upplied.proof.required_zones import RequiredZones
 from upplied.records import Floats, Plan
 
 
@@ -128,7 +128,7 @@ class ZoneRequests:
         return list(required.zones_of(self._catalog, target.kind, target.structure_id))
 
     @cached_property
-    def _asking(self) -> Asking:
+    def _asking(self) -> RequiredZones:
         editing, camera = self._editing, self._editing.recipe.demonstration.camera
         known = editing.stored.plan.supposed, camera, self._required, self._catalog.faces_labelled
-        return Asking(self._catalog.structure, self._catalog.cache, editing.target, *known)
+        return RequiredZones(self._catalog.structure, self._catalog.cache, editing.target, *known)

@@ -25,8 +25,8 @@ from upplied.outputs.pair_page import path_data
 from upplied.outputs.pairs import decision_words, number, sentence
 from upplied.outputs.reports import Reader
 from upplied.outputs.verdicts import headline
-from upplied.proof.carried_edit import kept_edit
-from upplied.proof.edit import Asked, Edit
+from upplied.proof.carried_edit import stored_edit
+from upplied.proof.edit import AirspaceLimits, Edit
 from upplied.records import Ints
 from upplied.web.requests import Decisions, ZoneRequests, place_looked_from, signed
 
@@ -118,7 +118,7 @@ class Session:
         now = rows[rows["transfer_id"] == self._draft].iloc[-1].to_dict()
         plan, placement = self.editing.stored.plan, self.editing.target.placement
         path = flown_path(plan)[0]
-        clearance_m = self.editing.clearance_m(Asked())
+        clearance_m = self.editing.clearance_m(AirspaceLimits())
         broken = place_breaches(path, self.editing.target, plan.supposed, clearance_m)
         judged = JudgedEdit(plan, tuple(broken), plan.not_flyable)
         return {
@@ -135,7 +135,7 @@ class Session:
             "declared_boxes": self.editing.target.surroundings.keep_out_m.tolist(),
             "viewpoints": self._rows(self.editing.stored),
             "in_force": self._in_force(),
-            **self._shown(judged, Edit(), Asked(), self.editing.stored),
+            **self._shown(judged, Edit(), AirspaceLimits(), self.editing.stored),
         }
 
     def _replan(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -146,7 +146,7 @@ class Session:
         for at in fixed if isinstance(fixed, list) else []:
             if isinstance(at, int) and 0 <= at < len(base.viewpoints) and at not in edit.deleted:
                 held.setdefault(at, base.viewpoints[at])
-        fixed_edit = kept_edit(base.viewpoints, Edit(edit.deleted, held), airspace, True)
+        fixed_edit = stored_edit(base.viewpoints, Edit(edit.deleted, held), airspace, True)
         replanned, again = self.editing.replanned(airspace, fixed_edit)
         if len(self._bases) >= _MOST_BASES:
             rule = f"{_MOST_BASES} times at most"
@@ -190,20 +190,20 @@ class Session:
 
     # --- parts of the answers ------------------------------------------------------------------
 
-    def _read(self, request: Mapping[str, Any]) -> tuple[Base, Edit, Asked]:
+    def _read(self, request: Mapping[str, Any]) -> tuple[Base, Edit, AirspaceLimits]:
         at = request.get("base", 0)
         if not isinstance(at, int) or not 0 <= at < len(self._bases):
             raise InputError("the change", f"refers to plan number {at}", f"0 to {len(self._bases) - 1}")
         return self._bases[at], *read_edit("the change", request, self.editing, self._bases[at])
 
-    def _judged(self, base: Base, edit: Edit, airspace: Asked) -> dict[str, Any]:
+    def _judged(self, base: Base, edit: Edit, airspace: AirspaceLimits) -> dict[str, Any]:
         began, cpu = time.perf_counter(), time.process_time()
         judged = self.editing.judged(base, edit, airspace)
         answer = self._shown(judged, edit, airspace, base) | {"zones": self.zones.judged(judged.plan)}
         took = {"judged_s": time.perf_counter() - began, "cpu_s": time.process_time() - cpu}
         return answer | {name: round(value, 3) for name, value in took.items()}
 
-    def _shown(self, judged: JudgedEdit, edit: Edit, airspace: Asked, base: Base) -> dict[str, Any]:
+    def _shown(self, judged: JudgedEdit, edit: Edit, airspace: AirspaceLimits, base: Base) -> dict[str, Any]:
         """A judged plan as the page draws it, with its verdict in words."""
         path, _ = flown_path(judged.plan)
         measures = vars(judged.plan.measures)

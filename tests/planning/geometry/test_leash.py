@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upplied.planning.geometry.frechet import _suffices, curve_spread, frechet, spread
+from upplied.planning.geometry.frechet import curve_spread, frechet, spread
+from upplied.planning.geometry.free_space import suffices
 
 
 def within_leash(first: np.ndarray, second: np.ndarray, leash: float) -> bool:
     first, second = (np.ascontiguousarray(curve, float) for curve in (first, second))
-    return bool(_suffices(first, second, leash, *np.empty((2, len(second), 2))))
+    return bool(suffices(first, second, leash, *np.empty((2, len(second), 2))))
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -227,14 +227,6 @@ class SurfaceStore:
         """Where samples are, (N, 3), m."""
         return self._samples(samples_sha256).points
 
-    def nearest(self, samples_sha256: str, place: Floats, normal: Floats) -> int:
-        """The sample nearest to a place (3,), m, of those that face as its normal (3,) does."""
-        samples = self._samples(samples_sha256)
-        away = np.linalg.norm(samples.points - place, axis=1)
-        if samples.normals is not None and (facing := samples.normals @ normal > 0).any():
-            away = np.where(facing, away, np.inf)
-        return int(away.argmin())
-
     def get(self, sha256: str) -> SurfaceStates:
         """The surface of a hash; one that is not there, or is damaged, is an error."""
         states = self.states.get(sha256)

@@ -1,0 +1,183 @@
+"""The zones that are required of one structure: where they are on it, and how views of it show them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from upplied.config import CloudSettings, focal_px, settings_for
+from upplied.errors import SettingsError, UppliedError
+from upplied.geometry.scene import Scene, scene_of
+from upplied.geometry.supposed_scene import scene_for
+from upplied.planning.airspace.rules import Airspace
+from upplied.planning.correspondence.memo import Memo
+from upplied.planning.demonstration.about import Faces, zone_of
+from upplied.planning.measures.attainable import attainable
+from upplied.planning.surface.samples import surface_samples
+from upplied.planning.surface.skin import skin_parts
+from upplied.planning.visibility.observations import TRULY
+from upplied.proof.carried_zone import carried_zone
+from upplied.proof.looks import looks_of
+from upplied.proof.zones import Demand, Looked, judged, shown_as_required
+from upplied.records import Bools, Camera, Floats, Ints, Plan, Record, Structure, SupposedSurface, Trajectory
+from upplied.records.required import RequiredSurface
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Zone(Record):
+    patches: Bools  # (N,)
+    carried: bool = False
+    probability: float = 1.0
+    origin: str = ""  # where it was carried from, in words
+
+
+class RequiredZones:
+    """The zones that are required of a structure, judged by views of it.
+
+    Parameters
+    ----------
+    structure : callable
+        The structure of an id, that zones are carried from.
+    memo : Memo
+        Remembers how structures correspond.
+    target : Structure
+    supposed : SupposedSurface or None
+        What was never scanned of it; a safe camera stays clear of it.
+    camera : Camera
+        Decides what a safe camera could see.
+    required : list of dict
+        Of each zone its name, set and version, who requires it, and its demand.
+    faces : callable, optional
+        Of labels; see `planning.demonstration.about.zone_of`.
+    """
+
+    def __init__(
+        self,
+        structure: Callable[[str], Structure],
+        memo: Memo,
+        target: Structure,
+        supposed: SupposedSurface | None,
+        camera: Camera,
+        required: list[dict[str, Any]],
+        faces: Faces | None = None,
+    ) -> None:
+        self._structure, self._memo, self._faces = structure, memo, faces
+        self.target, self.camera, self._rows = target, camera, required
+        self.scene = scene_for(target, supposed)
+        self.surface = surface_samples(target, scene_of(target), CloudSettings())
+
+    def patches(self, where: str) -> Bools:
+        """The samples (N,) that a place names.
+
+        Raises
+        ------
+        SettingsError
+            If it names none.
+        """
+        patches = zone_of(where, self.target, self.surface, self._skin, self._faces)
+        if patches is None:
+            raise SettingsError("the zone", "names no place", "landmarks, parts, boxes or balls")
+        return patches
+
+    def planned(self, plan: Plan, camera: Camera) -> Looked:
+        """How a plan that has a path sees the samples; a picture is taken at each viewpoint."""
+        path = plan.trajectory
+        assert path is not None
+        flags = np.zeros(len(path), bool) if plan.is_viewpoint is None else plan.is_viewpoint
+        return self._looked(path, camera, path.t_s[flags], scene_for(self.target, plan.supposed))
+
+    def along(self, path: Trajectory, camera: Camera, picture_s: Floats) -> Looked:
+        """How a path sees the samples: the nearest view, and the most frontal within each required range."""
+        return self._looked(path, camera, picture_s, self.scene)
+
+    def _looked(self, path: Trajectory, camera: Camera, picture_s: Floats, scene: Scene) -> Looked:
+        gsd_mm = sorted({demand.gsd_mm for demand, _ in self._zones if demand.gsd_mm is not None})
+        focal = focal_px(camera.width_px, camera.hfov_deg) if camera.width_px else 0.0
+        within_m = [1e-3 * each * focal for each in gsd_mm] if focal else []
+        looks = looks_of(path, self.surface, camera, scene, None, picture_s, within_m)
+        return Looked(looks.distance_m, looks.incidence_deg, 0.0, camera, looks.pictures, looks.frontal)
+
+    def judged(self, *looks: Looked) -> list[dict[str, Any]]:
+        """Of each zone its name and set, its status, the share that is shown and why it is not met.
+
+        One that names nothing here is ``not judged``.
+        """
+        return [self._verdict(row, *zone, looks) for row, zone in zip(self._rows, self._zones, strict=True)]
+
+    def _verdict(
+        self, row: dict[str, Any], demand: Demand, zone: _Zone | str, looks: tuple[Looked, ...]
+    ) -> dict[str, Any]:
+        about = {name: row[name] for name in ("set", "version", "asked_by", "zone")}
+        if isinstance(zone, str):
+            unknown = dict.fromkeys(("probability", "pct"), float("nan"))
+            return about | unknown | {"on": demand.on, "status": "not judged", "why": zone}
+        verdict = judged(demand, zone.patches, self._attainable, looks)
+        about |= {"on": demand.on if zone.carried else "", "probability": zone.probability}
+        why = "; ".join(filter(None, (verdict.why, zone.origin)))
+        return about | {"status": verdict.status, "pct": verdict.shown_pct, "why": why}
+
+    def required(self) -> tuple[RequiredSurface, tuple[str, ...]]:
+        """All zones as one surface, each sample with the strictest demand on it.
+
+        Returns
+        -------
+        tuple
+            The surface, and the zones that name none here, in words.
+        """
+        surface, unknown = self.surface, []
+        required = np.zeros(len(surface), bool)
+        gsd_m, incidence = np.full(len(surface), np.inf), np.full(len(surface), 90.0)
+        for demand, zone in self._zones:
+            if isinstance(zone, str):
+                unknown.append(f"zone {demand.zone} is not planned for: {zone}")
+                continue
+            required |= zone.patches
+            for least, limit, unit in ((gsd_m, demand.gsd_mm, 1e-3), (incidence, demand.incidence_deg, 1.0)):
+                if limit is not None:
+                    least[zone.patches] = np.minimum(least[zone.patches], unit * limit)
+        return RequiredSurface(surface.points, surface.outward, required, gsd_m, incidence), tuple(unknown)
+
+    def missed(self, *looks: Looked) -> list[tuple[dict[str, Any], Demand, Bools]]:
+        """Of each zone that is known here its row, its demand, and the samples (N,) not shown as required."""
+        return [
+            (row, demand, zone.patches & ~shown_as_required(demand, len(self.surface), looks))
+            for row, (demand, zone) in zip(self._rows, self._zones, strict=True)
+            if not isinstance(zone, str)
+        ]
+
+    @cached_property
+    def _zones(self) -> list[tuple[Demand, _Zone | str]]:
+        """The demands, each with its zone, or why it names none here, such as an unknown landmark."""
+        zones = list[tuple[Demand, _Zone | str]]()
+        for row in self._rows:
+            demand = Demand(**{name: row[name] for name in Demand.__dataclass_fields__ if name in row})
+            try:
+                zones.append((demand, self._zone(demand)))
+            except UppliedError as error:
+                zones.append((demand, str(error)))
+        return zones
+
+    def _zone(self, demand: Demand) -> _Zone:
+        """The samples of a zone, carried from the structure that it is on where that is another one."""
+        if demand.on in ("", self.target.structure_id):
+            return _Zone(self.patches(demand.where))
+        known = settings_for("recommended"), self._memo, self._faces
+        zone = carried_zone(demand.where, self._structure(demand.on), self.target, self.surface, *known)
+        origin = f"carried from {demand.on}"
+        origin += f" with probability {zone.probability:.2f}" if np.isfinite(zone.probability) else ""
+        origin += f", {zone.lost_pct:.0f} % of it has no counterpart" if zone.lost_pct >= 1 else ""
+        return _Zone(zone.patches, True, zone.probability, origin)
+
+    @cached_property
+    def _skin(self) -> Ints:
+        return skin_parts(self.target, scene_of(self.target), self.surface).label
+
+    @cached_property
+    def _attainable(self) -> Bools:
+        route, around = settings_for("recommended").route, self.target.surroundings
+        airspace = Airspace(self.scene, route.clearance_m, around, route.ground_clearance_m)
+        return attainable(self.surface, airspace, self.camera, TRULY)
