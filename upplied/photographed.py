@@ -238,7 +238,8 @@ def _with_photos(
 ) -> tuple[Trajectory, Bools, Floats]:
     """The path with a pose at each photo, more slowly where photos were nearer in time; which, and when."""
     every = np.union1d(path.t_s, photo_s)
-    keep: Ints = np.flatnonzero(np.isin(every, photo_s) | (_apart(every, photo_s) > 1e-4))
+    apart = np.abs(every[:, None] - photo_s).min(axis=1)
+    keep: Ints = np.flatnonzero(np.isin(every, photo_s) | (apart > 1e-4))
     every = every[keep]
     posed = interpolate(path, every)
     slower = np.concatenate([[1.0], np.maximum(least_s / np.maximum(np.diff(photo_s), 1e-9), 1.0), [1.0]])
@@ -271,10 +272,3 @@ def _no_harder(times: Floats, positions: Floats, most_mps2: float) -> Floats:
         slower = np.maximum(np.concatenate([[1.0], excess]), np.concatenate([excess, [1.0]]))
         times = _slowed(times, np.where(slower > 1, slower + _EASED, 1.0))
     return times
-
-
-def _apart(times: Floats, photo_s: Floats) -> Floats:
-    """How far in time (N,) each of these is from the nearest photo."""
-    after = np.clip(np.searchsorted(photo_s, times), 1, max(len(photo_s) - 1, 1))
-    nearest = np.abs(times - photo_s[np.minimum(after, len(photo_s) - 1)])
-    return np.asarray(np.minimum(nearest, np.abs(times - photo_s[after - 1])))
