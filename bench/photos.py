@@ -7,8 +7,8 @@ export would ask for that takes a photo at each viewpoint: how many, and the sho
 `least` is the shortest time between photos of any format, `+ s` how much longer the flight takes for them;
 `off m` how far a photo of any file lies from where it was meant, `lost` how many are missing or too many;
 `photos %` of the inspected surface they show, of the `plan %` that the plan shows. With ``--overlap`` that is
-required along the flight, and `along` is what it is, in the median, by `overlaps`. Beside them the
-resolution in millimetres a pixel, demonstrated and planned.
+required along the flight, and `along` is what 95 % of the photos overlap by at least, by `overlaps`. Beside
+them the resolution in millimetres a pixel, demonstrated and planned.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Written:
     least_s: float  # between two photos
     off_m: float  # from where a photo was meant
     lost: int  # photos that a file lacks, or has too many
-    along_pct: float  # overlap with the photo before, median; NaN where none was required
+    along_pct: float  # overlap with the photo before, 5th percentile; NaN where none was required
     shown_pct: float
     flown_s: float
 
@@ -122,7 +122,7 @@ def written_of(plan: Plan, target: Structure, camera: Camera, trigger_s: float, 
         least_s=min(apart),
         off_m=max(off),
         lost=lost,
-        along_pct=float(np.median(np.concatenate(along))),
+        along_pct=float(np.percentile(np.concatenate(along), 5)),
         shown_pct=whole[0].shown_pct,
         flown_s=sum(float(np.ptp(times)) for times in inside),
     )

@@ -94,7 +94,10 @@ def photographed(
     spare = complete and overlap is None
     enough = 1.0 if complete else _ENOUGH
     chosen, shown = _covering(frames, useful, path, chosen, surface, interval_s, enough, spare)
-    photo_s = np.array(sorted(chosen))
+    chosen = sorted(chosen)
+    if overlap is not None:
+        chosen = _filled(frames, path, chosen, overlap[0])
+    photo_s = np.array(chosen)
     timed, flags, planned_s = _with_photos(path, photo_s, interval_s * MARGIN, most_mps2)
     taken = Frames(timed.take(flags), camera, scene)
     along = np.array([taken.overlap(at - 1, at) for at in range(1, len(photo_s))])
@@ -124,6 +127,19 @@ def _along(
             found.append(float(times[later]))
         else:
             found.append(_exactly(before, frames, path, asked, (last, float(times[later]))))
+    return found
+
+
+def _filled(frames: Frames, path: Trajectory, photo_s: list[float], asked: float) -> list[float]:
+    """The times of photos, and more where one that coverage needs overlaps too little with the one before."""
+    found = photo_s[:1]
+    for later in photo_s[1:]:
+        for _ in range(_HALVINGS):  # far more than are needed, where pictures change evenly
+            before = _at(frames, path, found[-1])
+            if _shared(before, _at(frames, path, later), 0) >= asked:
+                break
+            found.append(_exactly(before, frames, path, asked, (found[-1], later)))
+        found.append(later)
     return found
 
 
