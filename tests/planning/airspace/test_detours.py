@@ -18,7 +18,7 @@ from upplied.geometry.scene import Scene
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.detours import Ways, route, safe_positions
 from upplied.planning.airspace.push import _kernel, pushed_out
-from upplied.planning.airspace.roadmap import roadmap, way
+from upplied.planning.airspace.roadmap import roadmap, tightened, way, way_towards
 from upplied.planning.airspace.rules import Airspace, crosses_box, crosses_fence, inside_fence
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Floats, Structure, Surroundings, Waypoints
@@ -114,6 +114,42 @@ def test_any_path_comes_out_safe_or_refused(seed: int) -> None:
         share = np.linspace(0, 1, 60)[:, None]
         dense = np.vstack([a + share * (b - a) for a, b in itertools.pairwise(planned)])
         assert not ((dense > [8, -3, -3]) & (dense < [12, 3, 6])).all(axis=1).any()
+
+
+def test_ways_that_are_drawn_tight_do_not_depend_on_where_they_led() -> None:
+    """Along the cube's side, by other corners: one way, hardly longer than the shortest 2.1 m off it."""
+    rules, ends = ways().planning, np.array([[-20.0, 4, 0.5], [20, 4, 0.5]])
+    lines = [
+        np.stack([ends[0], np.array([-9.0 + dx, 12 + dy, dz]), np.array([9.0, 13 - dy, -dz]), ends[1]])
+        for dx, dy, dz in ((0.0, 0, 0), (3, 6, 1), (-4, 2, -2))
+    ]
+    drawn = [tightened(each, rules) for each in lines]
+    # A tangent to the round about an edge, 15 m ahead and 1 m aside, an arc of that, along the side, and on.
+    edge = np.hypot(15, 1)
+    shortest = 2 * (np.sqrt(edge**2 - 2.1**2) + 2.1 * (np.arctan2(1, 15) + np.arcsin(2.1 / edge))) + 10
+    for each in drawn:
+        assert not rules.broken(each).any() and np.array_equal(each[[0, -1]], ends)
+        length = np.linalg.norm(np.diff(each, axis=0), axis=1).sum()
+        assert length < 1.02 * shortest  # places are 0.7 m apart, and keep 0.05 m more
+    at = np.linspace(-19, 19, 60)
+    across = [np.interp(at, each[:, 0], each[:, 1]) for each in drawn]
+    assert np.ptp(across, axis=0).max() < 0.4
+    blocked = np.array([[-20.0, 0, 0], [0, 7.06, 0], [20, 0, 0]])  # through the cube: no way, left as it is
+    assert np.array_equal(tightened(blocked[:2], rules), blocked[:2])
+
+
+def test_a_path_that_begins_inside_begins_where_it_comes_out() -> None:
+    round_cube = ways()
+    path = line([0.0, 3, 0.3], [25, 3, 0.3], 80)
+    safe = safe_positions(path, round_cube)
+    assert independent_clearance(safe) >= CLEARANCE and len(safe) == 80
+    assert np.linalg.norm(safe[0] - [7.0, 3, 0.3]) < 4  # and not on another side of the cube
+    assert safe[path[:, 0] > 12] == pytest.approx(path[path[:, 0] > 12], abs=0.5)
+    assert safe_positions(path[::-1], round_cube) == pytest.approx(safe[::-1], abs=0.3)
+    graph = round_cube.graph
+    there = way_towards(graph, np.array([20.0, 3, 0.3]), np.array([-20.0, 3, 0.3]))
+    assert not graph.airspace.broken(there).any()
+    assert np.linalg.norm(there[-1] - [-20, 3, 0.3]) < 14  # round to the other side
 
 
 def test_inside_of_a_hollow_box_is_no_place_to_fly() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -177,10 +178,29 @@ def test_what_boxes_leave_is_matched_by_name(
     name: list[int], pinned: dict[int, int], source: list[int], target: list[int]
 ) -> None:
     known = Matching(np.array([0, 1, -1]), np.array([0, -1, 1, -1]))
-    found = with_named(known, np.array(name), pinned)
+    found = with_named(known, np.array(name), row_of_boxes(3), row_of_boxes(4), pinned)
     assert found.source_class.tolist() == source and found.target_class.tolist() == target
 
 
 def test_two_pieces_of_one_name_are_one_class() -> None:
-    found = with_named(Matching(np.array([-1, 0]), np.array([-1, 0, -1])), np.array([0, 1, 0]), {})
+    known = Matching(np.array([-1, 0]), np.array([-1, 0, -1]))
+    found = with_named(known, np.array([0, 1, 0]), row_of_boxes(2), row_of_boxes(3), {})
     assert counterparts(found, 0) == [0, 2] and counterparts(found, 1) == [1]
+
+
+def row_of_boxes(number: int) -> Parts:
+    """Boxes in a row, none of which is known to have a mirror image."""
+    return parts(np.arange(number)[:, None] * [10.0, 0, 0], np.full((number, 3), 5.0))
+
+
+def test_what_is_named_on_one_side_has_its_mirror_image_on_the_other() -> None:
+    """A fuselage and four engines; the left ones are named, the outer right one lies farther aft."""
+    low = np.array([[0.0, -2, 0], [20, 6, 0], [20, -9, 0], [10, 15, 0], [14, -18, 0]])
+    craft = parts(low, np.array([[60.0, 4, 4], [5, 3, 3], [5, 3, 3], [5, 3, 3], [5, 3, 3]]))
+    craft = replace(craft, side=sides(craft.low, craft.high, craft.low.min(axis=0), craft.high.max(axis=0)))
+    known = Matching(np.array([0, -1, -1, -1, -1]), np.array([0, -1, -1, -1, -1]))
+    found = with_named(known, np.array([-1, 1, -1, 3, -1]), craft, craft, {})
+    assert [counterparts(found, part) for part in range(5)] == [[0], [1], [2], [3], []]
+    unknown = replace(craft, side=np.full((5, 2), np.nan))  # a structure that is not its own mirror image
+    found = with_named(known, np.array([-1, 1, -1, 3, -1]), unknown, unknown, {})
+    assert [counterparts(found, part) for part in range(5)] == [[0], [1], [], [3], []]

@@ -17,10 +17,10 @@ from upplied.errors import RefusedError
 from upplied.geometry.polylines import arc_length, chosen_evenly, leg_lengths
 from upplied.geometry.poses import interpolate
 from upplied.planning.airspace.push import pushed_out
-from upplied.planning.airspace.roadmap import Roadmap, links, roadmap, way
+from upplied.planning.airspace.roadmap import Roadmap, links, roadmap, tightened, way, way_towards
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.correspondence.pair import Pair
-from upplied.records import Bools, Cloud, Floats, Trajectory, Waypoints
+from upplied.records import Bools, Cloud, Floats, Ints, Trajectory, Waypoints
 
 _BUFFER_M = 0.05  # kept beyond the safety distance while planning, so that the final test is passed
 _SMOOTHINGS = 30
@@ -116,15 +116,24 @@ def safe_positions(positions: Floats, ways: Ways) -> Floats:
     """
     if len(positions) == 0 or _is_safe(positions, ways.airspace):
         return positions
-    safe = _at_good_places(positions, ways)
+    safe = pushed_out(positions, ways.planning)
+    good = _good(safe, ways)
+    if good.any():
+        for way_on in (slice(None), slice(None, None, -1)):
+            if first := int(good[way_on].argmax()):
+                _led_towards(safe[way_on][: first + 1], positions[way_on][0], ways.graph)
+                good[way_on][:first] = True
+    else:
+        safe[[0, -1]], good[[0, -1]] = _moved_to_free(safe[[0, -1]], good[[0, -1]], ways.graph), True
     for _ in range(4):  # a detour may need the positions of its neighbourhood, which may touch the next
-        broken = np.flatnonzero(ways.planning.broken(safe))
-        if len(broken) == 0:
+        led = ways.planning.broken(safe) | ~good[1:] | ~good[:-1]
+        if not led.any():
             break
         changed = np.zeros(len(safe), bool)
-        for first, last in _runs(broken):
-            _lead_round(safe, changed, first, last + 1, ways.graph)
+        for first, last in _runs(np.flatnonzero(led), arc_length(positions), 2 * ways.planning.clearance_m):
+            _lead_round(safe, changed, first, last + 1, positions, ways.graph)
         safe = _corners_rounded(safe, _widened(changed, 15), ways.planning, like=positions)
+        good |= changed
     _refuse_unsafe(safe, ways.airspace)
     return safe
 
@@ -149,10 +158,16 @@ def _sees_sky(positions: Floats, airspace: Airspace) -> Bools:
 def _at_good_places(positions: Floats, ways: Ways) -> Floats:
     """The path pushed out; what still is not allowed, or cannot be reached, at places that are and can."""
     pushed = pushed_out(positions, ways.planning)
+    good = _good(pushed, ways)
+    return pushed if good.all() else _moved_to_free(pushed, good, ways.graph)
+
+
+def _good(pushed: Floats, ways: Ways) -> Bools:
+    """Which positions (M,) of a path are allowed and can be reached from outside."""
     good = ways.planning.allowed(pushed)
     broken = ways.planning.broken(pushed)
     if good.all() and not broken.any() and _sees_sky(pushed[:1], ways.planning)[0]:
-        return pushed
+        return good
     # Stretches without a broken leg are inside or outside as a whole: one free way out tells.
     stretch = np.concatenate([[0], np.cumsum(broken)])
     for number in np.unique(stretch[good]):
@@ -163,7 +178,7 @@ def _at_good_places(positions: Floats, ways: Ways) -> Floats:
             raise _refusal(
                 ways.planning, int(members[0]), pushed[members[0]], "no free way leads here from the rest"
             )
-    return _moved_to_free(pushed, good, ways.graph)
+    return good
 
 
 def _is_outside(positions: Floats, graph: Roadmap) -> bool:
@@ -173,8 +188,6 @@ def _is_outside(positions: Floats, graph: Roadmap) -> bool:
 
 def _moved_to_free(positions: Floats, good: Bools, graph: Roadmap) -> Floats:
     """Positions that are not good moved to places of the graph, or between their good neighbours."""
-    if good.all():
-        return positions
     if len(graph.places) == 0:
         index = int(np.flatnonzero(~good)[0])
         raise _refusal(graph.airspace, index, positions[index], graph.airspace.why(positions[index]))
@@ -184,10 +197,19 @@ def _moved_to_free(positions: Floats, good: Bools, graph: Roadmap) -> Floats:
     return placed
 
 
-def _lead_round(positions: Floats, changed: Bools, first: int, last: int, graph: Roadmap) -> None:
-    """Replace the positions between two safe ones by a way round, with as many positions."""
+def _led_towards(positions: Floats, end: Floats, graph: Roadmap) -> None:
+    """Lead all positions but the last, from where it is, as near to an end as a way leads, the end first."""
+    count = len(positions)
+    line = tightened(way_towards(graph, positions[-1], end), graph.airspace)[:count]
+    positions[::-1] = _with_count(line, count) if len(line) > 1 else line
+
+
+def _lead_round(
+    positions: Floats, changed: Bools, first: int, last: int, beside: Floats, graph: Roadmap
+) -> None:
+    """Replace the positions between two safe ones by a way round beside a path, with as many positions."""
     for _ in range(len(positions)):
-        line = _way_or_refusal(graph, positions[first], positions[last], first)
+        line = _way_or_refusal(graph, positions[first], positions[last], first, beside[first : last + 1])
         if last - first >= len(line) - 1:
             positions[first : last + 1] = _with_count(line, last - first + 1)
             changed[first : last + 1] = True
@@ -200,12 +222,14 @@ def _lead_round(positions: Floats, changed: Bools, first: int, last: int, graph:
     )
 
 
-def _way_or_refusal(graph: Roadmap, start: Floats, goal: Floats, index: int) -> Floats:
-    line = way(graph, start, goal)
+def _way_or_refusal(
+    graph: Roadmap, start: Floats, goal: Floats, index: int, beside: Floats | None = None
+) -> Floats:
+    line = way(graph, start, goal, beside)
     if line is None:
         reason = graph.airspace.why(start) or graph.airspace.why(goal) or "no free way leads on from here"
         raise _refusal(graph.airspace, index, start, reason)
-    return line
+    return line if beside is None else tightened(line, graph.airspace)
 
 
 def _with_count(line: Floats, count: int) -> Floats:
@@ -273,10 +297,10 @@ def _widened(marked: Bools, by: int) -> Bools:
     return np.convolve(marked, np.ones(2 * by + 1), mode="full")[by : len(marked) + by] > 0
 
 
-def _runs(index: np.ndarray) -> list[tuple[int, int]]:
-    """First and last of each run of consecutive integers."""
-    cut = np.flatnonzero(np.diff(index) > 1)
-    starts, stops = np.append(index[0], index[cut + 1]), np.append(index[cut], index[-1])
+def _runs(legs: Ints, along: Floats, apart_m: float) -> list[tuple[int, int]]:
+    """First and last of each run of legs that are no farther apart than that along the path."""
+    cut = np.flatnonzero(along[legs[1:]] - along[legs[:-1] + 1] > apart_m)
+    starts, stops = np.append(legs[0], legs[cut + 1]), np.append(legs[cut], legs[-1])
     return [(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
 
 

@@ -32,27 +32,27 @@ def pushed_out(positions: Floats, airspace: Airspace) -> Floats:
     weights = _kernel(positions, reach=2 * airspace.clearance_m)
     for turn in range(_PUSHES):
         between = (moved[1:] + moved[:-1]) / 2  # so that corners are rounded, too
-        push, middle = np.split(_wanted_push(np.concatenate([moved, between]), airspace), [len(moved)])
+        out, middle = np.split(push(np.concatenate([moved, between]), airspace), [len(moved)])
         middle[leg_lengths(moved) > airspace.clearance_m] = 0.0
-        for ends in (push[1:], push[:-1]):
+        for ends in (out[1:], out[:-1]):
             more = np.linalg.norm(middle, axis=1) > np.linalg.norm(ends, axis=1)
             ends[more] = middle[more]
-        if not push.any():
+        if not out.any():
             break
-        moved += weights @ push if turn < _PUSHES // 2 else push
+        moved += weights @ out if turn < _PUSHES // 2 else out
     return moved
 
 
-def _wanted_push(positions: Floats, airspace: Airspace) -> Floats:
+def push(positions: Floats, airspace: Airspace) -> Floats:
     """The shortest way (M, 3) out of what each position breaks."""
     closest, _ = airspace.scene.closest(positions)
     away = positions - closest
     distance = np.linalg.norm(away, axis=1)
     lack = np.maximum(airspace.clearance_m + 0.02 - distance, 0)
-    push = np.where(lack > 0, lack / np.maximum(distance, 1e-6), 0)[:, None] * away
-    push[:, 2] += np.maximum(airspace.floor_m - positions[:, 2], 0)
-    push[:, 2] -= np.maximum(positions[:, 2] - airspace.ceiling_m, 0)
-    declared, limits = airspace.frame.to_declared(positions), np.zeros_like(push)
+    out = np.where(lack > 0, lack / np.maximum(distance, 1e-6), 0)[:, None] * away
+    out[:, 2] += np.maximum(airspace.floor_m - positions[:, 2], 0)
+    out[:, 2] -= np.maximum(positions[:, 2] - airspace.ceiling_m, 0)
+    declared, limits = airspace.frame.to_declared(positions), np.zeros_like(out)
     for low, high in airspace.surroundings.keep_out_m:
         inside = ((declared > low) & (declared < high)).all(axis=1)
         gaps = np.concatenate([low - declared, high - declared], axis=1)[inside]
@@ -63,7 +63,7 @@ def _wanted_push(positions: Floats, airspace: Airspace) -> Floats:
     outside = ~inside_fence(fence, declared)
     if outside.any():
         limits[outside, :2] += _to_fence(fence, declared[outside, :2])
-    return push + limits @ airspace.frame.turn
+    return out + limits @ airspace.frame.turn
 
 
 def _to_fence(polygon: Floats, xy: Floats) -> Floats:

@@ -7,21 +7,29 @@ hull, or a pocket that cannot be left, is no way.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
-from upplied.geometry.polylines import chosen_evenly
+from upplied.geometry.polylines import arc_length, chosen_evenly, interpolated
 from upplied.geometry.vectors import across, neighbour_spacing
+from upplied.planning.airspace.push import push
 from upplied.planning.airspace.rules import Airspace, inside_fence
 from upplied.records import Cloud, Floats, Ints, Record
 
 _SAMPLES = 1500  # of the surface, that places are set before
 _DEGREE = 14  # edges per place
 _POST_M = 0.5  # from a post of the fence
+_BAND_M = 0.1  # beyond the safety distance, in which a way is drawn tight
+_BAND_STEP_M, _BAND_PLACES = (
+    0.7,
+    (8, 80),
+)  # between places of a way that is drawn tight, and how many there are
+_DRAWN = 60  # times
+_NEARER = 2.0  # see `way_towards`
 _TILTS_DEG = (45.0, 80.0)  # from the normal: round edges, where the normals leave a gap
 
 
@@ -71,21 +79,47 @@ def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -
     return _outer(stacked, first[free], second[free], whole, airspace)
 
 
-def way(graph: Roadmap, start: Floats, goal: Floats) -> Floats | None:
-    """A short way (K, 3) from start to goal, both included, that breaks no rule; None if none is known."""
+def way(graph: Roadmap, start: Floats, goal: Floats, beside: Floats | None = None) -> Floats | None:
+    """A short way (K, 3) from start to goal, both included, that breaks no rule; None if none is known.
+
+    One that is to stay `beside` a path (N, 3) costs twice its length a safety distance off it.
+    """
     if not graph.airspace.broken(np.stack([start, goal]))[0]:
         return np.stack([start, goal])
     count = len(graph.places)
     nodes = np.vstack([graph.places, start, goal])
-    start_links, goal_links = links(graph, start), links(graph, goal)
-    first = np.concatenate([graph.first, np.full(len(start_links), count), goal_links])
-    second = np.concatenate([graph.second, start_links, np.full(len(goal_links), count + 1)])
-    length = np.linalg.norm(nodes[first] - nodes[second], axis=1)
-    matrix = csr_matrix((length, (first, second)), shape=(count + 2, count + 2))
-    total, before = dijkstra(matrix, directed=False, indices=count, return_predecessors=True)
+    total, before = _shortest(graph, nodes, [links(graph, start), links(graph, goal)], beside)
     if not np.isfinite(total[count + 1]):
         return None
     return shortened(nodes[_backwards(before, count, count + 1)], graph.airspace)
+
+
+def way_towards(graph: Roadmap, start: Floats, goal: Floats) -> Floats:
+    """A way (K, 3) from start to the place that lies as near to a goal as the way there is worth.
+
+    A metre nearer to the goal is worth `_NEARER` metres of way.
+    """
+    count, nodes = len(graph.places), np.vstack([graph.places, start])
+    total, before = _shortest(graph, nodes, [links(graph, start)], None)
+    best = int((total + _NEARER * np.linalg.norm(nodes - goal, axis=1)).argmin())
+    return shortened(nodes[_backwards(before, count, best)], graph.airspace)
+
+
+def _shortest(graph: Roadmap, nodes: Floats, near: list[Ints], beside: Floats | None) -> tuple[Floats, Ints]:
+    """How far each node is from the one after the graph's places, m, and the node before it on the way there.
+
+    `near` are the places to which straight legs lead from each node that is none of the graph's.
+    """
+    count = len(graph.places)
+    first = np.concatenate([graph.first, *(np.full(len(some), count + at) for at, some in enumerate(near))])
+    second = np.concatenate([graph.second, *near])
+    length = np.linalg.norm(nodes[first] - nodes[second], axis=1)
+    if beside is not None:
+        off = cKDTree(beside).query(nodes)[0] / graph.airspace.clearance_m
+        length *= 1 + (off[first] + off[second]) / 2
+    matrix = csr_matrix((length, (first, second)), shape=(len(nodes), len(nodes)))
+    total, before = dijkstra(matrix, directed=False, indices=count, return_predecessors=True)
+    return total, before
 
 
 def links(graph: Roadmap, position: Floats) -> Ints:
@@ -121,6 +155,38 @@ def shortened(path: Floats, airspace: Airspace) -> Floats:
         index = int(ahead[np.flatnonzero(free)[-1]])
         corners.append(index)
     return path[corners]
+
+
+def tightened(line: Floats, airspace: Airspace) -> Floats:
+    """A way drawn tight round what it leads round: which places of a graph it came by does not matter then.
+
+    Parameters
+    ----------
+    line : array, shape (K, 3), m
+        That breaks no rule.
+    airspace : Airspace
+
+    Returns
+    -------
+    array, shape (K', 3), m
+        With the same ends; the line itself where it cannot be drawn tight.
+    """
+    if len(line) < 3:
+        return line
+    wider = replace(airspace, clearance_m=airspace.clearance_m + _BAND_M)
+    along = arc_length(line)
+    count = int(np.clip(along[-1] / _BAND_STEP_M, *_BAND_PLACES)) + 1
+    band = interpolated(np.linspace(0, along[-1], count), along, line)
+    for turn in range(_DRAWN):
+        reach = min(2 ** (3 - turn % 4), (count - 1) // 2)  # far ones first
+        step = (band[2 * reach :] + band[: -2 * reach]) / 4 - band[reach:-reach] / 2
+        # Shorter than half the safety distance, so that nothing is stepped across.
+        longest = np.linalg.norm(step, axis=1, keepdims=True)
+        moved = np.array(band)
+        moved[reach:-reach] += step * np.minimum(1, airspace.clearance_m / 2 / np.maximum(longest, 1e-12))
+        moved += push(moved, wider)
+        band[1:-1] = moved[1:-1]
+    return line if airspace.broken(band).any() else shortened(band, airspace)
 
 
 def _directions(normals: Floats) -> list[Floats]:

@@ -40,10 +40,11 @@ def matched(
         mine, theirs = np.isin(labels_of(source), parts), np.isin(labels_of(registered), partners)
         return misfit_of_parts(source, mine, registered, theirs, diagonal) < 1
 
-    matching = match_parts(parts_of(source), parts_of(registered), diagonal, fits, pinned)
+    here, there = parts_of(source), parts_of(registered)
+    matching = match_parts(here, there, diagonal, fits, pinned)
     if named is None:
         return matching
-    return with_named(matching, names_of(registered, named), pinned or {})
+    return with_named(matching, names_of(registered, named), here, there, pinned or {})
 
 
 def patches(source: Cloud, registered: Cloud, matching: Matching) -> tuple[Patch, Patch]:

@@ -16,7 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY, MOST_RATIO, TOLERANCE
-from upplied.planning.surface.parts import Parts, sides
+from upplied.planning.surface.parts import Parts, mirror_images, sides
 from upplied.records import Bools, Floats, Ints, Record
 
 _ALIKE = 1.8  # ratio of extents along an axis, boxes matched, up to which parts surely correspond
@@ -228,13 +228,21 @@ def _with_pieces(own: Ints, one: Parts, others: Ints, other: Parts, diagonal_m: 
     return own
 
 
-def with_named(matching: Matching, name: Ints, pinned: Mapping[int, int]) -> Matching:
+def with_named(
+    matching: Matching, name: Ints, source: Parts, target: Parts, pinned: Mapping[int, int]
+) -> Matching:
     """Let parts of the target that were matched with none correspond to the source part they are named by.
 
     A fuselage of which the middle was never scanned is two parts, a pier without its cap has another box.
     `name` (L,) is that source part, -1 where there is none; `pinned` parts, as the user named them, stay.
+    What holds on one side of structures that are their own mirror images holds on the other side.
     """
     source_class, target_class = matching.source_class.copy(), matching.target_class.copy()
+    name = name.copy()
+    for axis in (1, 0):
+        here, there = mirror_images(source, axis), mirror_images(target, axis)
+        images = np.where(name >= 0, here[name], -1)[there]
+        name = np.where((name < 0) & (there >= 0) & (images >= 0), images, name)
     for other in np.flatnonzero((target_class < 0) & (name >= 0)):
         part = int(name[other])
         if source_class[part] < 0 and part not in pinned:

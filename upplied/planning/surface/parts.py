@@ -195,6 +195,19 @@ def names_of(cloud: Cloud, named: Ints) -> Ints:
     return np.where(some & (area.max(axis=1) > MAJORITY * area.sum(axis=1)), area.argmax(axis=1), -1)
 
 
+def mirror_images(parts: Parts, axis: int) -> Ints:
+    """The part (K,) at the mirror image of each, across an axis (0 or 1); -1 where there is none."""
+    low, high = parts.low.copy(), parts.high.copy()
+    whole = parts.low.min(axis=0), parts.high.max(axis=0)
+    low[:, axis], high[:, axis] = (whole[0] + whole[1])[axis] - np.stack([high[:, axis], low[:, axis]])
+    off = np.abs(
+        np.concatenate([low, high], axis=1)[:, None] - np.concatenate([parts.low, parts.high], axis=1)
+    )
+    off = off.max(axis=2)
+    near = off.min(axis=1) < _CONTACT * np.linalg.norm(whole[1] - whole[0])
+    return np.where(near & np.isfinite(parts.side[:, axis]), off.argmin(axis=1), -1)
+
+
 def _extent(points: Floats) -> Floats:
     offset = points - points.mean(axis=0)
     return np.ptp(offset @ np.linalg.eigh(offset.T @ offset)[1], axis=0)[::-1]

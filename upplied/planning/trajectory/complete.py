@@ -15,7 +15,7 @@ from upplied.planning.airspace.detours import Ways, airspace_of, safe_positions
 from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.demonstration.repetition import Take, steady_radps
 from upplied.planning.geometry.frechet import frechet_floored
-from upplied.planning.trajectory.added_passes import PRICES, Beside, Extended, Pace
+from upplied.planning.trajectory.added_passes import LEAST, PRICES, Beside, Extended, Pace
 from upplied.planning.trajectory.optimise import Optimised, Problem, Start, optimise
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import demonstrated_speed
@@ -31,7 +31,6 @@ _LEAST_TURN_RAD = (
     np.pi / 2
 )  # that a demonstration counts as having turned, so that little turning is not dear
 _HALVINGS = 20  # of the way to the demonstrated shape
-_WORTHWHILE = 0.01  # share of the need, that added passes must show more: as near as coverage is known
 _LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
 _TRIES = 5  # of adding passes: fewer, where they take too long
 
@@ -121,7 +120,7 @@ def _with_passes(
                 return None
             request = problem.along(longer.path, longer.origin, longer.added)
             result = optimise(request, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
-            if result.shown < best.shown + _WORTHWHILE:
+            if result.shown < best.shown + LEAST:
                 return None
             waypoints = _finished(result, longer.origin, longer.added, carried, goal, settings, safe)
         except RefusedError:  # no safe way along the passes: the flight without them has one
