@@ -81,7 +81,7 @@ def score(taken: Trajectory, cloud: Cloud, scene: Scene, enough_mm: float, camer
     seen = np.array([frames.shows(at, cloud.points) for at in range(len(taken))])
     pixel = np.full(len(taken), 1 / focal_px(camera.width_px, camera.hfov_deg))
     steps = Moments(taken, np.ones(len(taken)), *rates(taken))
-    return picture_worth(steps, seen, cloud, np.full(len(cloud), enough_mm), pixel, camera.exposure_s)
+    return picture_worth(steps, seen, cloud, np.full(len(cloud), 1e-3 * enough_mm), pixel, camera.exposure_s)
 
 
 def scene_structure(path: Path) -> Structure:

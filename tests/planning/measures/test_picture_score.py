@@ -32,7 +32,9 @@ def scored(at, normal=(-1.0, 0, 0), velocity=(0.0, 0, 0), turn=(0.0, 0, 0), desi
     steps = Moments(poses, np.ones(1), np.array([velocity], float), np.array([turn], float))
     cloud = Cloud(point, np.array([normal], float))
     seen = Frames(poses, CAMERA, scene).shows(0, point)[None]
-    return float(picture_worth(steps, seen, cloud, np.array([desired_mm]), np.array([PIXEL]), EXPOSURE_S)[0])
+    return float(
+        picture_worth(steps, seen, cloud, np.array([1e-3 * desired_mm]), np.array([PIXEL]), EXPOSURE_S)[0]
+    )
 
 
 def test_near_and_still_is_worth_one_and_far_less() -> None:

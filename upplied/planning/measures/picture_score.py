@@ -56,7 +56,7 @@ def picture_score(
         steps,
         shown.seen[np.ix_(station, target)],
         cloud.at(target),
-        1e3 * pixel * finest_m[known],
+        pixel * finest_m[known],
         pixel * shown.coarseness[station],
         camera.exposure_s or rule.exposure_s,
     )
@@ -64,12 +64,12 @@ def picture_score(
 
 
 def picture_worth(
-    steps: Moments, seen: Bools, cloud: Cloud, desired_mm: Floats, pixel: Floats, exposure_s: float
+    steps: Moments, seen: Bools, cloud: Cloud, desired_m: Floats, pixel: Floats, exposure_s: float
 ) -> Floats:
     """The worth (N,) of the best picture of each of N points, 0 to 1.
 
     ``q_blur`` is a pixel over the larger of the motions across and up during the exposure, ``q_res`` the
-    desired millimetres a pixel over the larger of those where the tangent plane cuts the camera's horizontal
+    desired metres a pixel over the larger of those where the tangent plane cuts the camera's horizontal
     and vertical plane; neither is more than 1.
 
     Parameters
@@ -80,14 +80,15 @@ def picture_worth(
         ``q_seen``.
     cloud : Cloud
         With normals.
-    desired_mm : array, shape (N,)
+    desired_m : array, shape (N,)
+        Metres a pixel, that are enough.
     pixel : array, shape (K,)
         Tangent of the angle of the middle pixel.
     exposure_s : float
     """
     axes = np.ascontiguousarray(matrices(steps.poses.quat_xyzw).transpose(0, 2, 1))
     moving = steps.poses.positions, axes, steps.velocity, steps.turn
-    arrays = (*moving, cloud.points, cloud.outward, desired_mm, pixel)
+    arrays = (*moving, cloud.points, cloud.outward, desired_m, pixel)
     return _best(np.ascontiguousarray(seen), exposure_s, *(np.ascontiguousarray(of, float) for of in arrays))
 
 
@@ -101,32 +102,42 @@ def _best(
     turn: Floats,
     points: Floats,
     normals: Floats,
-    desired_mm: Floats,
+    desired_m: Floats,
     pixel: Floats,
 ) -> Floats:  # pragma: no cover - compiled
     best, rows = np.zeros(len(points)), range(3)
+    ray, moving = np.empty(3), np.empty(3)
     at, after, normal = np.empty(3), np.empty(3), np.empty(3)  # forward, left, up
     for pose in range(len(positions)):
         v, w, axis = velocity[pose], turn[pose], axes[pose]
         for index in range(len(points)):
             if not seen[pose, index]:
                 continue
-            ray = points[index] - positions[pose]
-            moving = v + np.cross(w, ray)
             for row in rows:
-                at[row] = (axis[row] * ray).sum()
-                after[row] = at[row] - exposure_s * (axis[row] * moving).sum()
-                normal[row] = (axis[row] * normals[index]).sum()
+                ray[row] = points[index, row] - positions[pose, row]
+            for row in rows:
+                second, third = (row + 1) % 3, (row + 2) % 3
+                moving[row] = v[row] + w[second] * ray[third] - w[third] * ray[second]
+            for row in rows:
+                at[row] = _dot(axis[row], ray)
+                after[row] = at[row] - exposure_s * _dot(axis[row], moving)
+                normal[row] = _dot(axis[row], normals[index])
             if at[0] <= 0 or after[0] <= 0:
                 continue
-            moved, mm = 0.0, 0.0
+            moved, covered = 0.0, 0.0
             for row in (1, 2):
                 moved = max(moved, abs(after[row] / after[0] - at[row] / at[0]))
                 # How far a metre moves in the picture, on the tangent plane with no step up (to the left).
                 length = np.hypot(normal[row], normal[0])
                 rate = abs(normal[0] + normal[row] * at[row] / at[0]) / max(length * at[0], 1e-12)
-                mm = max(mm, 1e3 * pixel[pose] / max(rate, 1e-12))
-            worth = min(pixel[pose] / max(moved, 1e-12), 1.0) * min(desired_mm[index] / max(mm, 1e-9), 1.0)
+                covered = max(covered, pixel[pose] / max(rate, 1e-12))
+            worth = min(pixel[pose] / max(moved, 1e-12), 1.0)
+            worth *= min(desired_m[index] / max(covered, 1e-12), 1.0)
             if worth >= _LEAST:
                 best[index] = max(best[index], worth)
     return best
+
+
+@njit(cache=True, inline="always")
+def _dot(one: Floats, other: Floats) -> float:  # pragma: no cover - compiled
+    return float(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])
