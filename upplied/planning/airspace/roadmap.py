@@ -28,7 +28,7 @@ _BAND_STEP_M, _BAND_PLACES = (
     0.7,
     (8, 80),
 )  # between places of a way that is drawn tight, and how many there are
-_DRAWN = 60  # times
+_DRAWN = 120  # times
 _NEARER = 2.0  # see `way_towards`
 _TILTS_DEG = (45.0, 80.0)  # from the normal: round edges, where the normals leave a gap
 
