@@ -1,7 +1,4 @@
-"""What Prefect does by itself: it tells somebody how runs end, and marks a run crashed whose heart stopped.
-
-``python -m upplied.flows.automations`` applies the latter to the server of the environment; again is as once.
-"""
+"""What Prefect does by itself: it tells somebody how runs end, and marks silent runs crashed."""
 
 from __future__ import annotations
 
@@ -145,7 +142,3 @@ def apply(automation: AutomationCore) -> None:
                 return
             client.delete_automation(older.id)
     Automation(**automation.model_dump()).create()
-
-
-if __name__ == "__main__":
-    apply(zombies())

@@ -21,32 +21,34 @@ Presets = Annotated[list[Preset], Field(min_length=1)]
 Engine = Literal["local", "pool", "dask", "ray"]
 
 
+def _partial(name: str, settings: type, words: str | None, default: Any = None) -> type[BaseModel]:
+    """A model of settings in which everything may be left out."""
+    hints = get_type_hints(settings)
+    values: dict[str, Any] = {item.name: (hints[item.name] | None, default) for item in fields(settings)}
+    model = create_model(name, __config__=ConfigDict(extra="forbid"), **values)
+    model.__doc__ = words
+    return model
+
+
 def _changes() -> type[BaseModel]:
-    """A model of the settings in which everything may be left out: what is given replaces the preset's."""
-    strict = ConfigDict(extra="forbid")
+    """A model of the settings: what is given replaces the preset's."""
     stages: dict[str, Any] = {}
     for name, stage in get_type_hints(Settings).items():
         if name != "preset":
-            hints = get_type_hints(stage)
-            values = {item.name: (hints[item.name] | None, None) for item in fields(stage)}
-            model = create_model(stage.__name__, __config__=strict, __doc__=stage.__doc__, **values)  # type: ignore[call-overload]
-            stages[name] = (model | None, None)
-    changes_model = create_model("Changes", __config__=strict, **stages)
-    changes_model.__doc__ = "Settings that differ from the preset's, by stage."
-    return changes_model
+            stages[name] = (_partial(stage.__name__, stage, stage.__doc__) | None, None)
+    model = create_model("Changes", __config__=ConfigDict(extra="forbid"), **stages)
+    model.__doc__ = "Settings that differ from the preset's, by stage."
+    return model
 
 
 Changes = _changes()
 
 
 def _bounds(settings: type, least: float) -> type[BaseModel]:
-    """A model of the bounds of rules in which everything may be left out; as `--set` takes them."""
-    hints = get_type_hints(settings)
+    """A model of the bounds of rules, as `--set` takes them."""
     limits = Field(None, ge=0, gt=least, lt=1e9)
-    values: dict[str, Any] = {item.name: (hints[item.name] | None, limits) for item in fields(settings)}
-    model = create_model(f"Bounds{settings.__name__}", __config__=ConfigDict(extra="forbid"), **values)
-    model.__doc__ = "Bounds of rules that differ from their defaults (docs/checks.md)."
-    return model
+    words = "Bounds of rules that differ from their defaults (docs/checks.md)."
+    return _partial(f"Bounds{settings.__name__}", settings, words, limits)
 
 
 FlightRule = Literal[tuple(sorted(FLIGHT_RULES))]  # type: ignore[valid-type]

@@ -23,10 +23,10 @@ def check_roots(**locations: str | Sequence[str]) -> None:
     for name, given in locations.items():
         for location in filter(None, [given] if isinstance(given, str) else given):
             if roots and not any(_within(location, root) for root in roots):
-                found = "lies outside the roots that runs may use"
+                fault = "lies outside the roots that runs may use"
                 rule = f"one of {', '.join(roots)}, or under it"
                 remedy = f"declare it where the fleet is served: upplied serve --root, or {ROOTS}"
-                raise SettingsError(f"{name} {location!r}", found, rule, remedy)
+                raise SettingsError(f"{name} {location!r}", fault, rule, remedy)
 
 
 def declared_roots() -> list[str]:

@@ -28,7 +28,7 @@ Part = Literal["server", "worker", "reports"]
 # What whoever serves may say of Prefect himself; all else that the environment says is somebody else's.
 OF_CLIENT = ("PREFECT_API_AUTH_STRING",)
 OF_SERVER = ("PREFECT_SERVER_API_AUTH_STRING", "PREFECT_API_DATABASE_CONNECTION_URL")
-POOLS = ("local", "planners")  # of the runs themselves; of their shards, where several machines plan
+POOL = "local"  # of the runs that a part of the service works on
 
 
 def serve(port: int, roots: Sequence[str] = ()) -> int:
@@ -50,7 +50,7 @@ def serve(port: int, roots: Sequence[str] = ()) -> int:
             stack.callback(stop, shown)
             address = f"http://127.0.0.1:{own}"
             of_worker = server.environment | {ADDRESS: address, ROOTS: ",".join(declared(roots))}
-            worker = start("prefect", "worker", "start", "--pool", POOLS[0], environment=of_worker)
+            worker = start("prefect", "worker", "start", "--pool", POOL, environment=of_worker)
             runs: list[psutil.Process] = []
             stack.callback(stop, worker, known=runs)
             say(f"Fleet:    {address}")
@@ -93,7 +93,7 @@ def only(part: Part, port: int, roots: Sequence[str] = ()) -> int:
         deploy(variables)
         variables |= {ROOTS: ",".join(declared(roots))}
         variables.setdefault(ADDRESS, f"http://127.0.0.1:{port + 1}")
-        become(("prefect", "worker", "start", "--pool", POOLS[0]), variables)
+        become(("prefect", "worker", "start", "--pool", POOL), variables)
     return 0
 
 
@@ -123,17 +123,10 @@ def declared(roots: Sequence[str]) -> list[str]:
 
 def deploy(variables: dict[str, str]) -> None:
     """The work pools, the deployments of prefect.yaml, and what Prefect does by itself."""
-    declarations = carried("prefect.yaml")
-    commands = (
-        *(("prefect", "work-pool", "create", pool, "--type", "process", "--overwrite") for pool in POOLS),
-        ("prefect", "--no-prompt", "deploy", "--all", "--prefect-file", str(declarations)),
-        (f"{__package__}.automations",),
-    )
-    for command in commands:
-        words = [sys.executable, "-m", *command]
-        done = subprocess.run(words, env=variables, cwd=home(), check=False, capture_output=True, text=True)
-        if done.returncode:
-            raise ServerError(f"{' '.join(command)} failed:\n{done.stdout}{done.stderr}")
+    words = [sys.executable, "-m", f"{__package__}.deploying", str(carried("prefect.yaml"))]
+    done = subprocess.run(words, env=variables, cwd=home(), check=False, capture_output=True, text=True)
+    if done.returncode:
+        raise ServerError(f"the deployments were not made:\n{done.stdout}{done.stderr}")
 
 
 def attend(processes: Mapping[str, subprocess.Popen[bytes]], log: Path, runs: list[psutil.Process]) -> None:

@@ -44,6 +44,25 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items[:] = [item for own in order for item in own]
 
 
+@pytest.fixture(scope="session", autouse=True)
+def no_wait_for_the_disk() -> Iterator[None]:
+    """No test cuts the power: nobody waits until a disk has what was written, 8 ms each time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda handle: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def workers_are_forked() -> Iterator[None]:
+    """Workers of a fleet start at once; tests of the workers themselves put `forked.AS_IT_IS` back."""
+    import forked
+
+    forked.prepare()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(forked.workers, "_Context", forked.Context)
+        yield
+
+
 @pytest.fixture(autouse=True)
 def own_environment() -> Iterator[None]:
     """Commands of ours that serve or run a fleet set variables for this process: no test sees another's."""

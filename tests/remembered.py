@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import Any
 
 from upplied.planning import plan as planning
+from upplied.planning.correspondence import pair
 from upplied.planning.correspondence.memo import no_memo
 
 KEPT = 400  # stages and plans at once
@@ -39,12 +40,20 @@ def once(stage: str, record_type: type, key: str, compute: Callable[[], Any]) ->
     return _store[stage, key]
 
 
+def named(record):
+    """The record with the hash of its content, the same object each time: what follows from it stays."""
+    sha256 = content(record)
+    return once("record", object, sha256, lambda: replace(record, sha256=sha256))
+
+
+def study_pair(source, target, settings):
+    """A pair of structures, as planning studies it."""
+    return pair.study_pair(named(source), named(target), settings, once)
+
+
 def planned(demonstration, source, target, settings, memo, required, siblings):
     """A plan in the frames of its structures, as `plan_transfer` asks for it."""
     if memo is not no_memo:  # the test brings its own
         return _made(demonstration, source, target, settings, memo, required, siblings)
-    demonstration, source, target = (
-        replace(record, sha256=content(record)) for record in (demonstration, source, target)
-    )
-    given, more = (demonstration, source, target, settings), (required, tuple(siblings))
+    given, more = (*map(named, (demonstration, source, target)), settings), (required, tuple(siblings))
     return once("plan", object, content(*given, *more), lambda: _made(*given, once, *more))

@@ -25,13 +25,13 @@ ROOT = Path(__file__).parents[2]
 PLANNING = ROOT / "upplied" / "planning"
 TABLE, LITERALS = (Path(__file__).with_name(f"{name}.csv") for name in ("constants", "literals"))
 SORTS = {
-    "tuned": "chosen: another value gives another plan, and none follows from anything else",
-    "fitted": "calibrated on data by a bench, all at once; fitted anew rather than chosen",
-    "resolution": "how finely something is computed: twice as fine changes no plan beyond its tolerance",
+    "tuned": "chosen value that follows from nothing else; another value gives another plan",
+    "fitted": "calibrated on data by a bench, all of them together",
+    "resolution": "resolution of a computation: twice as fine changes no plan beyond its tolerance",
     "numerical": "guard of a division, tolerance of a solver, cap of its iterations, rounding",
-    "bound": "on memory or time",
-    "definition": "what a word or a measure means, or a number of mathematics",
-    "requested": "what a user, a vehicle or a rule requests",
+    "bound": "limit of memory or time",
+    "definition": "definition of a term or a measure, or a number of mathematics",
+    "requested": "requirement of a user, a vehicle or a rule",
 }
 #: Of a literal within a function, that need no row: counting, halving, and guards as small as these.
 PLAIN, GUARD = {0, 1, 2, 3, 4, 0.5, 100, 90, 180, 360}, 1e-5
@@ -182,10 +182,10 @@ def constants_page() -> str:
 def _page() -> Iterator[str]:
     known, inner, count = table(), table(LITERALS), counts()
     yield "# The planner's numbers\n"
-    yield "All that its plans depend on besides what it is given: [settings](settings.md), which a user may"
-    yield "change, numbers of its modules, and numbers within functions. `bench/sensitivity.py` halves and"
-    yield "doubles each tuned one of a module and says what moves.\n"
-    yield "| sort | numbers | what it is |\n|---|---|---|"
+    yield "Plans depend on their inputs, on [settings](settings.md), that users may change, on numbers of the"
+    yield "planner's modules, and on numbers within functions. `bench/sensitivity.py` halves and doubles each"
+    yield "tuned number of a module and prints the changes of the results.\n"
+    yield "| sort | numbers | meaning |\n|---|---|---|"
     for sort, about in SORTS.items():
         yield f"| {sort} | {count[sort]} | {about} |"
     rows: dict[str, list[Constant]] = {}

@@ -114,15 +114,15 @@ def _settings() -> Iterator[str]:
     from upplied.config import PRESETS, settings_for
 
     presets = [settings_for(name) for name in PRESETS]
-    yield "# Settings\n\nEvery number a plan depends on, what it means, and its value in each preset."
-    yield "`--set STAGE.NAME=VALUE` and the flow's parameter `changes` replace single ones.\n"
+    yield "# Settings\n\nEvery setting of a plan with its meaning and its value in each preset."
+    yield "`--set STAGE.NAME=VALUE` and the flow's parameter `changes` replace single settings.\n"
     for stage in fields(presets[0]):
         if stage.name == "preset":
             continue
         kind = type(getattr(presets[0], stage.name))
         meanings = comments(kind)
         yield f"## {stage.name}\n\n{(kind.__doc__ or '').strip()}\n"
-        yield "| setting | value | meaning, and what it may be |\n|---|---|---|"
+        yield "| setting | value | meaning and allowed values |\n|---|---|---|"
         for name, wanted in get_type_hints(kind).items():
             values = [getattr(getattr(preset, stage.name), name) for preset in presets]
             meaning = f"{meanings.get(name, '')} *{_may_be(f'{stage.name}.{name}', wanted)}*"
@@ -167,7 +167,7 @@ def _keys() -> Iterator[str]:
         yield f"| `{name}` | {'yes' if key.required else ''} | {key.meaning} |"
     yield "\n## Facts of a flight\n"
     yield "`[inspection]` of `flight.toml` beside `flight.mcap`, or a metadata record `inspection`"
-    yield "in the log. Metres and degrees. The last six are options of the reader alone.\n"
+    yield "in the log, in metres and degrees. The last six are options of the reader only.\n"
     yield "| key | type | default |\n|---|---|---|"
     kinds = get_type_hints(LogOptions)
     for item in fields(LogOptions):
@@ -191,8 +191,8 @@ def _commands() -> Iterator[str]:
             if not name.startswith("-"):
                 yield from pages(inner[name], (*words, name))
 
-    yield "# The command\n\nExit codes: 0 all is well, 1 some files or targets were refused or failed,"
-    yield "2 the command was wrong, 3 a fault of the program itself.\n"
+    yield "# The command\n\nExit codes: 0 success, 1 some files or targets were refused or failed,"
+    yield "2 the command was wrong, 3 the program has a fault.\n"
     yield from pages(app, ())
 
 
@@ -209,7 +209,7 @@ def help_of(app: Any, words: tuple[str, ...]) -> str:
 
 def _examples() -> Iterator[str]:
     yield "# Examples\n\nSmall scripts of the folder `examples/`."
-    yield "Each stands for itself, writes where it is run, and the tests run it.\n"
+    yield "Each is complete, writes into the current folder, and is run by the tests.\n"
     for path in sorted((ROOT / "examples").glob("[0-9]*.py")):
         code = path.read_text(encoding="utf-8")
         title = code.split('"""')[1].splitlines()[0].rstrip(".")

@@ -101,12 +101,6 @@ def test_what_visibility_costs_beside_the_rays_alone() -> None:
 
 @pytest.mark.slow
 @pytest.mark.ci
-def test_how_much_of_what_is_rewritten_is_found() -> None:
-    assert "of 4 rewritten bytes and fields; 0 not" in run("custody.py", "--count", "4")
-
-
-@pytest.mark.slow
-@pytest.mark.ci
 def test_what_the_history_of_a_patch_costs() -> None:
     printed = run("history.py", "--structures", "20", "--flights", "3", "--patches", "50")
     assert printed.count(" of 3 saw it") == 3

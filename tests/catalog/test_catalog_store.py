@@ -173,7 +173,7 @@ def writer(location: str, seed: int, count: int) -> None:
 @pytest.mark.slow
 @pytest.mark.ci
 def test_two_writers_at_once_lose_nothing(store):
-    location, count = f"s3://{BUCKET}/catalog", 6
+    location, count = f"s3://{BUCKET}/catalog", 3
     context = multiprocessing.get_context("spawn")
     writers = [context.Process(target=writer, args=(location, seed, count)) for seed in (1, 2)]
     for process in writers:

@@ -16,7 +16,7 @@ from upplied.catalog import compact, export_dataset, export_tables, import_datas
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema import migrations, tables
 from upplied.catalog.schema.tables import TYPES, Column, Table
-from upplied.catalog.store import delta
+from upplied.catalog.store import delta, opening
 from upplied.catalog.verbs import adding
 from upplied.errors import CatalogError
 from upplied.records import Camera, Trajectory
@@ -119,7 +119,7 @@ def test_every_schema_version_is_in_the_released_ones():
 def test_an_older_program_refuses_a_newer_catalog_in_words(tmp_path, monkeypatch):
     catalog = open_catalog(tmp_path)
     catalog.add_structures([structure("boxy")])
-    monkeypatch.setattr(delta, "SCHEMA_VERSION", 1)
+    monkeypatch.setattr(opening, "SCHEMA_VERSION", 1)
     for again in (catalog, open_catalog(tmp_path)):
         for ask in (again.structures, lambda again=again: again.add_structures([structure("other")])):
             with pytest.raises(CatalogError, match=r"schema version 3.*at most 1.*newer version of upplied"):
@@ -208,7 +208,7 @@ def plans(count: int) -> list:
 
 
 def test_a_catalog_of_a_newer_program_is_left_alone(catalog, monkeypatch):
-    monkeypatch.setattr(delta, "SCHEMA_VERSION", migrations.SCHEMA_VERSION + 1)
+    monkeypatch.setattr(opening, "SCHEMA_VERSION", migrations.SCHEMA_VERSION + 1)
     catalog.add_plans(plans(1))
     monkeypatch.undo()
     older = open_catalog(catalog.location)

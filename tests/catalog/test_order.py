@@ -87,7 +87,7 @@ STEPS = st.lists(
 
 @pytest.mark.slow
 @pytest.mark.ci
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
 @given(steps=STEPS, merged=st.booleans())
 def test_order_is_that_of_commits_under_any_clocks(tmp_path_factory, steps, merged):
     place = tmp_path_factory.mktemp("skewed")

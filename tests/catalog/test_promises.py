@@ -156,16 +156,16 @@ def test_files_are_not_read_far_ahead_of_what_is_kept():
 @pytest.mark.slow
 @pytest.mark.ci
 def test_small_files_are_merged_while_they_come(catalog):
-    for number in range(70):
+    for number in range(40):
         catalog.add_plans([(key_of(number), plan(f"t{number}", number), {})])
     for thread in threading.enumerate():
         if thread.name.startswith("tidy"):
             thread.join(60)
-    assert catalog.tables["transfers"].delta().get_add_actions().num_rows < 50
+    assert catalog.tables["transfers"].delta().get_add_actions().num_rows < 30
     assert "maintenance" in set(history(catalog)["operation"])
-    assert len(catalog.transfers(every=True)) == 70
+    assert len(catalog.transfers(every=True)) == 40
     assert len(catalog.transfers(version=20, every=True)) > 15
     assert [found for found in verify(catalog) if "is not in" not in found.found] == []
-    assert catalog.settled([key_of(number) for number in range(70)]).keys() == {
-        key_of(number) for number in range(70)
+    assert catalog.settled([key_of(number) for number in range(40)]).keys() == {
+        key_of(number) for number in range(40)
     }

@@ -275,7 +275,7 @@ def test_a_publisher_that_is_killed_leaves_one_generation_whole(catalog, tmp_pat
     place, rng = tmp_path / "out", random.Random(0)
     export_tables(catalog, place)
     seen = 6
-    for number in range(12):
+    for number in range(6):
         catalog.add_plans([(key_of("more", number), plan("boxy", number, preset="paper"), {})])
         catalog.add_plans([(key_of("next", number), plan(f"t{number % 6}", 50 + number), {})])
         run = [sys.executable, "-c", PUBLISHER, TESTS, catalog.location, str(place)]

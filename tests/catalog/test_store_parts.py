@@ -21,10 +21,10 @@ from upplied.catalog import open_catalog
 from upplied.catalog.schema.migrations import in_schema
 from upplied.catalog.store import locking
 from upplied.catalog.store.data_files import statistics
-from upplied.catalog.store.delta import opened
 from upplied.catalog.store.files import FileStore, explained, remedy_of, replace_file, sync_path
 from upplied.catalog.store.identity import Heads
 from upplied.catalog.store.locking import locked, turn
+from upplied.catalog.store.opening import opened
 from upplied.errors import CatalogError
 
 

@@ -172,7 +172,7 @@ def test_piped_output_has_no_colours(location):
 
 
 def test_a_fault_is_told_without_a_traceback(location, monkeypatch, capsys):
-    monkeypatch.setattr("upplied.cli.terminal.opened", lambda _: 1 / 0)
+    monkeypatch.setattr("upplied.catalog.open_catalog", lambda _: 1 / 0)
     assert main(["structures", "list", "--catalog", location]) == 3
     assert "Traceback" not in capsys.readouterr().err
 

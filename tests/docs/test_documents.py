@@ -69,7 +69,7 @@ def test_the_readme_commands_work_in_their_order(place):
     assert len(told) >= 8
     lines = [line.replace("upplied", upplied, 1) for line in told]
     # What serves until it is stopped has to stand for a while, and not to end by itself.
-    lines = [f"timeout 20 {each} || [ $? = 124 ]" if " studio" in each else each for each in lines]
+    lines = [f"timeout 10 {each} || [ $? = 124 ]" if " studio" in each else each for each in lines]
     script = "\n".join(["set -e", *lines])
     done = subprocess.run(
         ["bash", "-c", script], cwd=place, capture_output=True, text=True, check=False, env=os.environ

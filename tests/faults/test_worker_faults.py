@@ -11,11 +11,18 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import forked
 import pytest
 from processes import ended
 
+from upplied.fleet import workers as fleet_workers
 from upplied.fleet.workers import JobKilled, Limits, Workers, WorkersBroken
 from upplied.flows.server import end_with_parent
+
+
+@pytest.fixture(autouse=True)
+def as_the_program_starts_them(monkeypatch):
+    monkeypatch.setattr(fleet_workers, "_Context", forked.AS_IT_IS)
 
 
 def hang() -> None:

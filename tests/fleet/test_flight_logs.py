@@ -84,7 +84,7 @@ def judged(catalog: Catalog, log, plan: str = ID, photos=None) -> Judged:
 def test_a_log_is_judged_kept_told_and_its_gap_is_planned(catalog, log, tmp_path, capsys):
     row = keep(catalog, judged(catalog, log))
     assert (row["kind"], row["operator"], f"{row['flown_at']:%Y-%m-%d}") == ("flown", "Ada", "2026-02-02")
-    assert 50 < row["flown_pct"] < 70 and "broken off" in row["findings"]
+    assert 50 < row["flown_pct"] < 70 and "aborted" in row["findings"]
     assert 30 < row["inspected_pct"] < row["required_pct"] < 95
     keep(catalog, judged(catalog, log))
     (stored,) = catalog.flights(kind="flown").to_dict("records")
@@ -101,7 +101,7 @@ def test_a_log_is_judged_kept_told_and_its_gap_is_planned(catalog, log, tmp_path
     # the page shows both paths, the one that was flown with what it saw
     publish_pages(catalog, tmp_path / "reports", pictures=0)
     (page,) = (tmp_path / "reports" / "transfers").glob("*.html")
-    assert "Flown 2026-02-02" in page.read_text() and "broken off" in page.read_text()
+    assert "Flown 2026-02-02" in page.read_text() and "aborted" in page.read_text()
     assert "wind not logged" in page.read_text() and stored["wind_mps"] != stored["wind_mps"]
     headline = f"{row['inspected_pct']:.1f} % of the planned surface was inspected as planned"
     assert f"{headline}, {row['required_pct']:.1f} % of it was certainly in view" in page.read_text()
@@ -128,7 +128,7 @@ def test_a_log_is_judged_kept_told_and_its_gap_is_planned(catalog, log, tmp_path
     where = ["--catalog", catalog.location]
     assert main(["flights", "show", row["flight_id"][:8], *where]) == 0
     shown_row = capsys.readouterr().out
-    assert "broken off" in shown_row and "inspected as planned, %" in shown_row
+    assert "aborted" in shown_row and "inspected as planned, %" in shown_row
     assert main(["flights", "list", "--json", *where]) == 0
     assert json.loads(capsys.readouterr().out)[0]["kind"] == "flown"
     assert main(["flights", "history", "cube-v1", *map(str, points[looks.patch[0]]), *where]) == 0

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from flow_runs import close_sessions
 from random_members import random_member
 
 from upplied.catalog import open_catalog
@@ -29,6 +30,13 @@ def own_server(tmp_path_factory) -> Iterator[Server]:
     with private_server(tmp_path_factory.mktemp("prefect")) as server:
         server.wait()
         yield server
+
+
+@pytest.fixture(scope="module", autouse=True)
+def sessions() -> Iterator[None]:
+    """What runs code for the tests of a module ends with it."""
+    yield
+    close_sessions()
 
 
 @pytest.fixture(scope="module")

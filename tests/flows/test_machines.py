@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -20,7 +21,8 @@ from random_members import random_member
 
 from upplied import fleet
 from upplied.catalog import Catalog, open_catalog
-from upplied.flows.server import Server, free_port, private_server, start, stop
+from upplied.flows.serve import deploy
+from upplied.flows.server import Server, free_port, start, stop
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
@@ -75,18 +77,6 @@ def boxes(location: str | Path, cache: Path) -> Catalog:
     return catalog
 
 
-def prefect(server: Server, *command: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "prefect", *command],
-        env=server.environment | {"UPPLIED_HOME": str(ROOT)},
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
 @dataclass
 class Machine:
     """A worker and what it says."""
@@ -122,7 +112,7 @@ def machine(server: Server, home: Path) -> Iterator[Machine]:
     }
     command = ("prefect", "worker", "start", "--pool", "planners", "--limit", "1", "--name", home.name)
     with (home / "worker.log").open("wb") as log:
-        worker = start(*command, environment=server.environment | own, log=log)
+        worker = start(*command, environment=with_store(server) | own, log=log)
     try:
         yield Machine(worker, home / "worker.log")
     finally:
@@ -139,24 +129,27 @@ def pool_of(server: Server, place: Path, names: Sequence[str]) -> Iterator[list[
         yield machines
 
 
-def prepare(server: Server) -> None:
-    for pool in ("local", "planners"):
-        prefect(server, "work-pool", "create", pool, "--type", "process")
-    prefect(server, "--no-prompt", "deploy", "--all")
+@pytest.fixture(scope="module")
+def server(own_server) -> Server:
+    """A server with the pools and deployments."""
+    deploy(own_server.environment | {"UPPLIED_HOME": str(ROOT)})
+    return own_server
+
+
+def with_store(server: Server) -> dict[str, str]:
+    """What a process is told of the server, and of the object store of its test."""
+    return server.environment | {k: v for k, v in os.environ.items() if k.startswith("AWS_")}
 
 
 @pytest.mark.ci
-def test_two_machines_and_an_object_store_give_the_same_bytes_as_one(tmp_path, bucket):
+def test_two_machines_and_an_object_store_give_the_same_bytes_as_one(tmp_path, bucket, server):
     here = boxes(tmp_path / "here", tmp_path / "cache-here")
     fleet.transfer(here, fleet.decide(here, fleet.PlanRequest(PRESETS)).jobs, "here", fleet.Resources(2))
     there = boxes(bucket, tmp_path / "cache-there")
-    with private_server(tmp_path / "prefect") as server:
-        server.wait()
-        prepare(server)
-        with pool_of(server, tmp_path, ("one", "two")) as machines:
-            assert "12 ok, 0 refused, 0 failed, 0 unchanged" in said(start_run(server, bucket, 0))
-            taken = [each.log.read_text().count("submitted to infrastructure") for each in machines]
-            assert "0 ok, 0 refused, 0 failed, 12 unchanged" in said(start_run(server, bucket, 0))
+    with pool_of(server, tmp_path, ("one", "two")) as machines:
+        assert "12 ok, 0 refused, 0 failed, 0 unchanged" in said(start_run(server, bucket, 0))
+        taken = [each.log.read_text().count("submitted to infrastructure") for each in machines]
+        assert "0 ok, 0 refused, 0 failed, 12 unchanged" in said(start_run(server, bucket, 0))
     assert taken == [1, 1], "the fleet was not shared out"
     rows = there.transfers(every=True)
     assert len(rows) == 12
@@ -166,23 +159,21 @@ def test_two_machines_and_an_object_store_give_the_same_bytes_as_one(tmp_path, b
     assert kept(here) == kept(there)
 
 
-def test_a_machine_that_is_lost_is_found_by_its_silence_and_its_shard_goes_to_another(tmp_path, bucket):
+def test_a_machine_that_is_lost_is_found_by_its_silence_and_its_shard_goes_to_another(
+    tmp_path, bucket, server
+):
     """Worker and flow of one machine are killed at once: nobody is left there to tell the server."""
     catalog = boxes(bucket, tmp_path / "cache-there")
-    with private_server(tmp_path / "prefect") as server:
-        server.wait()
-        prepare(server)
-        quickly = (
-            "from upplied.flows.automations import apply, zombies; apply(zombies(90))"  # three heartbeats
-        )
-        subprocess.run([sys.executable, "-c", quickly], env=server.environment, cwd=ROOT, check=True)
-        with pool_of(server, tmp_path, ("one", "two")) as (lost, other):
-            night = start_run(server, bucket, 1)
-            lost.wait_for("Beginning")
-            lost.cut_the_power()
-            told = said(night)
-            runs = states(server)
-        assert "submitted to infrastructure" in other.log.read_text()
+    quickly = "from upplied.flows.automations import apply, zombies; apply(zombies(90))"  # three heartbeats
+    subprocess.run([sys.executable, "-c", quickly], env=server.environment, cwd=ROOT, check=True)
+    before = states(server)  # of the tests above
+    with pool_of(server, tmp_path, ("one", "two")) as (lost, other):
+        night = start_run(server, bucket, 1)
+        lost.wait_for("Beginning")
+        lost.cut_the_power()
+        told = said(night)
+        runs = [run for run in states(server) if run not in before]
+    assert "submitted to infrastructure" in other.log.read_text()
     assert "12 ok, 0 refused, 0 failed, 0 unchanged" in told
     assert "was lost" not in told, "the shard was planned by the run itself, not by the other machine"
     assert [run["name"] for run in runs if run["state"] == "CRASHED"] == [lost.shard()]
@@ -194,16 +185,13 @@ def test_a_machine_that_is_lost_is_found_by_its_silence_and_its_shard_goes_to_an
 
 
 @pytest.mark.ci
-def test_where_the_last_machine_leaves_the_run_plans_the_rest_itself(tmp_path, bucket):
+def test_where_the_last_machine_leaves_the_run_plans_the_rest_itself(tmp_path, bucket, server):
     catalog = boxes(bucket, tmp_path / "cache-there")
-    with private_server(tmp_path / "prefect") as server:
-        server.wait()
-        prepare(server)
-        with pool_of(server, tmp_path, ("one",)) as (only,):
-            night = start_run(server, bucket, 1)
-            only.wait_for("Finished in state Completed('2 ok")
-            stop(only.worker)
-            told = said(night)
+    with pool_of(server, tmp_path, ("one",)) as (only,):
+        night = start_run(server, bucket, 1)
+        only.wait_for("Finished in state Completed('2 ok")
+        stop(only.worker)
+        told = said(night)
     assert "12 ok, 0 refused, 0 failed, 0 unchanged" in told
     assert "was lost" in told
     rows = catalog.transfers(every=True)
@@ -214,7 +202,7 @@ def test_where_the_last_machine_leaves_the_run_plans_the_rest_itself(tmp_path, b
 def start_run(server: Server, bucket: str, shard_targets: int) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-c", RUN, bucket, str(shard_targets)],
-        env=server.environment,
+        env=with_store(server),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -232,7 +220,7 @@ def states(server: Server) -> list[dict[str, str]]:
 import json
 from prefect import get_client
 with get_client(sync_client=True) as client:
-    print(json.dumps([{"name": it.name, "state": it.state.type.value, "said": it.state.message}
+    print(json.dumps([{"id": str(it.id), "name": it.name, "state": it.state.type.value}
                       for it in client.read_flow_runs()]))
 """
     done = subprocess.run(

@@ -388,7 +388,7 @@ def test_findings_are_bright_where_they_are_on_the_structure(visit, tmp_path):
     page = visit(write_findings_page(catalog, "cuboid-0", rows, tmp_path).as_uri())
     page.wait_for_selector("#app[data-drawn=true]", timeout=240_000)
     text = page.inner_text("#app")
-    assert "Findings of the kind on cuboid-0" in text and "doubtful, from cuboid-9" in text
+    assert "shown on cuboid-0" in text and "doubtful, from cuboid-9" in text
     assert "Required zones" not in text
     traces = "document.querySelector('.canvas').data"
     colours = f"({traces}[0].intensity || {traces}[0].marker.color)"

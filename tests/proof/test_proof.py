@@ -66,7 +66,7 @@ def test_a_log_that_is_right_is_left_as_it_is(plan, flown):
     assert abs(found.clock_s) < 0.15 and found.camera_yaw_deg == 0 and found.residual_p95_m < 0.5
     said = judged(plan, flown)
     assert said.flown_pct > 98 and said.cross_track_p95_m < 0.5 and said.frechet_m < 1.0
-    assert not [text for text in said.findings if "broken" in text or "moved" in text]
+    assert not [text for text in said.findings if "aborted" in text or "moved" in text]
     nearest = path_clearance(SCENE, flown.positions).distance_m
     stated = found.place_error_m  # the frame of a log that is right may be off by so much, too
     assert nearest - stated - 0.08 < said.clearance_m <= nearest - stated and stated < 0.7
@@ -113,7 +113,7 @@ def test_a_jump_that_no_vehicle_flies_is_taken_out(plan, flown):
 def test_what_was_not_flown_was_not_seen(plan, flown):
     whole, part = judged(plan, flown), judged(plan, at(flown, 0, 0.6 * flown.t_s[-1]))
     assert part.flown_pct == pytest.approx(60, abs=8)
-    assert any(text.startswith("broken off, or the log is cut") for text in part.findings)
+    assert any(text.startswith("aborted, or the log is cut") for text in part.findings)
     assert (
         part.looks.seen <= whole.looks.seen
     ).all() and part.looks.seen.sum() < 0.9 * whole.looks.seen.sum()
@@ -121,7 +121,7 @@ def test_what_was_not_flown_was_not_seen(plan, flown):
 
 def test_a_log_that_begins_late_is_laid_on_the_end_of_its_plan(plan, flown):
     said = judged(plan, at(flown, 0.5 * flown.t_s[-1]))
-    assert 35 < said.flown_pct < 60 and any(text.startswith("begun late") for text in said.findings)
+    assert 35 < said.flown_pct < 60 and any(text.startswith("started late") for text in said.findings)
 
 
 def test_a_silent_stretch_shows_nothing_and_is_told(plan, flown):

@@ -101,11 +101,11 @@ class Catalog(Deciding):
             broken[state] = f"the plan is {state}"
         elif state != "released" and ordering.superseded(self.tables["transfers"], [row]):
             broken["superseded"] = "a newer plan of this pair and preset took its place"
-        left = {rule: found for rule, found in broken.items() if rule not in force}
+        left = {rule: reason for rule, reason in broken.items() if rule not in force}
         if left:
             names = ", ".join(f'"{rule}"' for rule in left)
             remedy = f"to look at it: plan() or waypoints(); to fly it all the same: force=[{names}]"
-            words = "; ".join(f"{rule}: {found}" for rule, found in left.items())
+            words = "; ".join(f"{rule}: {reason}" for rule, reason in left.items())
             what, rule = f"transfer {row['transfer_id']}", "only what may be flown leaves"
             raise RefusedError(what, words, rule, remedy)
 

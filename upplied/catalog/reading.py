@@ -139,9 +139,9 @@ class Reading:
             {"kind": kind, "target_id": structure, "demonstration_id": demonstration, "preset": preset},
             {"target_id": there, "transfer_id": ids},
         )
-        asked = [*queries.NAMED, *ordering.SLOT, "status", "added_at"]
-        asked += [] if columns is None else [name for name in wanted if name not in DERIVED]
-        table = tables["transfers"].narrow([name for name in declared.names if name in asked], where, version)
+        few = {*queries.NAMED, *ordering.SLOT, "status", "added_at"}
+        few |= set() if columns is None else {*wanted} - {*DERIVED}
+        table = tables["transfers"].narrow([name for name in declared.names if name in few], where, version)
         if as_of is not None:
             table = table.filter(until("added_at", as_of))
         plans = frame(decoded(ordering.in_order(table, newest=not (every or in_force))))
@@ -181,8 +181,8 @@ class Reading:
     def path_of(self, row: Row) -> PlannedTrajectory:
         """The trajectory of one row of `transfers`, whether it may be flown or not."""
         if not row["n_waypoints"]:
-            found = f"has no trajectory: it is {row['status']}: {row['reason']}"
-            raise CatalogError(f"transfer {row['transfer_id']}", found)
+            fault = f"has no trajectory: it is {row['status']}: {row['reason']}"
+            raise CatalogError(f"transfer {row['transfer_id']}", fault)
         path = plan_rows.trajectory_of(queries.steps(self.tables["waypoints"], row))
         return PlannedTrajectory(path.t_s, path.positions, path.quat_xyzw, path.fov_deg)
 
@@ -234,10 +234,10 @@ class Reading:
         """The row of one plan; only the columns that are named."""
         check_id(transfer_id, "transfer id")
         wanted = None if columns is None else list(dict.fromkeys([*columns, *ordering.STANDING]))
-        found = self.tables["transfers"].read(pc.field("transfer_id") == transfer_id, wanted)
-        if not len(found):
+        same_id = self.tables["transfers"].read(pc.field("transfer_id") == transfer_id, wanted)
+        if not len(same_id):
             raise self._unknown(transfer_id)
-        return ordering.standing(rows.rows_of(found))
+        return ordering.standing(rows.rows_of(same_id))
 
     def find_transfer(self, start: str) -> str:
         """The id of the one plan whose id begins so; none, or more than one, is an error."""

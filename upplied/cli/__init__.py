@@ -1,6 +1,6 @@
 """The `upplied` command. Heavy imports stay inside the commands, so that help answers at once.
 
-Exit codes: 0 all is well, 1 some files or targets were refused or failed, 2 the command was wrong,
+Exit codes: 0 success, 1 some files or targets were refused or failed, 2 the command was wrong,
 3 a fault of the program itself.
 """
 
@@ -24,6 +24,7 @@ from upplied.cli import (
     findings,
     flights,
     keys,
+    looks,
     pages,
     quickstart,
     recommend,
@@ -38,7 +39,7 @@ from upplied.errors import RefusedError, UppliedError
 
 
 def _default(value: object) -> str | None:
-    """A default as help shows it; nothing where the option is simply not given."""
+    """A default for the help; None if it only means that the option is absent."""
     if value in (None, "", ()) or value is False:
         return None
     return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
@@ -67,7 +68,7 @@ _GROUPS = {  # of the help, in the order in which a newcomer needs them
         *(review.review, review.release, review.reject, review.edit),
     ),
     "Fly": (export.fly, export.export, export.brief, flights.app),
-    "Findings": (findings.app, findings.looks, findings.reshoot),
+    "Findings": (findings.app, looks.looks, findings.reshoot),
     "Fleet": (review.in_force, serve.fleet, keys.app),
     "Service": (quickstart.quickstart, serve.serve, serve.deploy, serve.watch, doctor.doctor),
 }

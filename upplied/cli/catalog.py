@@ -1,4 +1,4 @@
-"""`upplied catalog`: what is stored, its history and checks; merging, cleaning, export and import."""
+"""`upplied catalog`: contents, history and checks; merging, cleaning, export and import."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
+from upplied.cli.options import OnlyKind
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, rows_of, say
 from upplied.outputs.labels import LABELS
 
@@ -63,8 +64,7 @@ def show_one(id: str, /, *, results: Results = PRINTED) -> int:
         return 0
     for row in rows:
         texts = {name: _short(value) for name, value in row.items() if value is not None}
-        filled = [{"column": name, "value": text} for name, text in texts.items() if text]
-        results.show(f"{row['what']} {id}", filled)
+        results.show_facts(f"{row['what']} {id}", texts)
     return 0
 
 
@@ -163,12 +163,8 @@ FormatOption = Annotated[
     Literal["parquet", "lerobot", "tum"],
     Parameter(help="parquet for any program, lerobot for learning, tum for evo."),
 ]
-NameOption = Annotated[
-    str, Parameter(help="Name with a version, such as boxes-v1; by default that of the folder.")
-]
-PresetOption = Annotated[
-    str, Parameter(help="Preset, or all; by default the first in use of recommended, paper, baseline.")
-]
+NameOption = Annotated[str, Parameter(help="Name with a version, such as boxes-v1; by default the folder's.")]
+PresetOption = Annotated[str, Parameter(help="Preset, or all; by default recommended, if present.")]
 DaysOption = Annotated[float, Parameter(help="Days for which older versions stay readable.")]
 
 
@@ -205,7 +201,7 @@ def export(
     licence: Annotated[str, Parameter(help="Licence: an SPDX name (CC-BY-4.0) or a sentence.")] = NO_LICENCE,
     name: NameOption = "",
     attribution: Annotated[str, Parameter(help="Name that users must credit.")] = "",
-    kind: Annotated[str | None, Parameter(help="Only structures of this kind.")] = None,
+    kind: OnlyKind = None,
     demonstration: Annotated[str | None, Parameter(help="Only this demonstration.")] = None,
     preset: PresetOption = "",
     where: Where = HERE,

@@ -1,4 +1,4 @@
-"""What a person may decide about transfers, as options with names of their own; `--set` reaches the rest."""
+"""Options for the most used planning parameters of transfers; `--set` reaches the others."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Choices:
     Parameters
     ----------
     standoff : str
-        Stand-off: scaled with the structure, or kept in metres.
+        Stand-off: scaled with the structure, or unchanged in metres (kept).
     gsd_mm : float
-        Ground sample distance to keep instead of the stand-off, mm.
+        Required ground sample distance instead of the stand-off, mm.
     plane : bool
         Keep a planar demonstration in its plane.
     counterpart : tuple of str
@@ -52,7 +52,7 @@ class Choices:
     about: str = ""
 
     def onto(self, stages: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-        """The changes `stages` (stage -> setting -> value) with those of the options over them."""
+        """The changes `stages` (stage -> setting -> value), overridden by the options."""
         chosen = {
             ("transfer", "standoff"): self.standoff,
             ("transfer", "gsd_m"): None if self.gsd_mm is None else self.gsd_mm / 1000,

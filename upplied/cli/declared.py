@@ -77,7 +77,7 @@ def require(
     note: NoteOption = "",
     where: Where = HERE,
 ) -> int:
-    """Require zones of a structure or of a kind: what must be seen, and how well.
+    """Require zones of a structure or of a kind, with the quality of their pictures.
 
     A set of the same name becomes its next version.
 

@@ -1,4 +1,4 @@
-"""`upplied demonstrations`: what the experts flew."""
+"""`upplied demonstrations`: the flights of experts."""
 
 from __future__ import annotations
 
@@ -19,9 +19,7 @@ LISTED = LABELS["demonstrations"]
 
 StructureOption = Annotated[str, Parameter(help="Structure that was flown, if no side-car file names it.")]
 RegisterOption = Annotated[tuple[str, ...], Parameter(help="A landmark in the log's frame, as NAME=X,Y,Z.")]
-StartOption = Annotated[
-    float | None, Parameter(help="Start of the inspection, in seconds from the first pose.")
-]
+StartOption = Annotated[float | None, Parameter(help="Start of the inspection, seconds from the first pose.")]
 StopOption = Annotated[float | None, Parameter(help="End of the inspection, in seconds from the first pose.")]
 KindOption = Annotated[str, Parameter(help="Kind of a project's structure, for instance building or tower.")]
 PublisherOption = Annotated[str, Parameter(help="Body to read: the name of its frame, or #7 for channel 7.")]
@@ -60,7 +58,7 @@ def add(
         kind=kind, unit_m=unit_m,
     )  # fmt: skip
     if dry_run and where.opened().identity.id is None:
-        say(f"no catalog at {where.location} yet: no structure is known to check a flight against")
+        say(f"no catalog at {where.location} yet: flights cannot be checked against a structure")
     with progress("reading flights", len(find_logs(logs))) as advance:
         ingested = fleet.ingest_demonstrations(
             where.opened(), logs, workers, lambda _: advance(), options=options, dry_run=dry_run
@@ -76,7 +74,7 @@ def add(
 
 
 def _points(register: tuple[str, ...]) -> tuple[tuple[str, tuple[float, ...]], ...]:
-    """Landmarks in the log's frame, as they are given."""
+    """Landmarks in the log's frame, from NAME=X,Y,Z."""
     from upplied.errors import SettingsError
 
     points = []
@@ -97,7 +95,7 @@ def list_(*, results: Results = PRINTED) -> int:
         from upplied.outputs.passport_page import short
 
         rows = [{LISTED[name]: short(value) for name, value in row.items()} for row in rows]
-    results.show("demonstrations", rows, ("on it %", "recorded %", "lowest m", "clear m"))
+    results.show("demonstrations", rows, ("aimed %", "recorded %", "lowest m", "clear m"))
     return 0
 
 
@@ -114,8 +112,7 @@ def show_(demonstration: DemonstrationArgument, /, *, results: Results = PRINTED
     if not passport:
         say(f"{demonstration}: imported without checks; import its log again")
         return 0
-    rows = [{"measured": words, "value": value} for words, value in rows_of(passport)]
-    results.show(f"{demonstration}: {passport['verdict']}", rows)
+    results.show_facts(f"{demonstration}: {passport['verdict']}", dict(rows_of(passport)))
     for item in findings_of(passport):
         say(f"{item}. {item.remedy}")
     return 0
@@ -131,5 +128,5 @@ def retire(*demonstrations: str, where: Where = HERE) -> int:
         IDs of the demonstrations.
     """
     count = where.opened().retire_demonstrations(demonstrations)
-    say(f"{count} retired, {len(demonstrations) - count} were already")
+    say(f"{count} retired, {len(demonstrations) - count} were retired before")
     return 0

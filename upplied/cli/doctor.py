@@ -1,4 +1,4 @@
-"""`upplied doctor`: whether this machine can do the work, in words."""
+"""`upplied doctor`: checks of this machine."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _tried(check: Callable[[], str]) -> dict[str, str]:
 
 
 def _system() -> str:
-    """The ray caster's wheels need a C library that is not old."""
+    """The ray caster's wheels need a recent C library."""
     name, release = platform.libc_ver()
     if name == "glibc" and tuple(map(int, release.split(".")[:2])) < (2, 35):
         raise RuntimeError(f"glibc {release} (needs 2.35): use Debian 12, Ubuntu 22.04 or newer")
@@ -51,7 +51,7 @@ def _system() -> str:
 
 
 def _packages() -> str:
-    """Prefect breaks silently with newer ones of these; a locked install never has them."""
+    """Prefect breaks silently with newer versions of these; a locked install has the right ones."""
     if find_spec("prefect") is None:
         flows = 'no flows (pip install "upplied[fleet]")'
         return f"upplied {version('upplied')}, {_open3d_version()}, {flows}"

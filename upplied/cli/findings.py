@@ -1,28 +1,15 @@
-"""`upplied findings`, `looks` and `reshoot`: findings, their photos, and the same place elsewhere."""
+"""`upplied findings` and `reshoot`: findings, their photos, and the same place on other structures."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import (
-    ByOption,
-    FindingArgument,
-    NoteOption,
-    StructureArgument,
-    XArgument,
-    YArgument,
-    ZArgument,
-)
+from upplied.cli.options import ByOption, FindingArgument, NoteOption, OnlyKind, OnlyStructure
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, complain, errors, say
 from upplied.outputs.labels import LABELS
-
-if TYPE_CHECKING:
-    from upplied.catalog import Catalog
-    from upplied.findings.looks import Spot
 
 app = App(
     name="findings", help="Place findings on structures, see them again, and find the same place elsewhere."
@@ -34,48 +21,10 @@ TimeOption = Annotated[float | None, Parameter(help="Seconds from its first pose
 PixelOption = Annotated[tuple[float, float] | None, Parameter(help="X and Y, px from the upper left.")]
 BoxOption = Annotated[tuple[float, float, float, float] | None, Parameter(help="X Y WIDTH HEIGHT, px.")]
 AtOption = Annotated[tuple[float, float, float] | None, Parameter(help="X Y Z, m, frame of the structure.")]
-PoseErrorOption = Annotated[
-    float | None, Parameter(help="Position error, one sigma, m, instead of the flight's.")
-]
+PoseErrorOption = Annotated[float | None, Parameter(help="Position error, one sigma, m.")]
 FinenessOption = Annotated[float, Parameter("--mm-px", help="Largest ground sample distance, mm per pixel.")]
-SinceOption = Annotated[
-    str | None, Parameter("--since", help="Ignore looks before this date, such as 2026-03-01.")
-]
+SinceOption = Annotated[str | None, Parameter("--since", help="First date of looks, such as 2026-03-01.")]
 ToOption = Annotated[str, Parameter("--to", help="IDs separated by commas, or `kind` for all of its kind.")]
-
-
-@Parameter(name="*")
-@dataclass(frozen=True)
-class LookResults(Results):
-    """The looks at a place: of which flights, and with crops of the photos where a folder is given."""
-
-    out: Annotated[Path | None, Parameter(help="Folder for crops side by side, with a page.")] = None
-    photos: Annotated[Path | None, Parameter(help="Folder of photos that were moved.")] = None
-    simulated: Annotated[bool, Parameter(help="Include simulated flights.")] = False
-
-    def show_looks(self, store: Catalog, title: str, spot: Spot) -> int:
-        """Print the looks at a place, and write the crops; 1 where a photo is missing."""
-        from upplied.findings.looks import FLOWN, looks_at_spot, looks_frame
-
-        with errors.status("casting rays"):
-            looks = looks_at_spot(store, spot, (*FLOWN, *["simulated"] * self.simulated))
-        frame = looks_frame(looks)
-        sides = frame[["left_px", "top_px", "right_px", "bottom_px"]].round(0)
-        frame["box"] = [" ".join(f"{side:.0f}" for side in row) for row in sides.to_numpy()]
-        self.show_frame(f"looks at {title}", frame, LABELS["looks"])
-        if self.out is None:
-            return 0
-        from upplied.findings.crops import write_crops
-
-        structure = store.structure(spot.structure_id)
-        page, missing = write_crops(self.out, title, looks, spot, structure, self.photos)
-        for reason in missing:
-            complain(f"missing: {reason}")
-        self.say(page)
-        return int(bool(missing))
-
-
-LOOKED = LookResults()
 
 
 @app.command
@@ -100,7 +49,7 @@ def add(
     pixel_error: Annotated[float, Parameter(help="Mark error, one sigma, px.")] = 1.0,
     results: Results = PRINTED,
 ) -> int:
-    """Place one mark, or those of a file, on their structures.
+    """Place one mark, or the marks of a file, on their structures.
 
     Parameters
     ----------
@@ -177,8 +126,8 @@ def photos(
 @app.command(name="list")
 def list_findings(
     *,
-    structure: Annotated[str | None, Parameter(help="Only findings of this structure.")] = None,
-    kind: Annotated[str | None, Parameter(help="Only findings of this kind of structure.")] = None,
+    structure: OnlyStructure = None,
+    kind: OnlyKind = None,
     state: Annotated[str | None, Parameter(help="open, watched, repaired or dismissed.")] = None,
     class_name: Annotated[str | None, Parameter("--class", help="Only findings of this class.")] = None,
     reference: Annotated[
@@ -187,7 +136,7 @@ def list_findings(
     out: Annotated[Path | None, Parameter(help="Folder for a page with that map in 3-D.")] = None,
     results: Results = PRINTED,
 ) -> int:
-    """List the findings as they stand."""
+    """List the findings in their current state."""
     store = results.opened()
     if out is not None and not reference:
         from upplied.errors import SettingsError
@@ -232,22 +181,6 @@ def history(finding: str, /, *, results: Results = PRINTED) -> int:
     columns = {"added_at": "when", "state": "state", "by": "by", "note": "note"}
     results.show_frame(f"finding {name}", rows[rows["finding_id"] == name], columns, SPARE)
     return 0
-
-
-@app.command(name="looks")
-def looks_of(finding: FindingArgument, /, *, results: LookResults = LOOKED) -> int:
-    """List every photo of every flight that shows a finding."""
-    from upplied.findings.looks import off_surface, spot_of
-
-    store = results.opened()
-    row = store.finding(finding)
-    spot = spot_of(row)
-    sha256 = str(store.newest("structures", spot.structure_id)["sha256"])
-    if spot.structure_sha256 != sha256:
-        off = float(off_surface(store, [spot], sha256)[0])
-        words = f"{spot.structure_id} has changed since the finding was placed"
-        complain(f"{words}; the place is {off:.2f} m off its surface")
-    return results.show_looks(store, f"finding {row['finding_id']}", spot)
 
 
 @app.command
@@ -316,21 +249,3 @@ def campaign(
     for one in plans:
         say(f"{one['structure_id']}: {one['status']}{': ' if one['words'] else ''}{one['words']}")
     return int(any(one["status"] == "refused" for one in plans))
-
-
-def looks(
-    structure: StructureArgument,
-    x: XArgument,
-    y: YArgument,
-    z: ZArgument,
-    /,
-    *,
-    size: Annotated[float, Parameter(help="Width of the area to show, m.")] = 0.5,
-    results: LookResults = LOOKED,
-) -> int:
-    """List every photo of every flight that shows the place of the surface nearest to a point."""
-    from upplied.findings.looks import spot_at
-
-    store = results.opened()
-    title = f"({x:g}, {y:g}, {z:g}) m of {structure}"
-    return results.show_looks(store, title, spot_at(store, structure, (x, y, z), size / 2))

@@ -1,4 +1,4 @@
-"""`upplied flights`: what was really flown, what it saw, and the flight that shows what it left out."""
+"""`upplied flights`: logs of flown plans, their views, and flights over the missed surface."""
 
 from __future__ import annotations
 
@@ -7,27 +7,29 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import (
-    ByOption,
-    FlightArgument,
-    StructureArgument,
-    XArgument,
-    YArgument,
-    ZArgument,
+from upplied.cli.options import ByOption, FlightArgument, OnlyStructure, PointArgument, StructureArgument
+from upplied.cli.terminal import (
+    HERE,
+    ID_DIGITS,
+    PRINTED,
+    Results,
+    Where,
+    errors,
+    plain,
+    point_text,
+    rows_of,
+    say,
 )
-from upplied.cli.terminal import HERE, ID_DIGITS, PRINTED, Results, Where, errors, plain, rows_of, say
 from upplied.outputs.labels import LABELS
 
 app = App(name="flights", help="Import flights of plans, compare them, and plan what they missed.")
 
-PlanOption = Annotated[
-    str, Parameter(help="ID of the plan that was flown; by default the plan that fits best.")
-]
+PlanOption = Annotated[str, Parameter(help="ID of the flown plan; by default the plan that fits best.")]
 PhotosOption = Annotated[
-    Path | None, Parameter(help="File with the times of the photos, in nanoseconds of the log's clock.")
+    Path | None, Parameter(help="File with photo times, nanoseconds of the log's clock.")
 ]
 ForceOption = Annotated[
-    tuple[str, ...], Parameter(help="Rule to overrule: flown, whole, recorded or clearance.")
+    tuple[str, ...], Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")
 ]
 
 
@@ -41,7 +43,7 @@ def add(
     accuracy: Annotated[float | None, Parameter(help="Accuracy of the positions, in metres.")] = None,
     results: Results = PRINTED,
 ) -> int:
-    """Import the log of a flight, align it with its plan, and store what it showed.
+    """Import the log of a flight, align it with its plan, and store its views.
 
     Parameters
     ----------
@@ -63,7 +65,7 @@ def add(
 @app.command(name="list")
 def list_flights(
     *,
-    structure: Annotated[str | None, Parameter(help="Only flights of this structure.")] = None,
+    structure: OnlyStructure = None,
     kind: Annotated[str | None, Parameter(help="Kind of the flight: flown or simulated.")] = None,
     results: Results = PRINTED,
 ) -> int:
@@ -100,18 +102,15 @@ def gap(flight: FlightArgument, /, *, where: Where = HERE) -> int:
 @app.command
 def history(
     structure: StructureArgument,
-    x: XArgument,
-    y: YArgument,
-    z: ZArgument,
+    point: PointArgument,
     /,
     *,
     kind: Annotated[str, Parameter(help="Kind of the flight: flown or simulated.")] = "",
     results: Results = PRINTED,
 ) -> int:
     """Show when the patch nearest to a point was seen, from which distance and at which angle."""
-    looks = results.opened().looks_at(structure, (x, y, z), kind)
-    title = f"looks at ({x:g}, {y:g}, {z:g}) m of {structure}"
-    results.show(title, rows_of(looks), ("patch", "patch_off_m"))
+    looks = results.opened().looks_at(structure, point, kind)
+    results.show(f"looks at {point_text(point)} of {structure}", rows_of(looks), ("patch", "patch_off_m"))
     seen = looks[looks["seen"]]
     if seen.empty:
         results.say("never seen")
@@ -149,6 +148,5 @@ def _show(row: dict[str, Any], results: Results) -> None:
         results.show("", [known])
         return
     known["wind"] = wind_words(row)
-    facts = [{"what": title, "value": known.get(name)} for name, title in LABELS["flight"].items()]
-    filled = [each for each in facts if each["value"] not in (None, "")]
-    results.show(f"flight {row['flight_id'][:ID_DIGITS]}", filled)
+    facts = {title: known.get(name) for name, title in LABELS["flight"].items()}
+    results.show_facts(f"flight {row['flight_id'][:ID_DIGITS]}", facts)

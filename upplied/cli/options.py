@@ -8,9 +8,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 WorkersOption = Annotated[int, Parameter(help="Number of processes; 0 uses one per core.")]
-XArgument = Annotated[float, Parameter(help="X of the point, m, in the frame of the structure.")]
-YArgument = Annotated[float, Parameter(help="Y of the point, m.")]
-ZArgument = Annotated[float, Parameter(help="Z of the point, m.")]
+Point = tuple[float, float, float]
+PointArgument = Annotated[Point, Parameter(help="X Y Z of the point, m, in the frame of the structure.")]
+OnlyStructure = Annotated[str | None, Parameter(help="Only this structure.")]
+OnlyKind = Annotated[str | None, Parameter(help="Only structures of this kind.")]
 DemonstrationArgument = Annotated[str, Parameter(help="ID of the demonstration.")]
 PersonArgument = Annotated[str, Parameter(help="Name of the person.")]
 ByOption = Annotated[str, Parameter(help="Your name, stored with the decision.")]

@@ -17,13 +17,8 @@ if TYPE_CHECKING:
 
 FileOption = Annotated[Path | None, Parameter(help="One HTML file with everything inside, for mail.")]
 OneDemonstration = Annotated[str | None, Parameter(help="Only this demonstration in the single file.")]
-PagesOption = Annotated[
-    int, Parameter(help="Maximum number of pages, those that need attention first; the tables hold all.")
-]
-ForceOption = Annotated[
-    bool, Parameter(help="Replace a publication that is newer, from another catalog, or would become empty.")
-]
-
+PagesOption = Annotated[int, Parameter(help="Maximum number of pages; plans that need attention come first.")]
+ForceOption = Annotated[bool, Parameter(help="Replace a newer publication, or one of another catalog.")]
 PortOption = Annotated[int, Parameter(help="Port on this machine; 0 takes any free one.")]
 OpenOption = Annotated[bool, Parameter("--open", negative="--no-open", help="Open the browser as well.")]
 

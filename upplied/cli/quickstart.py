@@ -1,17 +1,13 @@
-"""`upplied samples` and `quickstart`: a fleet to try things on, and all of it from logs to reports."""
+"""`upplied samples` and `quickstart`: a sample fleet, and all steps from logs to reports."""
 
 from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cyclopts import App
 
-from upplied.cli.terminal import HERE, console, progress, say
-
-if TYPE_CHECKING:
-    import pandas as pd
+from upplied.cli.terminal import HERE, number, progress, say, show
 
 PRESETS = ("paper", "recommended", "baseline")
 samples = App(name="samples", help="Write a sample fleet to try.")
@@ -74,28 +70,16 @@ def quickstart(folder: Path = Path(".")) -> int:
 
 def show_results(catalog: Path, reports: str) -> int:
     """Print the table of plans and what to open next; 1 where one of them failed."""
-    from rich.table import Table
-
     from upplied import open_catalog
 
     transfers = open_catalog(catalog).transfers()
-    table = Table(box=None)
-    for name in ("demonstration", "structure"):
-        table.add_column(name)
-    for name in ("inspected\npaper", "\nrecommended", "\nbaseline", "Fréchet\npaper", "\nrecommended"):
-        table.add_column(name, justify="right")
-    for (demonstration, target), rows in transfers.groupby(["demonstration_id", "target_id"]):
-        by = rows.set_index("preset")
-        coverage = [_shown(by, preset, "coverage_inspected_pct", "{:.1f} %") for preset in PRESETS]
-        table.add_row(demonstration, target, *coverage, *(_shown(by, it, "frechet_z") for it in PRESETS[:2]))
-    console.print(table)
+    rows = []
+    for (demonstration, target), plans in transfers.groupby(["demonstration_id", "target_id"]):
+        row, by = {"demonstration": demonstration, "structure": target}, plans.set_index("preset")
+        for preset in PRESETS:
+            shown = number(by["coverage_inspected_pct"].get(preset))
+            row[f"{preset} %"] = by["status"].get(preset) if shown is None else shown
+        rows.append(row | {f"Fréchet {preset}": by["frechet_z"].get(preset) for preset in PRESETS[:2]})
+    show("inspected surface shown", rows)
     say(f"Open {reports}/index.html, or: pd.read_parquet('{reports}/transfers.parquet')")
     return int((transfers["status"] == "failed").any())
-
-
-def _shown(by: pd.DataFrame, preset: str, measure: str, form: str = "{:.2f}") -> str:
-    """A measure of one preset; if its coverage is missing, its status."""
-    value = by[measure].get(preset)
-    if value is None or value != value:
-        return by["status"].get(preset, "") if measure == "coverage_inspected_pct" else ""
-    return form.format(value)

@@ -27,7 +27,7 @@ def recommend(structure: StructureArgument, /, *, most: MostOption = 10, results
         results.show("", [plain(row) for row in ranks])
     else:
         rows = [{title: row[name] for name, title in LABELS["recommended"].items()} for row in ranks]
-        results.show(f"demonstrations for {structure}", rows, ("inspected %", "lost %"))
+        results.show(f"demonstrations for {structure}", rows, ("inspected %", "unmatched %"))
         for row in ranks:
             say(f"{row['rank']}. {row['demonstration_id']}: {row['why']}")
     if any(row["verdict"] == "fits" for row in ranks):

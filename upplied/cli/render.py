@@ -1,4 +1,4 @@
-"""`upplied render`: pictures of what the catalog holds."""
+"""`upplied render`: pictures from the catalog."""
 
 from __future__ import annotations
 

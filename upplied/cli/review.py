@@ -1,4 +1,4 @@
-"""`upplied review`, `release`, `reject`, `edit` and `in-force`: what people change and decide."""
+"""`upplied review`, `release`, `reject`, `edit` and `in-force`: edits and decisions of people."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from upplied.cli.options import ByOption, NoteOption, PlanArgument
+from upplied.cli.options import ByOption, NoteOption, OnlyKind, OnlyStructure, PlanArgument
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, beside, compared, complain, errors, say
 from upplied.outputs.labels import LABELS
 
@@ -64,15 +64,10 @@ def reject(transfer: PlanArgument, /, *, by: ByOption, note: NoteOption = "", wh
     return 0
 
 
-def in_force(
-    *,
-    structure: Annotated[str | None, Parameter(help="Only plans of this structure.")] = None,
-    kind: Annotated[str | None, Parameter(help="Only plans of this kind.")] = None,
-    results: Results = PRINTED,
-) -> int:
+def in_force(*, structure: OnlyStructure = None, kind: OnlyKind = None, results: Results = PRINTED) -> int:
     """List the released plans and the drafts that wait.
 
-    Exit code 1 if a plan was recalled and not replaced, or if a stored plan differs from what was released.
+    Exit code 1 if a plan was recalled and not replaced, or if a stored plan differs from its release.
     """
     store = results.opened()
     plans = store.in_force(structure=structure, kind=kind)

@@ -25,7 +25,7 @@ PortOption = Annotated[
     ),
 ]
 RootOption = Annotated[
-    tuple[str, ...], Parameter(name="--root", help="Additional folder or URI that runs may use; repeatable.")
+    tuple[str, ...], Parameter("--root", help="Further folder or URI for runs; repeatable.")
 ]
 FlightsOption = Annotated[bool, Parameter(help="The logs are flights of plans: start ingest-flights.")]
 PartOption = Annotated[
@@ -138,7 +138,7 @@ def require_flows() -> None:
 
 
 def connected(port: int) -> dict[str, str]:
-    """The variables of the server, set for Prefect from here on; empty, with a message, if none answers."""
+    """The variables of the server, set for Prefect; empty, after a message, if no server answers."""
     require_flows()
     from upplied.flows import environment
     from upplied.flows.server import answers

@@ -1,4 +1,4 @@
-"""`upplied structures`: what the fleet consists of."""
+"""`upplied structures`: the structures of the fleet."""
 
 from __future__ import annotations
 
@@ -31,9 +31,7 @@ _SIZES = {"size_x_m": "length m", "size_y_m": "width m", "size_z_m": "height m"}
 
 app = App(name="structures", help="The structures of the catalog.")
 PictureOption = Annotated[Path | None, Parameter(help="Picture to write; by default NAME-check.png here.")]
-CleanOption = Annotated[
-    bool, Parameter(help="Also write NAME-clean.ply without ground, clutter and neighbours.")
-]
+CleanOption = Annotated[bool, Parameter(help="Also write NAME-clean.ply without the surroundings.")]
 
 
 @app.command
@@ -97,7 +95,7 @@ def show_(structure: StructureArgument, /, *, results: Results = PRINTED) -> int
     if results.json:
         results.show("", [facts | {"size_m": size, "verdicts": [asdict(one) for one in verdicts]}])
         return 0
-    results.show(structure, [{"what": name, "value": value} for name, value in facts.items() if value])
+    results.show_facts(structure, facts)
     for verdict in verdicts:
         say(f"{verdict.severity}: {verdict}. {verdict.remedy}")
     return 0
@@ -152,7 +150,7 @@ def _rule_options(flags: RuleFlags) -> RuleOptions:
 
 
 def _others(where: Where) -> Catalog | None:
-    """The catalog whose structures others are compared with; none where none is named and none is there."""
+    """The catalog to compare structures with; None if no catalog is named and the default does not exist."""
     from upplied.errors import CatalogError
 
     try:

@@ -1,4 +1,4 @@
-"""What all commands share: the catalog, tables, JSON and progress bars."""
+"""Shared by all commands: the catalog, tables, JSON and progress bars."""
 
 from __future__ import annotations
 
@@ -30,13 +30,6 @@ Advance = Callable[[], None]
 ID_DIGITS = 12  # of the id of a flight, where people read it
 
 
-def opened(location: str) -> Catalog:
-    """The catalog at a location."""
-    from upplied.catalog import open_catalog
-
-    return open_catalog(location)
-
-
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Where:
@@ -49,15 +42,17 @@ class Where:
 
     def opened(self) -> Catalog:
         """The catalog."""
-        return opened(self.location)
+        from upplied.catalog import open_catalog
+
+        return open_catalog(self.location)
 
     def plan(self, transfer: str) -> tuple[Catalog, str]:
-        """The catalog, and the whole id of its plan of that id, or whose id begins so."""
+        """The catalog, and the full ID of a plan from the beginning of it."""
         catalog = self.opened()
         return catalog, catalog.find_transfer(transfer)
 
     def next_step(self, command: str, why: str) -> None:
-        """One line on a terminal about what to do next; the catalog is named where the default is another."""
+        """Suggest the next command on a terminal, with the catalog if it is not the default."""
         elsewhere = self.location != os.environ.get("UPPLIED_CATALOG", "catalog")
         place = f" --catalog {shlex.quote(self.location)}" if elsewhere else ""
         hint(f"Next: upplied {command}{place}  ({why})")
@@ -66,7 +61,7 @@ class Where:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Results(Where):
-    """The same, and whether results are printed as JSON."""
+    """The catalog, and whether results are printed as JSON."""
 
     json: Annotated[bool, Parameter("--json", help="Print JSON instead of a table.")] = False
 
@@ -83,13 +78,19 @@ class Results(Where):
             rows = [{**row, "flight": row["flight"][:ID_DIGITS]} for row in rows]
         self.show(title, rows, spare)
 
+    def show_facts(self, title: str, facts: Mapping[str, Any]) -> None:
+        """Print facts by name, except empty ones, as a table or as JSON."""
+        self.show(
+            title, [{"item": name, "value": facts[name]} for name in facts if facts[name] not in ("", None)]
+        )
+
     def say(self, text: object) -> None:
-        """A line below a table; JSON stands alone."""
+        """Print a line below a table; not with JSON."""
         if not self.json:
             say(text)
 
     def next_step(self, command: str, why: str) -> None:
-        """What to do next, on the same catalog; JSON stands alone."""
+        """Suggest the next command on the same catalog; not with JSON."""
         if not self.json:
             super().next_step(command, why)
 
@@ -98,17 +99,17 @@ HERE, PRINTED = Where(), Results()
 
 
 def say(text: object) -> None:
-    """A line as it is, however long: ids and paths are copied from it."""
+    """Print a line without wrapping: people copy IDs and paths from it."""
     console.print(str(text), markup=False, soft_wrap=True)
 
 
 def complain(text: object) -> None:
-    """A line on standard error, as it is."""
+    """Print a line on standard error without wrapping."""
     errors.print(str(text), markup=False, soft_wrap=True)
 
 
 def beside(output: Path) -> Path:
-    """A file to write; its folder must exist."""
+    """The file to write, if its folder exists."""
     from upplied.errors import InputError
 
     if not output.absolute().parent.is_dir():
@@ -126,7 +127,7 @@ def show(
     """
     if as_json:
         text = json.dumps(list(rows), indent=2, default=str, allow_nan=False)
-        sys.stdout.write(f"{text}\n")  # the requested result: even with --quiet
+        sys.stdout.write(f"{text}\n")  # even with --quiet
         return
     if not rows:
         console.print(f"{title}: none")
@@ -143,7 +144,7 @@ def show(
     for name in (columns := [name for name in cells if name not in left_out]):
         numbers = any(isinstance(row[name], int | float) for row in rows)
         whole = numbers and not any(isinstance(row[name], str) for row in rows)  # a long text may be wrapped
-        table.add_column(name, justify="right" if numbers else "left", overflow="fold", no_wrap=whole)
+        table.add_column(name, justify="right" if whole else "left", overflow="fold", no_wrap=whole)
     for texts in zip(*(cells[name] for name in columns), strict=True):
         table.add_row(*map(Text, texts))
     console.print(table)
@@ -152,9 +153,9 @@ def show(
 
 
 def rows_of(frame: pd.DataFrame, names: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
-    """The rows of a frame, its columns chosen and named anew; None where a value is missing.
+    """The rows of a frame with the columns of `names` under new names; None for missing values.
 
-    Without names JSON texts are values, and warnings are a list.
+    Without names all columns, with JSON texts parsed.
     """
     chosen = frame if names is None else frame[list(names)].rename(columns=names)
     for name in chosen.select_dtypes("datetimetz"):
@@ -167,22 +168,27 @@ def rows_of(frame: pd.DataFrame, names: Mapping[str, str] | None = None) -> list
 
 
 def plain(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row with None for what is no finite number: JSON knows no other."""
+    """A row with None in place of NaN and infinity, which JSON lacks."""
     return {
         name: None if isinstance(value, float) and not math.isfinite(value) else value
         for name, value in row.items()
     }
 
 
+def point_text(point: Sequence[float]) -> str:
+    """A point, m, for a title."""
+    return f"({', '.join(f'{value:g}' for value in point)}) m"
+
+
 def number(value: Any) -> float | None:
-    """A value as a number; None where it is missing."""
+    """A value as a number; None if it is missing."""
     return None if value is None or value != value else float(value)
 
 
 def compared(
     titles: Mapping[str, str], rows: Mapping[str, Mapping[Any, Any]], difference: tuple[str, str, str]
 ) -> list[dict[str, Any]]:
-    """A line for each measure: its title, its value in each row, and the difference of two rows."""
+    """A row for each measure: its title, its value in each of `rows`, and the difference of two."""
     title_of_difference, one, other = difference
     lines = []
     for measure, title in titles.items():
@@ -196,7 +202,7 @@ def compared(
 
 
 def _left_out(cells: Mapping[str, Sequence[str]], spare: Sequence[str]) -> list[str]:
-    """The first of the spare columns, as many as must go for the rest to fit."""
+    """The first spare columns, as many as must be hidden for the others to fit."""
     widths = {name: max(len(text) for text in (name, *texts)) + 2 for name, texts in cells.items()}
     gone = [name for name in spare if name in widths]
     for count in range(len(gone)):
@@ -206,7 +212,7 @@ def _left_out(cells: Mapping[str, Sequence[str]], spare: Sequence[str]) -> list[
 
 
 def hint(line: str) -> None:
-    """A line for a person at a terminal."""
+    """Print a dim line, on a terminal only."""
     if console.is_terminal:
         console.print(line, markup=False, soft_wrap=True, style="dim")
 
@@ -241,7 +247,7 @@ def ingested_report(ingested: Sequence[Ingested]) -> int:
 
 @contextmanager
 def progress(title: str, total: int | None) -> Iterator[Advance]:
-    """A bar with the remaining time on a terminal; nothing where output is piped."""
+    """A progress bar on a terminal; nothing if output is piped."""
     from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 
     words, bar, _, remaining = Progress.get_default_columns()

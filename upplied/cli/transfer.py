@@ -1,4 +1,4 @@
-"""`upplied transfer` and `upplied plan`: from demonstrations to flights, and what a run would do."""
+"""`upplied transfer` and `upplied plan`: plans from demonstrations, and dry runs."""
 
 from __future__ import annotations
 
@@ -20,20 +20,24 @@ PresetOption = Annotated[
     tuple[str, ...],
     Parameter(name="--preset", consume_multiple=True, help="paper, recommended or baseline; repeatable."),
 ]
-SetOption = Annotated[
-    tuple[str, ...], Parameter(name="--set", help="A planning parameter, as STAGE.NAME=VALUE; repeatable.")
-]
-BestOption = Annotated[
-    str, Parameter(name="--best", help="Structure that receives the demonstration that fits best.")
-]
-ExperimentOption = Annotated[
-    str, Parameter(help="Name of an experiment; its plans are never current and never released.")
-]
+SetOption = Annotated[tuple[str, ...], Parameter("--set", help="Parameter STAGE.NAME=VALUE; repeatable.")]
+BestOption = Annotated[str, Parameter("--best", help="Structure for which to use the best demonstration.")]
+ExperimentOption = Annotated[str, Parameter(help="Name of an experiment; its plans are never released.")]
 ReproduceOption = Annotated[str | None, Parameter(help="ID of a plan to compute again and compare.")]
 TimeoutOption = Annotated[float, Parameter(help="Time limit of one structure, in seconds.")]
 DEFAULT_PRESETS = ("recommended", "baseline")
 COLUMNS = LABELS["transfers"]
-_SPARE = ("paper %", "Frechet", "time s", "flown mm", "as fine %", "stand-off", "gsd mm", "turned", "seen %")
+_SPARE = (
+    "paper %",
+    "Frechet",
+    "time s",
+    "demo mm/px",
+    "as fine %",
+    "stand-off",
+    "mm/px",
+    "rotation",
+    "seen %",
+)
 
 
 def transfer(
@@ -85,7 +89,7 @@ def transfer(
 
 
 def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> tuple[str, ...]:
-    """The targets to which a demonstration can be carried; the others are reported with the reason.
+    """The targets of a demonstration's kind; the others are reported with the reason.
 
     Raises
     ------
@@ -170,7 +174,7 @@ def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
 
 
 def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> Result:
-    """Plan what was decided, with a bar."""
+    """Plan the jobs of a decision, with a progress bar."""
     from upplied import fleet
     from upplied.fleet.edits import carry_edits
 
@@ -183,7 +187,7 @@ def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> R
 
 
 def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]:
-    """The newest plans of a request: with exactly these settings, whatever was planned since."""
+    """The newest plans of a request with exactly its settings."""
     from upplied.fleet.decisions import SettingsOf
 
     table = catalog.transfers(every=True)
@@ -201,7 +205,7 @@ def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]
 
 
 def show_plans(demonstration: str, rows: list[dict[str, Any]], results: Results) -> None:
-    """The measures of each plan, and under them why it has none, or what to look at before it is flown."""
+    """Print the measures of each plan, and below them reasons and warnings."""
     from json import loads
 
     from upplied.outputs.pairs import shown_status
@@ -225,7 +229,7 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], results: Results)
 
 
 def show_decision(decision: Decision, results: Results) -> None:
-    """What would be planned and why."""
+    """Print the pairs that would be planned, with the reasons."""
     columns = ("demonstration", "target", "preset", "why")
     pairs = [(job.demonstration_id, job.target_id, job.settings.preset, job.why) for job in decision.jobs]
     most = len(pairs) if results.json else 40

@@ -1,6 +1,6 @@
 """Settings: one frozen class per stage, each default in one place, and the presets.
 
-``paper`` states the method as published; ``recommended`` is what a pilot should fly; ``baseline``
+``paper`` is the method as published; ``recommended`` is for flying; ``baseline``
 is the paper's peer, the demonstration scaled by the ratio of the bounding boxes. All three run
 through the same pipeline (`upplied.planning.plan`), chosen by these settings alone.
 """

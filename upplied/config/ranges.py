@@ -1,4 +1,4 @@
-"""Whether a value that a person gives a setting has its type and lies in its range."""
+"""Checks of the type and the range of a setting."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from upplied.errors import SettingsError
 
 
 def check_value(name: str, value: Any, wanted: Any) -> None:
-    """Whether a value has the type its field declares, and lies in its range."""
+    """Refuse a value of another type than its field declares, or out of its range."""
     choices = get_args(wanted)
     if get_origin(wanted) is Literal:
         fits, rule = value in choices, f"one of {', '.join(map(repr, choices))}"
@@ -35,7 +35,7 @@ def check_value(name: str, value: Any, wanted: Any) -> None:
         raise SettingsError(f"setting {name}", f"got {value!r}", f"{low:g} to {high:g}")
 
 
-#: What a number may be, where not every number makes sense.
+#: Allowed range of each number, lowest and highest value.
 RANGES = {
     "clouds.voxel_points": (50, 100_000),
     "clouds.raw_points": (1000, 10_000_000),

@@ -136,7 +136,7 @@ _PRESETS: dict[str, Settings] = {
     "baseline": replace(
         _PAPER,
         preset="baseline",
-        registration=RegistrationSettings(gamma=1e9),  # the baseline asks no questions
+        registration=RegistrationSettings(gamma=1e9),  # the baseline refuses no pair
         viewpoints=ViewpointSettings(method="poses"),
         transfer=TransferSettings(method="box"),
         refine=RefineSettings(method="none"),

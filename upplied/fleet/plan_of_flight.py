@@ -176,8 +176,8 @@ def _read(catalog: Catalog, log: str, options: LogOptions) -> Demonstration:
     begins, latest = moment_of(int(flown.t_ns[0])), catalog.clock.now() + timedelta(seconds=_CLOCK_S)
     if not _EARLIEST <= begins <= latest:
         remedy = "set the recorder's clock, or correct the stamps of the log and of its photos alike"
-        found = f"begins on {begins:%Y-%m-%d} by its own clock"
-        raise InputError(log, found, f"a date from {_EARLIEST:%Y} to now", remedy)
+        fault = f"begins on {begins:%Y-%m-%d} by its own clock"
+        raise InputError(log, fault, f"a date from {_EARLIEST:%Y} to now", remedy)
     return flown
 
 

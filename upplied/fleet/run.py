@@ -26,6 +26,8 @@ from upplied.fleet.workers import JobKilled, Limits, Workers
 from upplied.planning.correspondence.memo import METHOD_VERSION
 from upplied.provenance import recorded
 
+log = logging.getLogger(__name__)
+
 SHARD_TARGETS = 64  # that a task of an engine plans at most
 SHARDS_EACH = 8  # tasks to a worker where that makes smaller ones, so that all end at about the same time
 
@@ -203,9 +205,6 @@ def shard_name(shard: Shard) -> str:
     return f"{len(shard)} plans to {first}" + ("" if first == last else f" ... {last}")
 
 
-log = logging.getLogger(__name__)
-
-
 BATCH = 100  # outcomes that are committed together at the latest
 _STATUSES = ("ok", "refused", "failed", "superseded")
 EVERY_S = 10.0  # a killed run loses no more than this much work
@@ -234,26 +233,18 @@ class Keeper:
             if outcome.plan.status != "superseded":
                 self._waiting.append(outcome)
             due = len(self._waiting) >= BATCH or time.monotonic() - self._last > EVERY_S
-            batch = self._taken() if due else []
-        if batch:
-            self._commit(batch)
+        if due:
+            self.close()
 
     def close(self) -> None:
         """Commit what still waits, after what is being committed."""
         with self._lock:
-            batch = self._taken()
-        self._commit(batch)
-
-    def _taken(self) -> list[Outcome]:
-        batch, self._waiting, self._last = self._waiting, [], time.monotonic()
-        return batch
-
-    def _commit(self, batch: list[Outcome]) -> None:
-        ordered = sorted(batch, key=lambda outcome: outcome.job.key)
+            batch, self._waiting, self._last = self._waiting, [], time.monotonic()
+        plans = [(o.job.key, o.plan, self._provenance(o)) for o in sorted(batch, key=lambda o: o.job.key)]
         with self._committing:
             try:
-                if ordered:
-                    self._catalog.add_plans([(o.job.key, o.plan, self._provenance(o)) for o in ordered])
+                if plans:
+                    self._catalog.add_plans(plans)
             except Exception:  # they wait again: the disk may have room at the end
                 with self._lock:
                     self._waiting = batch + self._waiting

@@ -1,4 +1,4 @@
-"""What happens along a path: speed, clearance and stand-off at each of its poses."""
+"""Speed, clearance and stand-off at each pose of a path."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def profile(trajectory: Trajectory, scene: Scene, camera: Camera | None = None) 
 
 
 def standoff(path: Trajectory, scene: Scene, camera: Camera | None, clearance_m: Floats) -> Floats:
-    """Distance (N,), m, to the surface in each picture, where that is nearest to the picture's middle.
+    """Distance (N,), m, to the surface nearest to the middle of each picture.
 
-    Where a picture shows none of it the distance is that of the nearest surface.
+    For a picture without surface it is the distance of the nearest surface.
     """
     across, upwards = np.zeros(1), np.zeros(1)
     if camera is not None:

@@ -36,14 +36,14 @@ def brief_html(
     zones: Sequence[str] = (),
     photos: Sequence[tuple[str, bytes]] = (),
 ) -> str:
-    """One page, A4 when printed, that needs nothing from elsewhere.
+    """One self-contained page, A4 when printed.
 
     Parameters
     ----------
     row : mapping
-        The plan, as `transfers` holds it.
+        The plan's row of `transfers`.
     missions : sequence of Mission
-        Its sorties; they have passed the gate, or their notes say what was overruled.
+        Its sorties; they passed the gate, or their notes list the overruled rules.
     structure : Structure
     options : MissionOptions
         Options of the missions.
@@ -52,7 +52,7 @@ def brief_html(
     zones : sequence of str
         Result for each required zone.
     photos : sequence of (str, bytes)
-        Captions and PNGs of what is to be looked at again.
+        Captions and PNGs of findings to inspect again.
     """
     lines = [_line(mission) for mission in missions]
     notes = list(missions[0].notes)

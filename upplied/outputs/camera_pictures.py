@@ -1,4 +1,4 @@
-"""What the camera of a flight sees, as small JPEG pictures."""
+"""Small JPEG pictures from the camera of a flight."""
 
 from __future__ import annotations
 

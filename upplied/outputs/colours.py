@@ -1,4 +1,4 @@
-"""The colours of everything that is drawn, safe for colour-blind readers (Okabe and Ito, 2008)."""
+"""The colours of all drawings, safe for colour-blind readers (Okabe and Ito, 2008)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STATES = {
     "inspected if corrected": "#7b3fa0",
 }
 
-#: Colour of what is, and is not, the structure in a scan: it, the ground, clutter, a neighbour.
+#: Colours of a classified scan: structure, ground, clutter, neighbour.
 CLASSES = (SURFACE, "#b9a26a", "#d55e00", "#cc79a7")
 
 

@@ -1,4 +1,4 @@
-"""Structures as a browser shows them: few triangles, small enough to carry the colour of their state."""
+"""Structures as a browser shows them: few triangles, small enough for a colour each."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _VOTES = 5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DisplayMesh(Record):
-    """A structure with as many triangles as a page can carry; for a point cloud vertices alone."""
+    """A structure with a limited number of triangles; for a point cloud vertices alone."""
 
     vertices: Floats  # (V, 3) m, structure frame
     triangles: Ints  # (T, 3) vertex indices
@@ -88,7 +88,7 @@ def nearest_samples(mesh: DisplayMesh, states: SurfaceStates) -> Ints:
 
 
 def voted(state: Ints, nearest: Ints) -> Ints:
-    """What most of the nearest samples (N, K) say, (N,); `state` is of each sample."""
+    """The most frequent state (N,) among the nearest samples (N, K); `state` is that of each sample."""
     votes = np.zeros((len(SURFACE_STATES), len(nearest)), np.int64)
     everyone = np.arange(len(nearest))
     for voter in nearest.T:
@@ -97,9 +97,9 @@ def voted(state: Ints, nearest: Ints) -> Ints:
 
 
 class Neighbourhood:
-    """What most of the nearest samples of a surface say, at any place on it.
+    """The most frequent state of the nearest samples, at any place on a surface.
 
-    Samples on the other skin of a thin wing count as farther than any on the same side.
+    Samples on the other side of a thin wing count as farther than any on the same side.
     """
 
     def __init__(self, states: SurfaceStates, size_m: float) -> None:
@@ -112,7 +112,7 @@ class Neighbourhood:
         return voted(self._state, self.nearest(points, normals))
 
     def nearest(self, points: Floats, normals: Floats | None) -> Ints:
-        """Indices (N, K) of the samples that have a say."""
+        """Indices (N, K) of the nearest samples."""
         if self._apart and normals is None:
             normals = np.zeros_like(points)
         count = min(_VOTES, len(self._state))
@@ -126,7 +126,7 @@ class Neighbourhood:
 
 
 def structure_data(structure: Structure, mesh: DisplayMesh) -> dict[str, Any]:
-    """What a page needs to draw a structure's display mesh; coordinates are relative to `origin`."""
+    """A structure's display mesh for a page; coordinates are relative to `origin`."""
     vertices, triangles = mesh.vertices, mesh.triangles
     origin = ((vertices.min(axis=0) + vertices.max(axis=0)) / 2).round(3)
     index = triangles.astype(np.uint16 if len(vertices) < 65536 else np.uint32)

@@ -83,7 +83,7 @@ def structure_png(
 
 
 def separation_png(structure: Structure, label: Ints, names: Sequence[str], cleaned: Structure) -> bytes:
-    """A scan with what is not the structure in colours, and what is left of it.
+    """A scan with its surroundings in colours, and the structure alone.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def separation_png(structure: Structure, label: Ints, names: Sequence[str], clea
     label : array of int, shape (T,) or (N,)
         The class of each triangle, or of each point of a cloud.
     names : sequence of str
-        Of the classes; the first is the structure.
+        Names of the classes; the first is the structure.
     cleaned : Structure
     """
     before, after = Classed(structure, label), solid(cleaned)
@@ -115,10 +115,9 @@ def transfer_png(
 ) -> bytes:
     """Two panels: the demonstration on its structure, and the plan on the target.
 
-    The source is coloured by what the demonstration was about (``plan.inspected``), the target by what of
-    it is shown (``plan.surface``), where that is known. A refused plan shows
-    the target alone, with the reason. The same view serves both panels, each fitted to its own content;
-    where none is given, it is from the side on which was flown.
+    The source is coloured by ``plan.inspected`` and the target by ``plan.surface``, if known. For a refused
+    plan only the target is drawn, with the reason. Both panels have the same view, each fitted to its own
+    content; by default it is from the side of the flight.
     """
     chosen = _chosen(view, source, demonstration)
     half = width // 2
@@ -167,7 +166,7 @@ def thumbnail_png(mesh: DisplayMesh) -> bytes:
 def demonstration_png(
     source: Structure, demonstration: Demonstration, states: SurfaceStates | None = None
 ) -> bytes:
-    """PNG of a demonstration round its structure, with cameras, and what it inspected where that is known."""
+    """PNG of a demonstration round its structure, with cameras and the inspected surface, if known."""
     panel = _demonstrated(source, demonstration, states, None, 2 * _WIDTH)
     legend = [("demonstrated path", DEMONSTRATED, "line"), *_state_legend([states])]
     return sheet_png([panel], legend, demonstration.demonstration_id, "")

@@ -1,4 +1,4 @@
-"""Files that a reader never meets half written."""
+"""Files that are replaced in one step."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def replace_file(path: str | Path, content: bytes | str) -> Path:
-    """Write beside the goal, then rename over it; missing folders are created."""
+    """Write a file beside `path`, then rename it; missing folders are created."""
     goal = Path(path)
     goal.parent.mkdir(parents=True, exist_ok=True)
     partial = goal.with_name(f".{goal.name}.{os.getpid()}.partial")
@@ -15,7 +15,7 @@ def replace_file(path: str | Path, content: bytes | str) -> Path:
         with partial.open("wb") as file:
             file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
-            os.fsync(file.fileno())  # or a power cut leaves an empty file under the final name
+            os.fsync(file.fileno())  # else a power cut could leave an empty file
         partial.replace(goal)
     finally:
         partial.unlink(missing_ok=True)

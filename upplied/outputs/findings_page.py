@@ -1,4 +1,4 @@
-"""The findings of a whole kind on one structure of it, the map for all: a table and its surface coloured."""
+"""The page with the findings of a whole kind on one structure, its map: a table and a coloured surface."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from upplied.outputs.files import replace_file
 from upplied.outputs.reports import Reader
 from upplied.outputs.structure_page import mark
 
-#: Of a kind the structure that is its map, and its findings as `upplied.findings.queries.by_reference` says.
+#: Map structure of a kind, and the findings of the kind from `upplied.findings.queries.by_reference`.
 MapOf = Callable[[Catalog, str], tuple[str, pd.DataFrame]]
 
 
@@ -45,9 +45,9 @@ def write_findings_page(catalog: Catalog, structure_id: str, rows: pd.DataFrame,
     ----------
     catalog : Catalog
     structure_id : str
-        The structure that is the map for all.
+        The map of the kind.
     rows : DataFrame
-        As `upplied.findings.queries.by_reference` returns it; those without a place there are listed only.
+        From `upplied.findings.queries.by_reference`; findings without a place there are only listed.
     folder : path
         Made where it does not exist.
 

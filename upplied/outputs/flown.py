@@ -1,4 +1,4 @@
-"""Flights of plans, flown or simulated, in the words of reports, by their rows of `flights`."""
+"""Flights of plans, flown or simulated, as sentences for reports."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def wind_words(row: Mapping[str, Any]) -> str:
 
 
 class Flights:
-    """The last flight of each plan; one that was flown comes before any that was simulated."""
+    """The last flight of each plan; real flights come before simulated ones."""
 
     def __init__(self, catalog: Catalog) -> None:
         self._catalog = catalog
@@ -45,7 +45,7 @@ class Flights:
 
 
 def flown_sentence(flight: Mapping[str, Any] | None, row: Mapping[str, Any]) -> str:
-    """Planned against flown, in words; empty where the plan of a row was not flown."""
+    """The comparison of a flight with its plan, in words; empty without a flight."""
     if flight is None:
         return ""
     real = flight["kind"] == "flown"
@@ -102,7 +102,7 @@ def seen_as_flown(planned: SurfaceStates, looks: StoredLooks) -> SurfaceStates:
 
 
 def flown_data(flight: Mapping[str, Any], row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:
-    """What a transfer's page shows of a flight; `path` is the flown path as `path_data` gives it."""
+    """A flight for the page of its plan; `path` is the flown path by `path_data`."""
     return {
         "summary": flown_sentence(flight, row),
         "kind": flight["kind"],

@@ -1,4 +1,4 @@
-"""What a pilot needs of a plan on its page: the mission as it would be flown, in the structure's frame."""
+"""The pilot's part of a plan's page: the mission, in the structure's frame."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def mission_data(
 
 
 def count_photos(mission: Mission) -> int:
-    """How many photos a sortie takes."""
+    """Number of photos of a sortie."""
     if not mission.photo_distance_m:
         return int(mission.photo.sum())
     return 1 + int(leg_lengths(mission.local[mission.inspect]).sum() / mission.photo_distance_m)

@@ -1,4 +1,4 @@
-"""Titles of columns, measures and rules as people read them: the tables of `labels.toml`."""
+"""Titles of columns and measures: the tables of `labels.toml`."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 
 
 def table(name: str) -> dict[str, Any]:
-    """A TOML file of this package: what is data and no code."""
+    """A TOML file of this package."""
     return tomllib.loads(resources.files("upplied.outputs").joinpath(name).read_text("utf-8"))
 
 
-#: Title of each column or measure, by table; where figures stand in sentences with their form.
+#: Title of each column or measure, by table; for figures in sentences with their format.
 LABELS: dict[str, dict[str, Any]] = table("labels.toml")

@@ -62,14 +62,14 @@ def write_log(
     path : path
     demonstration : Demonstration
     structure : Structure, optional
-        What the camera's pictures show, and the kind that the log names.
+        Subject of the camera's pictures; the log names its kind.
     heavy_topic : bool
-        Also write pictures: what the camera sees, or noise where no structure is given.
+        Also write pictures from the camera, or noise without a structure.
     frame : LogFrame, optional
     encoding : {"pose_stamped", "odometry", "tf"}
         Poses of the camera as PoseStamped; of the body as Odometry, or as transforms.
     simulated : bool
-        Mark the log, so that it never counts as the flight of a plan.
+        Mark the log as simulated, so that it never counts as the flight of a plan.
 
     Returns
     -------
@@ -145,7 +145,7 @@ def _numbers(values: Any) -> str:
 
 
 def _static(demonstration: Demonstration, encoding: Encoding) -> list[_Message]:
-    """Where the camera's optical frame hangs: on the body, or on the tracked camera."""
+    """The static transform of the camera's optical frame, from the body or from the tracked camera."""
     optical = Rotation.from_quat(_OPTICAL_XYZW)
     parent, position, rotation = "camera_link", np.zeros(3), optical
     if encoding != "pose_stamped":

@@ -1,4 +1,4 @@
-"""What the person who flies decides about a mission."""
+"""The pilot's options of a mission."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Literal
 
 from upplied.errors import SettingsError
 
-#: Rules of what nobody released as it is: it leaves as a draft alone.
+#: Rules about unreleased plans, which can only be exported as drafts.
 DRAFTS = ("released", "foreign", "altered")
 Altitude = Literal["relative", "amsl", "ellipsoid"]
 
 
 @dataclass(frozen=True)
 class MissionOptions:
-    """Choices for every format; a format refuses what it cannot say.
+    """Options of all formats; a format refuses options that it cannot express.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class MissionOptions:
 
     @property
     def overruled(self) -> tuple[str, ...]:
-        """Rules that are overruled; a draft leaves by its own word alone."""
+        """Rules that are overruled; for a draft with those about unreleased plans."""
         return (*self.force, *DRAFTS) if self.draft else self.force
 
     @property
@@ -114,7 +114,7 @@ class MissionOptions:
         return along, across
 
     def __post_init__(self) -> None:
-        self.overlaps  # noqa: B018 - read here, so that a wrong one is refused early
+        self.overlaps  # noqa: B018 - a wrong value is refused here
         if self.camera:
             from upplied.cameras import known_camera
 
@@ -127,7 +127,7 @@ class MissionOptions:
                 raise SettingsError(f"mission option {name}", f"is {value}", rule)
 
 
-#: Option, what it must satisfy, and that in words.
+#: Option, its condition, and the condition in words.
 _RULES: tuple[tuple[str, Callable[[float], bool], str], ...] = (
     *(
         (name, lambda value: value > 0, "above 0")

@@ -46,7 +46,7 @@ def page(
     extra: Sequence[str] = (),
     live: bool = False,
 ) -> str:
-    """A page of a report folder, or of the application that makes the same pages when they are opened.
+    """A page of a report folder, or of the application, which builds the same pages on request.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def page(
     title, fallback : str
         Plain text; the fallback is shown where scripts are off.
     data : mapping
-        What the page shows; NaN becomes null.
+        Content of the page; NaN becomes null.
     root : str
         From the page to the report folder, ``""`` or ``"../"``.
     extra : sequence of str
@@ -68,7 +68,7 @@ def page(
 
 
 def login_page() -> str:
-    """The page of whoever is not signed in: it shows nothing but a field for the password."""
+    """The page for signing in: only a field for the password."""
     scripts = [f"/assets/{name}" for name in ("core.js", "live.js", "login.js")]
     return _shell("Sign in", scripts, {}, "Signing in needs scripts.", "/", True)
 
@@ -107,7 +107,7 @@ def _shell(
 
 
 def single_page(title: str, data: Mapping[str, Any], fallback: str) -> str:
-    """The same with everything inside, for mail: scripts run only if their hash is in the page's policy."""
+    """A page with all scripts inside, for mail; they run only if their hash is in the page's policy."""
     sources = [_asset(name).replace("</script", "<\\/script") for name in SCRIPTS]
     digests = (base64.b64encode(hashlib.sha256(source.encode()).digest()).decode() for source in sources)
     policy = _POLICY.format(scripts=" ".join(f"'sha256-{each}'" for each in digests), connect="'none'")
@@ -143,7 +143,7 @@ def assets() -> dict[str, str]:
 
 
 def live_assets() -> dict[str, str]:
-    """The same with those of the application."""
+    """The files under ``assets/``, with those of the application."""
     return assets() | {name: _asset(name) for name in _LIVE}
 
 
@@ -160,7 +160,7 @@ def inert_json(value: Any) -> str:
 
 
 def finite(value: Any) -> Any:
-    """The same with null for what is no finite number."""
+    """The same value with None in place of NaN and infinity."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

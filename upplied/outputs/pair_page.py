@@ -53,10 +53,8 @@ def demonstration_data(demonstration: Demonstration, profile: Profile, origin: F
 def _passport(passport: Mapping[str, Any]) -> str:
     if not passport:
         return ""
-    suffix = {True: " (overruled)", False: ""}
-    findings = [
-        f"{item['rule']}: {item['found']}{suffix[item['overruled']]}" for item in passport["findings"]
-    ]
+    words = {True: " (overruled)", False: ""}
+    findings = (f"{one['rule']}: {one['found']}{words[one['overruled']]}" for one in passport["findings"])
     return "; ".join([passport["verdict"], *findings])
 
 
@@ -148,7 +146,7 @@ def _text(value: Any) -> str:
 
 
 def _parts(value: Any) -> list[dict[str, str]]:
-    """What corresponds to each inspected part, for people; the catalog keeps it as a JSON list."""
+    """The counterparts of each inspected part, from the JSON list in the catalog."""
     try:
         entries = json.loads(value) if isinstance(value, str) and value else []
         return [_part(one) for one in entries]
@@ -157,7 +155,7 @@ def _parts(value: Any) -> list[dict[str, str]]:
 
 
 def _part(one: Mapping[str, Any]) -> dict[str, str]:
-    """One inspected part: how much, what is flown, what is left out, and how sure that is."""
+    """One inspected part: its share, the flown and the omitted parts, and the certainty."""
     sure = one.get("probability")
     return {
         "part": str(one["part"]),
@@ -172,7 +170,7 @@ def _part(one: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _missing(one: Mapping[str, Any]) -> str:
-    """What was never scanned of a part; plans of before 0.2 do not tell."""
+    """The unscanned share of a part, in words; unknown for plans before version 0.2."""
     share, ends = float(one.get("never_scanned_pct", 0.0)), [str(part) for part in one.get("open", ())]
     words = f"{share:.0f} % of the inspected surface of {one['part']} was never scanned" if share >= 1 else ""
     return words or (f"the scan ends on {', '.join(ends)}" if ends else "")

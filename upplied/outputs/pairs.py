@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,7 +19,7 @@ _FAILED = (
     "Planning stopped with an error. Remove the cause and plan this target again; others are not affected."
 )
 _REFUSED = "Planning was refused. The inputs are valid, but no safe and complete plan follows from them. "
-_REFUSALS = (  # words of a plan's reason, and what they mean for a reader
+_REFUSALS = (  # words of a plan's reason, and the advice
     (
         ("do not fit", "gamma", "orientation", "cannot be shown here"),
         "The two structures differ more in shape than the settings allow. Demonstrate on a more similar "
@@ -38,7 +38,7 @@ RECALLED = "recalled"
 
 
 def shown_status(row: Mapping[str, Any]) -> str:
-    """The status of a plan as people read it: what must not be flown is no "ok"."""
+    """The status of a plan on pages: a plan that must not be flown is not "ok"."""
     if row.get("state") == RECALLED:
         return RECALLED
     status, flyable = str(row["status"]), row.get("flyable")
@@ -47,7 +47,7 @@ def shown_status(row: Mapping[str, Any]) -> str:
 
 
 def meaning(status: str, reason: str) -> str:
-    """What a plan's status means for a reader; its own reason is shown beside it."""
+    """Advice about a plan's status; its own reason is shown beside it."""
     if status == "ok":
         return ""
     if status == RECALLED:
@@ -62,10 +62,10 @@ def meaning(status: str, reason: str) -> str:
 
 @dataclass(frozen=True)
 class Pair:
-    """One demonstration on one target: a row of each preset, and the one before it.
+    """One demonstration on one target: the row of each preset, and the previous one.
 
-    The plan in force comes first, where a person released one, and stays in the place of its preset; a
-    newer one beside it is its `draft`. A plan that was recalled comes first until another is released.
+    A released plan comes first, in place of the newest of its preset, which is then its `draft`. A recalled
+    plan comes first until another is released.
     """
 
     demonstration_id: str
@@ -124,7 +124,7 @@ def _pair_of(row: Mapping[str, Any]) -> Pair:
 
 
 def _decided(history: pd.DataFrame) -> list[dict[str, Any]]:
-    """Plans in force, and those that were recalled and that none took the place of."""
+    """Plans in force, and recalled plans that were not replaced."""
     flown = history[history["purpose"] == ""]
     released = flown[flown["state"] == "released"]
     recalled = flown[flown["state"] == RECALLED].sort_values("state_at", kind="stable")
@@ -153,7 +153,7 @@ def _row(row: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def attention(pair: Pair) -> tuple[float, float, float, str]:
-    """Sorts what needs a person first: failed, refused, then by what is really seen, then by clearance."""
+    """Sort key, attention first: failed, refused, then by coverage, then by clearance."""
     row = pair.main
     seen = coverage(row)
     clearance = number(row, "min_clearance_m")
@@ -165,17 +165,17 @@ def attention(pair: Pair) -> tuple[float, float, float, str]:
     )
 
 
-COVERAGES = ("coverage_inspected_pct", "coverage_seen_pct", "coverage_paper_pct")  # the most honest first
+COVERAGES = ("coverage_inspected_pct", "coverage_seen_pct", "coverage_paper_pct")  # the strictest first
 
 
 def coverage(row: Mapping[str, Any]) -> float | None:
-    """The most honest coverage that was computed, percent."""
+    """The strictest coverage that was computed, percent."""
     known = (number(row, name) for name in COVERAGES)
     return next((value for value in known if value is not None), None)
 
 
 def attainable(row: Mapping[str, Any]) -> float | None:
-    """The most that could be shown of what was inspected, or seen where that was not computed, percent."""
+    """The attainable share of the inspected surface, or else of the demonstrated surface, percent."""
     lost = [number(row, name) for name in ("inspected_without_counterpart_pct", "inspected_unattainable_pct")]
     if lost[0] is None or lost[1] is None:
         return number(row, "coverage_attainable_pct")
@@ -207,9 +207,9 @@ def number(row: Mapping[str, Any], name: str) -> float | None:
 
 
 def change(pair: Pair) -> str:
-    """What is different from the plan before, in a few words; empty where nothing is.
+    """The difference from the previous plan, in a few words; empty if there is none.
 
-    Where a plan is in force, what a newer draft would change.
+    For a plan in force, the difference of its newer draft.
     """
     row = pair.main
     if pair.draft is not None:
@@ -233,7 +233,7 @@ def _changed(row: Mapping[str, Any], before: Mapping[str, Any]) -> str:
 
 
 def decision_words(row: Mapping[str, Any]) -> str:
-    """The status of a plan by what a person decided about it, by whom and when."""
+    """The last decision about a plan, with its author and time."""
     state = str(row.get("state") or "")
     if not state or state == "draft":
         return "Draft, not released yet" if state else ""
@@ -243,13 +243,13 @@ def decision_words(row: Mapping[str, Any]) -> str:
 
 
 def reason_of(row: Mapping[str, Any]) -> str:
-    """Why a plan must not be flown, in words; empty where it may."""
+    """Why a plan must not be flown, in words; empty if it may."""
     recalled = row.get("state_note") if row.get("state") == RECALLED else ""
     return str(recalled or row.get("reason") or row.get("not_flyable") or "")
 
 
 def warnings_of(row: Mapping[str, Any]) -> list[str]:
-    """Warnings of a plan as sentences; the catalog keeps them as a JSON list."""
+    """Warnings of a plan as sentences, from the JSON list in the catalog."""
     value = row.get("warnings")
     try:
         entries = json.loads(value) if isinstance(value, str) and value else []
@@ -259,7 +259,7 @@ def warnings_of(row: Mapping[str, Any]) -> list[str]:
 
 
 def sentence(text: str) -> str:
-    """A message as a sentence; a name at its start stays as it is.
+    """A message as a sentence; a name at its start is not capitalised.
 
     Examples
     --------
@@ -272,63 +272,5 @@ def sentence(text: str) -> str:
 
 
 def stamp(value: Any) -> str:
-    """A time as ``2026-11-21 09:30`` UTC, empty where there is none."""
+    """A time as ``2026-11-21 09:30`` UTC, empty if there is none."""
     return "" if value is None or pd.isna(value) else pd.Timestamp(value).strftime("%Y-%m-%d %H:%M")
-
-
-def fleet_data(
-    pairs: list[Pair],
-    title: str,
-    without_page: Collection[str] = (),
-    known: int | None = None,
-    more: Mapping[str, Mapping[str, Any]] | None = None,
-) -> dict[str, Any]:
-    """What the fleet page needs: columns by name, and rows in order of attention.
-
-    `without_page` names the pairs whose own page failed, so that nothing links there; `known` is
-    the number of all pairs, where these are the first of more; `more` holds, by structure, its place and
-    when it was last flown.
-    """
-    structures = more or {}
-    rows = [_fleet_row(pair) | {"page": pair.name not in without_page} for pair in pairs]
-    for row in rows:
-        row["flown"] = structures.get(row["target"], {}).get("flown")
-    columns = list(rows[0]) if rows else []
-    return {
-        "title": title,
-        "columns": columns,
-        "rows": [list(row.values()) for row in rows],
-        "known": len(pairs) if known is None else known,
-        "structures": {row["target"]: structures.get(row["target"], {}) for row in rows},
-    }
-
-
-def _fleet_row(pair: Pair) -> dict[str, Any]:
-    row = pair.main
-    name = next((name for name in COVERAGES if number(row, name) is not None), COVERAGES[-1])
-    values = {
-        "coverage": coverage(row),
-        "attainable": attainable(row),
-        "gsd": number(row, "gsd_mm_p50"),
-        "clearance": number(row, "min_clearance_m"),
-        "length": number(row, "path_length_m"),
-        "duration": number(row, "duration_s"),
-        "battery_pct": battery_pct(row),
-        "paper": number(pair.plans.get("paper", {}), name),
-        "baseline": number(pair.plans.get("baseline", {}), name),
-        "frechet": number(row, "frechet_z"),
-    }
-    return {
-        "pair": pair.name,
-        "status": shown_status(row),
-        "demonstration": pair.demonstration_id,
-        "source": pair.source_id,
-        "target": pair.target_id,
-        "kind": pair.kind,
-        "state": str(row.get("state") or ""),
-        **{key: None if value is None else round(value, 3) for key, value in values.items()},
-        "change": change(pair),
-        "planned": stamp(row.get("planned_at")),
-        "reason": reason_of(row),
-        "warnings": warnings_of(row),
-    }

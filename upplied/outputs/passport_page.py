@@ -26,7 +26,7 @@ def short(value: Any) -> str:
 
 
 def passport_data(demonstration: Demonstration, picture: bytes) -> dict[str, Any]:
-    """What the page of a demonstration shows, with the flight drawn round its structure (PNG) inside."""
+    """The content of a demonstration's page, with a picture (PNG) of the flight round its structure."""
     passport: Any = demonstration.passport
     return {
         "id": demonstration.demonstration_id,

@@ -20,13 +20,14 @@ from upplied.errors import CatalogError, RefusedError, SettingsError, UppliedErr
 from upplied.outputs import pages
 from upplied.outputs.files import replace_file
 from upplied.outputs.findings_page import MapOf, findings_html
+from upplied.outputs.fleet_page import fleet_data, places
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
-from upplied.outputs.pairs import Pair, fleet_data
+from upplied.outputs.pairs import Pair
 from upplied.outputs.render import export_transfer
 from upplied.outputs.reports import Reader
 from upplied.outputs.site import ENDINGS, TITLE, Site
-from upplied.outputs.structure_page import marks, places
+from upplied.outputs.structure_page import marks
 
 PICTURES = 200  # the default limit: each takes a second
 PAGES = 10_000  # likewise; a list that a browser still shows at once, and about a gigabyte
@@ -39,7 +40,7 @@ LABELS = {"qgc-plan": "QGroundControl", "kml": "KML", "mcap": "MCAP"}
 
 @dataclass(frozen=True)
 class Published:
-    """What a publication did."""
+    """The result of a publication."""
 
     index: Path
     written: tuple[str, ...]  # files, relative to the folder
@@ -60,7 +61,7 @@ class _Folder:
 
     @cached_property
     def code(self) -> str:
-        """What every page depends on: the program and its scripts."""
+        """Hash of the program and its scripts, on which every page depends."""
         return digest([__version__, {name: digest(text) for name, text in pages.assets().items()}])
 
     def attempt(self, name: str, put: Callable[[], None], title: str = "") -> None:
@@ -112,19 +113,19 @@ def publish(
     ----------
     catalog : Catalog
     folder : path
-        ``index.html`` is what a person opens, ``transfers.parquet`` what pandas reads. Files there
-        that we did not make are left alone.
+        People open ``index.html``, pandas reads ``transfers.parquet``. Files of other programs there are
+        not changed.
     pictures : int
-        Number of pairs that get a PNG for documents: those first that need a person.
+        Number of pairs that get a PNG for documents, those that need attention first.
     pages : int
         Number of pairs with a page and a row on the fleet's page, in the same order. The tables hold all, and
         `publish_file` makes a page of any pair.
     progress : callable
-        Told the name of each pair when it is done.
+        Receives the name of each finished pair.
     force : bool
         Also replace a publication that is newer, of another catalog, or would shrink to nothing.
     map_of : callable, optional
-        Of a kind of structure the one that is its map, and its findings there; without it no page shows them.
+        Map structure of a kind, and its findings there; without it no page shows them.
     """
     catalog.identity.required()
     place = local_folder(folder)
@@ -239,7 +240,7 @@ def _put_missions(place: _Folder, pair: Pair, key: str) -> dict[str, str]:
 
 
 def released(plans: Mapping[str, Mapping[str, Any]]) -> str:
-    """The plan of a pair that may be flown, by its id; empty where nobody released one."""
+    """ID of the released plan of a pair; empty if there is none."""
     ids = [str(row["transfer_id"]) for row in plans.values() if row.get("state") == "released"]
     return ids[0] if ids else ""
 
@@ -254,7 +255,7 @@ def mission_file(catalog: Catalog, transfer_id: str, format: str) -> bytes:
     """
     with tempfile.TemporaryDirectory() as folder:
         written = export_transfer(catalog, transfer_id, format, Path(folder, f"mission{FORMATS[format]}"))
-        if len(written.paths) > 1:  # one of several would look like all of it
+        if len(written.paths) > 1:  # one of several files would look complete
             raise RefusedError(
                 f"the mission of {transfer_id}", f"takes {len(written.paths)} sorties", "one file here",
                 f"upplied export {transfer_id} --to {format}",
@@ -263,7 +264,7 @@ def mission_file(catalog: Catalog, transfer_id: str, format: str) -> bytes:
 
 
 def _put_passport(place: _Folder, row: Mapping[Any, Any]) -> None:
-    """The page of a demonstration: its passport, what it inspected, and the findings."""
+    """The page of a demonstration: its passport, its inspected surface, and the findings."""
     name = check_id(str(row["demonstration_id"]), "demonstration_id")
     words = [str(row.get(key, "")) for key in ("sha256", "passport_json", "notes")]
     surface, structure = place.site.inspected.get(name, ("", ""))[1], str(row["structure_id"])
@@ -272,7 +273,7 @@ def _put_passport(place: _Folder, row: Mapping[Any, Any]) -> None:
 
 
 def _put_structure(place: _Folder, name: str) -> None:
-    """The page of a structure that a page of a plan leads to."""
+    """The page of a structure, to which the pages of its plans link."""
     reader, plans = place.site.reader, place.site.plans_of(name)
     rows = [[_plain(pair.plans), _plain({"draft": pair.draft or {}})] for pair in plans]
     words = [reader.flown(pair.main) for pair in plans]
@@ -283,7 +284,7 @@ def _put_structure(place: _Folder, name: str) -> None:
 
 
 def _put_map(place: _Folder, kind: str) -> None:
-    """The page of a kind that has findings: those of all its structures on one."""
+    """The page with the findings of a kind on its map."""
     reader, map_of = place.site.reader, place.site.map_of
     assert map_of is not None
     name, rows = map_of(reader.catalog, check_id(kind, "kind"))
@@ -307,7 +308,7 @@ def _recorded(root: Path) -> dict[str, str]:
 
 
 def _inside(root: Path, name: str) -> bool:
-    """Whether a noted name is one of the kinds of file we write, below the folder."""
+    """Whether a recorded name is one of our files in the folder."""
     path = root / name
     rooms = [root / room for room in (*ENDINGS, "assets", "missions") if room]
     return path.parent in rooms and not path.is_symlink()

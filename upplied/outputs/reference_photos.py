@@ -1,4 +1,4 @@
-"""What the photos of findings show, cut out and marked: for the brief of who is to look again."""
+"""Marked crops of the photos of findings, for the brief of a re-inspection."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _WIDER, _LEAST = 3.0, 0.08  # of the mark, and of the photo's width, that a thum
 
 
 def reference_photos(catalog: Catalog, warnings: Sequence[str]) -> list[tuple[str, bytes]]:
-    """A caption and a PNG of each finding that a plan's warnings say it shows; no bytes where there is none.
+    """A caption and a PNG of each finding that a plan's warnings name; no bytes without a photo.
 
     Photos that are gone, changed or unreadable are named with the reason.
     """

@@ -1,4 +1,4 @@
-"""Pictures and missions of what a catalog holds, by id: what `upplied render` and `upplied export` call."""
+"""Pictures and missions from a catalog, by ID, for `upplied render`, `export` and `brief`."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from upplied.outputs.files import replace_file
 from upplied.outputs.fly import as_settled
 from upplied.outputs.missions import Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import CUSTODY, Breach
+from upplied.outputs.pairs import PRESETS
 from upplied.outputs.reference_photos import reference_photos
 from upplied.outputs.reports import plan_of
 from upplied.outputs.zones import MissionZones
@@ -29,7 +30,7 @@ from upplied.outputs.zones import MissionZones
 def render_structure(
     catalog: Catalog, structure_id: str, views: Sequence[str | View] = ("three-quarter", "side", "top")
 ) -> bytes:
-    """PNG of a structure with everything that was demonstrated on it."""
+    """PNG of a structure with all demonstrations on it."""
     structure = catalog.structure(structure_id)
     rows = catalog.demonstrations()
     flown = rows.loc[rows["structure_id"] == structure_id, "demonstration_id"] if len(rows) else []
@@ -49,20 +50,13 @@ def render_comparison(
     catalog: Catalog, demonstration_id: str, target_id: str, view: str | View | None = None
 ) -> bytes:
     """PNG of the newest plan of each preset for one demonstration and target, side by side."""
-    rows = catalog.transfers()
-    mine = (
-        rows[(rows["demonstration_id"] == demonstration_id) & (rows["target_id"] == target_id)]
-        if len(rows)
-        else rows
-    )
-    if not len(mine):
-        raise CatalogError(
-            f"{demonstration_id} to {target_id}", "no transfer is in the catalog", "", "run: upplied transfer"
-        )
-    order = {"recommended": 0, "paper": 1, "baseline": 2}
-    plans = sorted(
-        (plan_of(catalog, row) for row in mine.to_dict("records")), key=lambda plan: order.get(plan.preset, 3)
-    )
+    rows = catalog.transfers(demonstration=demonstration_id, structure=target_id).to_dict("records")
+    if not rows:
+        pair, remedy = f"{demonstration_id} to {target_id}", "run: upplied transfer"
+        raise CatalogError(pair, "no transfer is in the catalog", "", remedy)
+    order = {preset: at for at, preset in enumerate(PRESETS)}
+    rows.sort(key=lambda row: order.get(row["preset"], len(order)))
+    plans = [plan_of(catalog, row) for row in rows]
     return figures.comparison_png(catalog.structure(target_id), plans, view=view)
 
 
@@ -90,7 +84,7 @@ def export_transfer(
 def brief_transfer(
     catalog: Catalog, transfer_id: str, format: str, path: str | Path, options: MissionOptions | None = None
 ) -> Path:
-    """The page for the pilot of one transfer, HTML, as it is flown in a format."""
+    """The pilot's brief of one transfer in a format, HTML."""
     row, zones, custody = _leaving(catalog, transfer_id)
     options, warnings = as_settled(row, options or MissionOptions()), zones.plan.warnings
     given = (format, zones.plan, zones.structure, options, zones.camera)
@@ -103,7 +97,7 @@ def brief_transfer(
 
 
 def _leaving(catalog: Catalog, transfer_id: str) -> tuple[dict[str, Any], MissionZones, tuple[str, ...]]:
-    """The row of a plan, the plan with the zones of its structure, and what missions can be traced by."""
+    """The row of a plan, the plan with the zones of its structure, and the note with the catalog's heads."""
     row = _row(catalog, transfer_id)
     structure = catalog.structure(str(row["target_id"]))
     camera = catalog.demonstration(str(row["demonstration_id"])).camera
@@ -128,7 +122,7 @@ def keep_overruled(catalog: Catalog, row: Any, way: str, format: str, overruled:
 
 
 def undecided(catalog: Catalog, row: Any) -> list[Breach]:
-    """What speaks against flying a plan by where it came from and by what was decided about its pair."""
+    """Objections to flying a plan, from its origin and from the decisions about its pair."""
     state, who = row.get("state") or "draft", row.get("state_by") or "nobody"
     faults = [Breach("foreign", FOREIGN_PLAN[0])] if is_foreign(row) else []
     if state == "released":
@@ -144,7 +138,7 @@ def undecided(catalog: Catalog, row: Any) -> list[Breach]:
 
 
 def _newer(catalog: Catalog, row: Any) -> list[Breach]:
-    """That a newer draft of the same pair and preset is in the catalog."""
+    """The breach if the catalog has a newer draft of the same pair and preset."""
     if row.get("purpose"):
         return []
     current = catalog.transfers()
@@ -160,7 +154,6 @@ def _row(catalog: Catalog, transfer_id: str) -> dict[str, Any]:
     """The row of a plan, with its state."""
     rows = catalog.transfers(every=True, ids=[transfer_id])
     if not len(rows):
-        raise CatalogError(
-            f"transfer {transfer_id}", "is not in the catalog", "", "see: upplied catalog transfers"
-        )
+        remedy = "see: upplied catalog transfers"
+        raise CatalogError(f"transfer {transfer_id}", "is not in the catalog", "", remedy)
     return {str(name): value for name, value in rows.iloc[0].items()}

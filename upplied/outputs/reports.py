@@ -47,7 +47,7 @@ from upplied.records import Floats, Ints, Plan, Structure, SurfaceStates
 
 
 class Reader:
-    """Reads a catalog for reports and keeps the last few structures at hand."""
+    """Reads a catalog for reports and caches the last few structures."""
 
     def __init__(self, catalog: Catalog) -> None:
         self.catalog = catalog
@@ -67,14 +67,13 @@ class Reader:
         return self._hashes(table).get(name, "")
 
     def structure_data(self, structure_id: str) -> dict[str, Any]:
-        """What a page needs to draw a structure."""
+        """The display mesh of a structure for a page."""
         return self._data(structure_id)
 
     def pair_data(self, pair: Pair, picture: str = "", sorties: bool = True) -> dict[str, Any]:
-        """What a plan's page shows; `picture` is where a PNG of it lies.
+        """The content of a plan's page; `picture` is the address of its PNG.
 
-        Without `sorties` the mission that follows from the plan and the quality of its pictures are left
-        out, which take a second to make.
+        Without `sorties` the mission and the quality of its pictures are omitted, which take a second.
         """
         shown = {**pair.plans, **({} if pair.draft is None else {DRAFTED: pair.draft})}
         plans = {preset: plan_of(self.catalog, row) for preset, row in shown.items()}
@@ -97,7 +96,7 @@ class Reader:
         return pair_data(pair, demonstration, paths, picture) | more
 
     def _path_data(self, pair: Pair, row: Any, plan: Plan) -> dict[str, Any]:
-        """What a page shows of one plan with a path, of the gate, and of its last flight."""
+        """The data of one plan with a path, the result of the gate, and its last flight."""
         assert plan.trajectory is not None and plan.is_viewpoint is not None
         scene = scene_for(self.structure(pair.target_id), plan.supposed)
         camera, origin = self.demonstration(pair.demonstration_id).camera, self._origin(pair.target_id)
@@ -118,10 +117,9 @@ class Reader:
         return data
 
     def structure_page(self, structure_id: str, pairs: Sequence[Pair], picture: str = "") -> dict[str, Any]:
-        """What the page of a structure shows; `picture` is where a PNG of it lies."""
-        own = [pair for pair in pairs if pair.target_id == structure_id]
-        zones = self.zones(structure_id)
-        return structure_facts(self.catalog, self.structure(structure_id), own, zones) | {"picture": picture}
+        """The content of a structure's page; `picture` is the address of a PNG."""
+        structure, zones = self.structure(structure_id), self.zones(structure_id)
+        return structure_facts(self.catalog, structure, pairs, zones) | {"picture": picture}
 
     def display_mesh(self, structure: Structure) -> DisplayMesh:
         """The mesh of a structure as browsers show it; cached if it is the stored version."""
@@ -129,7 +127,7 @@ class Reader:
         return self._mesh(structure.structure_id) if now == structure.sha256 else display_mesh(structure)
 
     def zones(self, structure_id: str) -> list[dict[str, Any]]:
-        """The result for each required zone of a structure; none where none is required."""
+        """The result for each required zone of a structure."""
         if structure_id not in self._zones:
             try:
                 rows = zones(self.catalog, structure_id)
@@ -140,7 +138,7 @@ class Reader:
         return self._zones[structure_id]
 
     def overruled(self, row: Any) -> list[str]:
-        """Which rules of the gate a person overruled for a plan, in words."""
+        """The rules of the gate that a person overruled for a plan, in words."""
         return self._overruled.get(str(row["transfer_id"]), [])
 
     @cached_property
@@ -163,7 +161,7 @@ class Reader:
         return [str(breach) for breach in breaches]
 
     def flown(self, row: Any) -> str:
-        """What came of flying a plan in simulation, in words; empty where nobody did."""
+        """The result of the last flight of a plan, in words; empty without a flight."""
         return flown_sentence(self._flights.of(row), row)
 
     def picture(self, pair: Pair, width: int = 1000) -> bytes:
@@ -178,9 +176,9 @@ class Reader:
         return figures.thumbnail_png(self._mesh(structure_id))
 
     def passport(self, demonstration_id: str, planned: str = "") -> dict[str, Any]:
-        """What the page of a demonstration shows: its passport, and a picture inside.
+        """The content of a demonstration's page: its passport and a picture.
 
-        The picture shows the inspected surface where a plan, `planned` by its ID, knows it.
+        The picture shows the inspected surface that is stored with the plan of ID `planned`, if any.
         """
         flown = self.demonstration(demonstration_id)
         inspected = self.catalog.inspected(planned) if planned else None
@@ -188,7 +186,7 @@ class Reader:
         return passport_data(flown, picture)
 
     def _seen_as_flown(self, plan: Plan, flight: Row) -> np.ndarray | None:
-        """The state of each triangle as it was flown; None where that is not known of the same samples."""
+        """The state of each triangle as flown; None if it is unknown for the same samples."""
         if plan.surface is None or not flight["looks_sha256"]:
             return None
         looks = self.catalog.looks.get(flight["looks_sha256"])
@@ -211,7 +209,7 @@ class Reader:
         return dict(zip(rows[f"{table[:-1]}_id"], rows["sha256"], strict=True)) if len(rows) else {}
 
     def _mesh_of(self, structure_id: str) -> DisplayMesh:
-        """From the cache: simplifying a million triangles takes twenty seconds."""
+        """Cached: the simplification of a million triangles takes twenty seconds."""
         key = digest(["display", __version__, self.sha256("structures", structure_id)])
         mesh: DisplayMesh = self.catalog.cache(
             "display", DisplayMesh, key, lambda: display_mesh(self.structure(structure_id))
@@ -229,7 +227,7 @@ class Reader:
 
 
 def plan_of(catalog: Catalog, row: Any) -> Plan:
-    """The plan of a row of `transfers`, with what it sees of its target where that is known."""
+    """The plan of a row of `transfers`, with the states of its surface if stored."""
     name = str(row["transfer_id"])
     surface = catalog.surface(name) if row["status"] == "ok" else None
     return replace(catalog.plan(name), surface=surface, inspected=catalog.inspected(name))

@@ -1,4 +1,4 @@
-"""The sample fleet as people would bring it: mesh files in mixed formats, a manifest, and flight logs."""
+"""The sample fleet as files: meshes in mixed formats, a manifest, and flight logs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from upplied.samples.fleet import member, sample_demonstrations, sample_structur
 
 @dataclass(frozen=True)
 class _Form:
-    """How a file keeps a structure: format, metres per unit, and which of its axes are up and forward."""
+    """The form of a mesh file: format, metres per unit, and the axes that point up and forward."""
 
     suffix: str
     units: str
@@ -32,7 +32,7 @@ _FORMS = (
     _Form("stl", "mm", 0.001, "z", "x"),
     _Form("obj", "cm", 0.01, "z", "-y"),
 )
-FILES = 21  # meshes and logs, for who counts them
+FILES = 21  # meshes and logs, for a progress bar
 _ENCODINGS: tuple[Encoding, ...] = ("pose_stamped", "odometry", "tf")
 
 
@@ -42,7 +42,7 @@ def write_sample_fleet(folder: str | Path, progress: Callable[[str], None] | Non
     Parameters
     ----------
     folder : path
-        Made where it does not exist; files of the same names are replaced.
+        Created if missing; files of the same names are replaced.
     progress : callable, optional
         Receives the name of each written file.
 
@@ -72,10 +72,7 @@ def _write_flight(root: Path, demonstration: Demonstration, encoding: Encoding) 
     return name
 
 
-_HEAD = """\
-# The sample fleet: parametric structures, each in one of the formats, units and axes that people use.
-
-"""
+_HEAD = "# The sample fleet: parametric structures in several formats, units and axes.\n\n"
 
 
 def _entry(structure: Structure, name: str, form: _Form) -> str:

@@ -9,10 +9,10 @@ from upplied.catalog import Catalog
 from upplied.errors import CatalogError
 from upplied.outputs import pages
 from upplied.outputs.findings_page import MapOf, findings_html
+from upplied.outputs.fleet_page import fleet_data, fleet_findings, places
 from upplied.outputs.foremost import first_pairs
-from upplied.outputs.pairs import Pair, fleet_data
+from upplied.outputs.pairs import Pair
 from upplied.outputs.reports import Reader
-from upplied.outputs.structure_page import fleet_findings, places
 
 TITLE = "Inspection fleet"
 #: Rooms of a report folder that the site fills, with the ending of their files; "" is the fleet's own page.

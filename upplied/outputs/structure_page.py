@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,13 @@ from upplied.inputs.rules import from_json
 from upplied.outputs.pairs import Pair, coverage, decision_words, number, shown_status, stamp
 from upplied.records import Structure
 
-_MOST = 200  # flights and decisions; the tables hold all
+_MOST = 200  # flights and decisions on a page; the tables contain all
 
 
 def structure_facts(
     catalog: Catalog, structure: Structure, pairs: Sequence[Pair], zones: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    """What the page shows; tables are lists of rows, the newest first."""
+    """The content of the page; tables are lists of rows, the newest first."""
     name, place, triangles = structure.structure_id, structure.placement, len(structure.triangles)
     size = " × ".join(f"{side:.1f}" for side in np.ptp(structure.vertices, axis=0))
     facts = {
@@ -49,12 +48,12 @@ def structure_facts(
             }
             for row in _rows(catalog.flights(kind="flown"), name)
         ],
-        "history": _history(catalog, pairs),
+        "history": _history(catalog, name),
     }
 
 
 def marks(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
-    """The findings of a structure as they stand, the newest first."""
+    """The findings of a structure in their current state, the newest first."""
     return [mark(row) for row in _rows(catalog.findings(), structure_id)]
 
 
@@ -66,36 +65,13 @@ def mark(row: dict[str, Any]) -> dict[str, Any]:
         "class": str(row["class"] or ""),
         "severity": str(row["severity"] or ""),
         "state": str(row["state"]),
-        "place": ", ".join(f"{value:.2f}" for value in place),
+        "place": ", ".join(f"{round(value, 2) + 0.0:.2f}" for value in place),  # no -0.00
         "xyz": place,
         "error": number(row, "place_error_m"),
         "length": number(row, "length_mm"),
         "photo": str(row["photo"] or ""),
         "by": f"{row['by']}, {stamp(row['added_at'])}",
     }
-
-
-def fleet_findings(catalog: Catalog, mapped: Collection[str] = ()) -> list[dict[str, Any]]:
-    """How many findings of each kind and class are in each state; whether there is a map of the kind."""
-    rows = catalog.findings()
-    count = Counter(zip(rows["kind"], rows["class"], rows["state"], strict=True))
-    classes: dict[tuple[str, str], dict[str, Any]] = {}
-    for (kind, name, state), number_of in sorted(count.items()):
-        row = classes.setdefault((kind, name), {"kind": kind, "class": name, "map": kind in mapped})
-        row[state] = number_of
-    return list(classes.values())
-
-
-def places(catalog: Catalog) -> dict[str, dict[str, Any]]:
-    """The place of each structure and its last flight, by ID, where they are known."""
-    known: dict[str, dict[str, Any]] = {}
-    for row in catalog.structures().to_dict("records"):
-        lat, lon = number(row, "lat_deg"), number(row, "lon_deg")
-        if lat is not None and lon is not None:
-            known[str(row["structure_id"])] = {"lat": lat, "lon": lon}
-    for target, when in catalog.flights(kind="flown").groupby("target_id")["flown_at"].max().items():
-        known.setdefault(str(target), {})["flown"] = stamp(when)
-    return known
 
 
 def _plans(pair: Pair) -> list[tuple[str, Any]]:
@@ -124,15 +100,13 @@ def _rows(frame: pd.DataFrame, structure_id: str) -> list[dict[str, Any]]:
     return [{str(key): value for key, value in row.items()} for row in own.to_dict("records")]
 
 
-def _history(catalog: Catalog, pairs: Sequence[Pair]) -> list[dict[str, str]]:
+def _history(catalog: Catalog, structure_id: str) -> list[dict[str, str]]:
     """Decisions about the plans of a structure, the newest first."""
-    if not pairs:
-        return []
     return [
         {
             "when": stamp(row.get("added_at")),
             "what": f"Plan {row['transfer_id']} {row['state']} by {row['by']}",
             "note": str(row.get("note") or ""),
         }
-        for row in _rows(catalog.decisions(), pairs[0].target_id)
+        for row in _rows(catalog.decisions(), structure_id)
     ]

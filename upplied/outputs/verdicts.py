@@ -1,4 +1,4 @@
-"""The verdict of a transfer in the first lines of its page: flyable or not, why, and what to look at."""
+"""The verdict of a transfer in the first lines of its page: flyable or not, the reason, and warnings."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 
 from upplied.outputs.pairs import attainable, meaning, number, reason_of, shown_status, warnings_of
 
-_WORTH_A_LOOK_PCT = 1.0  # of the inspected surface: below it nobody finds the place in the picture
-# The most honest coverage that was computed, in words.
+_WORTH_A_LOOK_PCT = 1.0  # of the inspected surface: smaller places are not visible in the picture
+# The strictest coverage that was computed, in words.
 _SHOWN = (
     ("coverage_inspected_pct", "of the inspected surface at the demonstrated quality"),
     ("coverage_seen_pct", "of the demonstrated surface"),
@@ -45,7 +45,7 @@ def _listed(parts: list[str]) -> str:
 
 
 def verdict(row: Mapping[str, Any], safety_m: float | None) -> dict[str, Any]:
-    """What a person reads first of a plan.
+    """The first lines about a plan.
 
     Parameters
     ----------
@@ -64,7 +64,12 @@ def verdict(row: Mapping[str, Any], safety_m: float | None) -> dict[str, Any]:
     reason = reason_of(row)
     if status != "ok":
         return {"flyable": False, "headline": meaning(status, reason), "look": [reason] if reason else []}
-    return {"flyable": True, "headline": headline(row, safety_m), "look": [*_lost(row), *warnings_of(row)]}
+    return {"flyable": True, "headline": headline(row, safety_m), "look": all_warnings(row)}
+
+
+def all_warnings(row: Mapping[str, Any]) -> list[str]:
+    """The lost parts of the inspected surface, and the warnings stored with a plan, as sentences."""
+    return [*_lost(row), *warnings_of(row)]
 
 
 def resolution(row: Mapping[str, Any]) -> str:
@@ -84,7 +89,7 @@ def resolution(row: Mapping[str, Any]) -> str:
 
 
 def _lost(row: Mapping[str, Any]) -> list[str]:
-    """What of the inspected surface is not shown, and why."""
+    """The parts of the inspected surface that are not shown, with the reasons."""
     sentences = []
     shown, most = number(row, "coverage_inspected_pct"), attainable(row)
     if shown is not None and most is not None and most - shown >= _WORTH_A_LOOK_PCT:

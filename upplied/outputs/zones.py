@@ -26,9 +26,8 @@ _DAY_S = 86_400.0
 def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     """Every required zone of a structure with its result.
 
-    Planned is what the plans in force show together (the newest of `recommended` that is ok, where none
-    is in force); flown is what all flights showed, by their stored looks. A zone that names no
-    surface of the structure is ``not judged``.
+    Planned is the result of the plans in force together (or of the newest ok plan of `recommended`), flown
+    that of the stored looks of all flights. A zone that names no surface of the structure is ``not judged``.
     """
     target = catalog.structure(structure_id)
     required_zones = required.zones_of(catalog, target.kind, structure_id)
@@ -60,7 +59,7 @@ def _result(what: str, row: Row) -> dict[str, Any]:
 
 
 def _plans(catalog: Catalog, structure_id: str) -> list[Row]:
-    """The plans of a structure that count: those in force, else the newest."""
+    """The plans of a structure that count: those in force, or else the newest."""
     force = catalog.in_force(structure=structure_id)
     newest = catalog.transfers(structure=structure_id, status="ok", preset="recommended")
     rows = (force if len(force) else newest).to_dict("records")
@@ -68,13 +67,13 @@ def _plans(catalog: Catalog, structure_id: str) -> list[Row]:
 
 
 def flown_rows(catalog: Catalog, structure_id: str) -> list[Row]:
-    """The flights that were really flown of a structure."""
+    """The real flights of a structure."""
     flights = catalog.flights(structure=structure_id, kind="flown").to_dict("records")
     return [{str(name): value for name, value in row.items()} for row in flights]
 
 
 def looked(catalog: Catalog, flights: Sequence[Row], surface: Cloud) -> list[Looked]:
-    """How each flight saw the samples: by its stored looks at the nearest patch that faces the same way."""
+    """The views of the samples from each flight, by its stored looks at the nearest patch."""
     now = catalog.clock.now()
     patches, index = [], {}
     for row in flights:
@@ -99,18 +98,18 @@ def looked(catalog: Catalog, flights: Sequence[Row], surface: Cloud) -> list[Loo
 
 
 def _whole(value: Floats, patch: Ints, count: int) -> Floats:
-    """The values of all patches (count,), of those of some; NaN for the others."""
+    """Values (count,) of all patches from those of some; NaN for the others."""
     every = np.full(count, np.nan)
     every[patch] = value
     return every
 
 
-_ON_THE_SPOT_S = 0.1  # that a turn of the camera is taken to last: nothing is judged by the time
+_ON_THE_SPOT_S = 0.1  # assumed duration of a turn on the spot; no result depends on it
 
 
 @dataclass(frozen=True, eq=False)
 class MissionZones:
-    """The zones of a structure, judged for the missions that one plan becomes."""
+    """The zones of a structure, judged for the missions of one plan."""
 
     catalog: Catalog
     plan: Plan
@@ -119,11 +118,11 @@ class MissionZones:
 
     @cached_property
     def required(self) -> list[dict[str, Any]]:
-        """Every zone that is required of the structure."""
+        """Every required zone of the structure."""
         return required.zones_of(self.catalog, self.structure.kind, self.structure.structure_id)
 
     def judged(self, missions: Sequence[Mission] = ()) -> list[dict[str, Any]]:
-        """What becomes of each zone by these sorties together, or by the plan where there are none."""
+        """The result of each zone for these sorties together, or for the plan if there are none."""
         if not self.required:
             return []
         known = self.catalog.structure, self.catalog.cache
@@ -132,7 +131,7 @@ class MissionZones:
         return asking.judged(*self._looks(asking, missions))
 
     def notes(self, missions: Sequence[Mission] = ()) -> tuple[str, ...]:
-        """The same as notes of a mission."""
+        """The results as notes of a mission."""
         return tuple(map(_words, self.judged(missions)))
 
     def _looks(self, asking: Asking, missions: Sequence[Mission]) -> list[Looked]:
@@ -143,7 +142,7 @@ class MissionZones:
 
 
 def _flown(mission: Mission) -> tuple[Trajectory, Floats]:
-    """The inspection of a mission as it is written, and when it takes its pictures."""
+    """The inspection path of a mission as written, and the times of its photos."""
     part = np.flatnonzero(mission.inspect)
     positions = mission.local[part]
     leg = leg_lengths(positions)

@@ -87,7 +87,7 @@ def as_flown(
         looks = certain_looks(looks, looks_of(logged, surface, camera, scene, photo_s, passed, wanted=wanted))
     covered = np.sort(aligned.planned_s[near])
     share = _flown_share(plan, covered, silence_s(flown))
-    unphotographed, photos = 0, "no photo times are known: the camera is taken to see all the time"
+    unphotographed, photos = 0, "no photo times are known: the camera counts as recording all the time"
     if photo_s is not None:
         bare_s, count = without_photo(viewpoint_s, aligned, photo_s)
         lost = views_from(interpolate(plan, bare_s), surface.at(~looks.seen), camera, scene).seen

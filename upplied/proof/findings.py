@@ -47,12 +47,12 @@ def without_photo(viewpoint_s: Floats, aligned: Alignment, photo_s: Floats) -> t
 
 def _corrected(aligned: Alignment) -> Iterator[str]:
     for when, size in aligned.jumps:
-        yield f"the position jumps by {size:.2f} m at {when:.0f} s; taken as the log's"
+        yield f"the position jumps by {size:.2f} m at {when:.0f} s: removed as an error of the log"
     if np.linalg.norm(aligned.shift_m) > 0:
         shift = ", ".join(f"{value:+.2f}" for value in aligned.shift_m)
-        yield f"the log was moved by {shift} m to lie on its plan: else the vehicle flew so far beside it"
+        yield f"the log was moved by {shift} m onto its plan; if it is right, the flight was beside its plan"
     if aligned.heading_deg:
-        yield f"the log was turned by {aligned.heading_deg:+.2f} deg to lie on its plan"
+        yield f"the log was turned by {aligned.heading_deg:+.2f} deg onto its plan"
     if aligned.beside_m:
         beside = f"it flew {aligned.beside_m:.2f} m beside its plan"
         yield f"{beside}, more than its stated accuracy: left as logged"
@@ -70,9 +70,9 @@ def _missing(plan: Trajectory, aligned: Alignment, flown_pct: float) -> Iterator
     planned = aligned.planned_s[aligned.on_plan]
     left_s, before_s = plan.t_s[-1] - planned.max(), planned.min() - plan.t_s[0]
     if flown_pct < _WHOLE_PCT and left_s > _PAUSE_S:
-        yield f"broken off, or the log is cut: it ends {left_s:.0f} s before its plan"
+        yield f"aborted, or the log is cut: it ends {left_s:.0f} s before its plan"
     if flown_pct < _WHOLE_PCT and before_s > _PAUSE_S:
-        yield f"begun late, or the log is cut: it begins {before_s:.0f} s after its plan"
+        yield f"started late, or the log is cut: it starts {before_s:.0f} s after its plan"
     for when, length in _waits(aligned):
         yield f"waited for {length:.0f} s at {when:.0f} s"
     usual_s = float(np.median(np.diff(aligned.flown.t_s)))

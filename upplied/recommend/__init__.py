@@ -1,1 +1,1 @@
-"""Which demonstration fits a structure best, and why, without planning any."""
+"""Ranking of demonstrations for a structure, without planning."""

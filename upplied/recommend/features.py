@@ -1,8 +1,8 @@
-"""The shape of a structure in a few numbers, so that thousands can be compared in a blink.
+"""The shape of a structure in a few numbers, for fast comparison of thousands.
 
-What `upplied.planning.correspondence.misfit` measures on laid surfaces is foreseen here without laying them:
-the boxes are made equal, the space each occupies is a bit per cell, and the way the surface faces
-is a histogram. What this finds alike is then registered for real.
+They predict `upplied.planning.correspondence.misfit` without a registration: boxes are scaled to the same
+size, occupied space is one bit per cell, and the directions of the surface are a histogram. Similar
+structures are then registered.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from scipy import ndimage
 
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Rows
 
-FEATURES_VERSION = 1  # raised with every change that alters a feature
+FEATURES_VERSION = 1  # increased with every change of a feature
 
 _CELLS = 12  # along each axis of the box
 _WORDS = _CELLS**3 // 64
 _FACES = 5  # along each axis: bins of the mean facing, area by the component of the normal
-# A missing overlap of 0.45 alone, or an uneven stretch of e^6, or surfaces that all face
-# elsewhere by half: as much as acceptance allows.
+# Each term is 1, the acceptance limit, for a missing overlap of 0.45, an uneven stretch of e^6, or half of
+# the surface with another direction.
 _OVERLAP, _STRETCH, _FACING = 1 / 0.45, 1 / 6, 1 / 0.5
 
 
@@ -29,9 +29,9 @@ class ShapeFeatures(Record):
     """One structure in its own box."""
 
     extent_m: Floats  # (3,) m, of the bounding box
-    occupied: Ints  # (W,) bits, 64 a word: cells of the box that hold surface
+    occupied: Ints  # (W,) bits, 64 per word: cells of the box with surface
     near: Ints  # (W,) bits: those cells and their six neighbours
-    facing: Floats  # (F,) share of the area whose normal points that way along x, y and z; sums to 3
+    facing: Floats  # (F,) shares of the area by the direction of the normal along x, y and z; sum 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,8 +47,7 @@ class ShapeLibrary(Rows):
 def shape_features(cloud: Cloud) -> ShapeFeatures:
     """Features of a structure from its surface samples.
 
-    They do not change when the structure is moved or its axes are scaled, but for `extent_m` and,
-    under an uneven scaling, `facing`.
+    Except for `extent_m` they do not change with shift and scaling; an uneven scaling changes `facing`.
 
     Parameters
     ----------
@@ -79,10 +78,10 @@ def library_of(features: list[ShapeFeatures]) -> ShapeLibrary:
 
 
 def unlikeness(shape: ShapeFeatures, library: ShapeLibrary) -> Floats:
-    """How unlike a structure each of S others is, (S,), in units of what acceptance allows; 0 for itself.
+    """Difference of a structure from each of S others, (S,), in units of the acceptance limit; 0 for itself.
 
-    Symmetric. Three parts without a unit, as in `planning.correspondence.misfit.misfit_of`: space that
-    is not common, boxes that are stretched unevenly, and surface that faces another way.
+    Symmetric. It has three terms without a unit, as in `planning.correspondence.misfit.misfit_of`: space that
+    is not common, uneven stretch of the boxes, and different directions of the surface.
     """
     forth = _count(library.near & shape.occupied) / max(int(_count(shape.occupied)), 1)
     back = _count(library.occupied & shape.near) / np.maximum(_count(library.occupied), 1)
@@ -110,7 +109,7 @@ def _count(words: Ints) -> Ints:
 
 
 def turned(shape: ShapeFeatures, turn: Floats) -> ShapeFeatures:
-    """The features of a structure that is turned by a quarter turn or several, without its samples.
+    """The features of a structure after quarter turns, without its samples.
 
     Parameters
     ----------

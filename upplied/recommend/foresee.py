@@ -1,8 +1,8 @@
-"""How well a demonstration would transfer, foreseen from what is known of the pair, without planning.
+"""Prediction of the result of a transfer, without planning.
 
-Each part of the source is laid on its partner, as planning does before it lets the surfaces drift.
-The flight is carried as the boxes are, and each piece of surface that it should see is asked
-whether any place on that way would show it.
+Each part of the source is aligned with its counterpart, as in planning before the displacement field. The
+flight is scaled like the boxes, and each sample of the inspected surface is tested for visibility from any
+station of that path.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from upplied.planning.visibility.observations import Views
 from upplied.recommend.sight import in_sight
 from upplied.records import Camera, Cloud, Floats, Ints, Record, Registration
 
-FORESIGHT_VERSION = 2  # raised with every change that alters a record of this module
+FORESIGHT_VERSION = 2  # increased with every change of a record of this module
 
-_STATIONS = 60  # places along a flight
-_GONE = 0.05  # of the diagonal: beyond it a sample of a part without partner has no counterpart
+_STATIONS = 60  # along a flight
+_GONE = 0.05  # of the diagonal: beyond it a sample of an unmatched part has no counterpart
 _PARTS = 3  # inspected parts that are named
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Inspected(Record):
-    """What a demonstration saw of its structure."""
+    """The surface of its structure that a demonstration saw."""
 
-    sample: Ints  # (K,) of the structure's N samples, those that it saw
-    stations: Floats  # (S, 3) m, places along the flight, structure frame
+    sample: Ints  # (K,) indices of the seen samples
+    stations: Floats  # (S, 3) m, along the flight, structure frame
     share: float  # of the structure's surface
     parts: Floats  # (P,) share of each part that was seen
     summary: str  # the parts in words
@@ -41,7 +41,7 @@ class Inspected(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Agreement(Record):
-    """How much of one structure corresponds to another, as a whole."""
+    """The correspondence of two whole structures."""
 
     counterpart: Ints  # (N,) for each sample of the source one of the target's; -1: none
     parts: int  # of the source
@@ -51,21 +51,21 @@ class Agreement(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Foreseen(Record):
-    """What is expected of a transfer."""
+    """The predicted result of a transfer."""
 
-    coverage_seen_pct: float  # of what was inspected and has a counterpart; NaN where nothing has
-    without_pct: float  # share of what was inspected that has no counterpart
+    coverage_seen_pct: float  # of the inspected surface with a counterpart; NaN if there is none
+    without_pct: float  # share of the inspected surface without a counterpart
 
 
 def inspected(cloud: Cloud, views: Views) -> Inspected:
-    """What of a structure's samples a demonstration saw, and from where.
+    """The samples of a structure that a demonstration saw, and its stations.
 
     Parameters
     ----------
     cloud : Cloud
         Of the structure, with normals and areas.
     views : Views
-        Of that cloud, as `upplied.planning.visibility.observations.TRULY` sees it.
+        Of that cloud, by `upplied.planning.visibility.observations.TRULY`.
     """
     assert cloud.area_m2 is not None
     total, label, parts = views.total, labels_of(cloud), parts_of(cloud)
@@ -89,7 +89,7 @@ def inspected(cloud: Cloud, views: Views) -> Inspected:
 
 
 def agreement(source: Cloud, target: Cloud, registration: Registration) -> Agreement:
-    """What on the target corresponds to each sample of the source, part on part."""
+    """The counterpart on the target of each sample of the source, part by part."""
     registered, diagonal = in_source_frame(target, registration), diagonal_m(source)
     matching = matched(source, registered)
     moving, fixed = patches(source, registered, matching)

@@ -1,8 +1,8 @@
-"""Which demonstration of the catalog fits a structure best, and why, without planning any.
+"""Ranking of the demonstrations of a catalog for a structure, with reasons and without planning.
 
-Shapes are compared by their cached features, thousands at once; the few structures most alike are
-registered for real, and what was inspected on them is foreseen on the target. All results are
-cached by content in the catalog's cache, where plans find clouds and registrations again.
+Shapes are compared by their cached features, thousands at once. The few most similar structures are
+registered, and the visibility of their inspected surface on the target is predicted. All results are
+cached by content in the catalog's cache; plans reuse the clouds and registrations.
 """
 
 from __future__ import annotations
@@ -35,28 +35,28 @@ from upplied.records import Camera, Floats, Registration
 
 R = TypeVar("R")
 
-# Misfit and unlikeness together, of at most about one each where structures correspond. Boxes made equal
-# let a cooling tower lie well on a ship: where only one of the two is small, somebody should look first.
+# Limit of misfit plus unlikeness, each about 1 at most for corresponding structures. With equal boxes a
+# cooling tower fits a ship well: if only one of the two is small, a person should compare the structures.
 _SURE = 1.5
-# What another declared kind counts beside the unlikeness of shapes: as much as acceptance allows them.
+# Added for another declared kind: as much as the acceptance limit of unlikeness.
 _OTHER_KIND = 1.0
-_SOURCES, _FLIGHTS = 6, 60  # structures registered for real, flights on them that are foreseen
+_SOURCES, _FLIGHTS = 6, 60  # registered structures, and flights on them with a prediction
 
 
 @dataclass(frozen=True)
 class Recommendation:
-    """One demonstration, and what is expected of carrying it to the target."""
+    """One demonstration with the predicted result of its transfer to the target."""
 
     rank: int
     demonstration_id: str
     source_id: str
     kind: str  # as declared of the source
-    verdict: str  # "own", "fits", "doubtful" or "refused", as planning would refuse it
-    misfit: float  # of the structures, lower is better; the gate is `RegistrationSettings.acceptance`
-    predicted_seen_pct: float  # `coverage_seen_pct` that a plan should reach at least; NaN: nothing to see
-    without_pct: float  # of what was inspected, without a counterpart on the target
+    verdict: str  # "own", "fits", "doubtful" or "refused", as in planning
+    misfit: float  # of the structures, lower is better; the limit is `RegistrationSettings.acceptance`
+    predicted_seen_pct: float  # least `coverage_seen_pct` of a plan; NaN: nothing to see
+    without_pct: float  # share of the inspected surface without a counterpart on the target
     inspected_pct: float  # of the source's surface
-    unlikeness: float  # of the shapes, by which the candidates were chosen
+    unlikeness: float  # of the shapes, which selects the candidates
     why: str
 
 
@@ -65,24 +65,23 @@ def recommend(
 ) -> list[Recommendation]:
     """The demonstrations that would transfer best to a structure, best first.
 
-    Flights over the structure itself come first where there are any: they need no transfer. Then
-    come those that fit by shape, and then the others by likeness. That a flight's structure is
-    declared to be of another kind speaks against it, but shapes that fit well outweigh it.
+    Flights of the structure itself come first: they need no transfer. Flights that fit by shape follow,
+    then the others by similarity. Another declared kind counts against a flight, but a good fit of the shapes
+    outweighs it.
 
     Parameters
     ----------
     catalog : Catalog
     structure_id : str
     most : int
-        How many are returned at most; more are never looked at than the flights over the few
-        structures most alike.
+        Maximum number of results; only flights of the few most similar structures are considered.
     by_kind : bool
-        Whether declared kinds count; without them the shape alone decides.
+        Whether declared kinds count; otherwise only the shape decides.
 
     Raises
     ------
     InputError
-        If the catalog does not hold the structure, or no demonstration whose structure it holds.
+        If the catalog lacks the structure, or has no demonstration with its structure.
     """
     check_id(structure_id, "structure id")
     structures = catalog.structures().set_index("structure_id")
@@ -103,7 +102,7 @@ def recommend(
 
 
 class _Question:
-    """One structure as the target of the others, and what is known of each pair, by content."""
+    """One structure as the target of the others, with the cached results of each pair."""
 
     def __init__(self, catalog: Catalog, target_id: str, structures: pd.DataFrame, by_kind: bool) -> None:
         self.catalog, self.target_id = catalog, target_id
@@ -132,9 +131,9 @@ class _Question:
         ]
 
     def judge(self, row: pd.Series, unlike: float) -> tuple[int, float, float, str, Recommendation]:
-        """One flight: registration, parts, what was inspected, and what is foreseen of it; after its order.
+        """The recommendation of one flight, after its sort key.
 
-        What fits comes first, by what should be seen again and how surely; the rest by likeness.
+        Fitting flights come first, by predicted coverage and certainty; the others by similarity.
         """
         source_id, flight_id = str(row["structure_id"]), str(row["demonstration_id"])
         content = self.content[source_id]

@@ -1,7 +1,6 @@
-"""What is known of the shapes in a catalog, and of what flights saw of them, cached by content.
+"""Features of the shapes in a catalog and the surface that flights saw, cached by content.
 
-It is found out when a file is taken in, so that a question about it is answered without its mesh;
-thousands of features lie in a few files.
+They are computed at the import of a file, so that queries need no mesh; few files contain thousands of them.
 """
 
 from __future__ import annotations
@@ -27,16 +26,16 @@ from upplied.recommend.features import (
 from upplied.recommend.foresee import FORESIGHT_VERSION, Inspected, inspected
 from upplied.records import Cloud, Demonstration, Structure
 
-_BLOCKS = 64  # files of features: one structure more makes one of them anew, not all
+_BLOCKS = 64  # files of features: a new structure rewrites only one of them
 
 
 class Shapes:
-    """What is known of the shapes in a catalog.
+    """Features of the shapes in a catalog.
 
     Parameters
     ----------
     catalog : Catalog
-        Its cache keeps what is found; its meshes and logs are read only where that is missing.
+        Results are stored in its cache; meshes and logs are read only if they are missing there.
     """
 
     def __init__(self, catalog: Catalog) -> None:
@@ -44,20 +43,20 @@ class Shapes:
         self._known: dict[str, Cloud] = {}
 
     def learn(self, structure: Structure) -> None:
-        """Find out what questions about a structure ask for, with its record at hand."""
+        """Compute and store the features of a structure from its record."""
         if not structure.sha256:
             return
         self._known[structure.sha256] = self._cloud(structure.sha256, lambda: structure)
         self.features(structure.structure_id, structure.sha256)
 
     def learn_flight(self, flight: Demonstration, structure: Structure) -> None:
-        """Find out what a demonstration saw, with its record and its structure's at hand."""
+        """Compute and store the surface that a demonstration saw, from the records of both."""
         self.learn(structure)
         if flight.sha256 and structure.sha256:
             self._inspected(flight.sha256, structure.sha256, lambda: (flight, structure))
 
     def cloud(self, structure_id: str, sha256: str) -> Cloud:
-        """Surface samples of one structure, the same that plans are made on."""
+        """Surface samples of one structure, the same as in planning."""
         if sha256 not in self._known:
             self._known[sha256] = self._cloud(sha256, lambda: self.catalog.structure(structure_id))
         return self._known[sha256]
@@ -74,7 +73,7 @@ class Shapes:
     def inspected(
         self, flight_id: str, flight_sha256: str, structure_id: str, structure_sha256: str
     ) -> Inspected:
-        """What a demonstration saw of its structure."""
+        """The surface of its structure that a demonstration saw."""
         self.cloud(structure_id, structure_sha256)
         return self._inspected(
             flight_sha256,
@@ -91,7 +90,7 @@ class Shapes:
         return ShapeLibrary.stacked(known).rows(order) if known else library_of([])
 
     def gather(self, sha256: Mapping[str, str]) -> None:
-        """Make the files that `library` reads, those for which all features are known."""
+        """Write the files that `library` reads, if all their features are cached."""
         for block in _blocks(sha256):
             named = {name: sha256[name] for name in block}
             cache = self.catalog.cache
@@ -136,7 +135,7 @@ class Shapes:
 
 
 def _blocks(names: Iterable[str]) -> list[list[str]]:
-    """Names of structures by the file that holds their features, whoever else is there."""
+    """Names of structures by the file of their features, independent of the other structures."""
     blocks: dict[int, list[str]] = {}
     for name in sorted(names):
         blocks.setdefault(int(digest(name)[:8], 16) % _BLOCKS, []).append(name)
@@ -144,5 +143,5 @@ def _blocks(names: Iterable[str]) -> list[list[str]]:
 
 
 def content_of(table: pd.DataFrame, stored: str) -> pd.Series:
-    """The hash of each row's content: of the file that was read, else of what is stored."""
+    """The hash of each row's content: of the imported file, or else of the stored record."""
     return table["sha256"].where(table["sha256"] != "", table[stored])

@@ -1,7 +1,7 @@
-"""Lines of sight where only samples of a surface are at hand, and no mesh: discs stand in the way.
+"""Lines of sight among surface samples without a mesh: each sample is an opaque disc.
 
-Against the mesh it errs where surfaces are nearer to each other than their samples; it needs neither
-the mesh nor the ray caster, so that a question is answered before these were loaded.
+It differs from the mesh where surfaces are nearer to each other than their samples. It needs neither
+the mesh nor the ray caster, so that queries need not load them.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from upplied.planning.geometry.clouds import spacing
 from upplied.planning.visibility.observations import TRULY
 from upplied.records import Bools, Camera, Cloud, Floats, Ints
 
-_OWN_SURFACE = 0.5  # of the spacing: discs so near to a sample are its own surface
-_CELLS = 10  # along the longest side: discs in one cell make a bunch
+_OWN_SURFACE = 0.5  # of the spacing: nearer discs belong to the sample's own surface
+_CELLS = 10  # along the longest side: the discs in one cell are a bunch
 
 
 def in_sight(cloud: Cloud, wanted: Ints, stations: Floats, camera: Camera) -> Bools:
-    """Which samples of a surface are truly seen from any of some places, the camera turned as it likes.
+    """The samples of a surface that are seen from any of the stations, with the camera turned freely.
 
     Parameters
     ----------
     cloud : Cloud
-        With normals and areas: each sample hides what lies behind a disc round its area.
+        With normals and areas: each sample is an opaque disc of its area.
     wanted : array of int, shape (K,)
-        The samples in question.
+        Samples to test.
     stations : array, shape (S, 3), m, structure frame
     camera : Camera
-        Its range counts, its field of view does not.
+        Only its range counts.
 
     Returns
     -------
@@ -86,7 +86,7 @@ def _in_sight(
             length = np.sqrt(ray[0] ** 2 + ray[1] ** 2 + ray[2] ** 2)
             facing = (ray[0] * normal[0] + ray[1] * normal[1] + ray[2] * normal[2]) / max(length, 1e-12)
             cosine[station] = facing if ranges[0] <= length <= ranges[1] else -1.0
-        for _ in range(len(stations)):  # the most frontal view first: it is free most often
+        for _ in range(len(stations)):  # the most frontal view first: it is rarely occluded
             best = np.argmax(cosine)
             if cosine[best] < least_cosine:
                 break

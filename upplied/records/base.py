@@ -1,4 +1,4 @@
-"""What all records have in common: array types, a repr that shows shapes, and results kept with them."""
+"""The base of all records: array types, a repr with shapes, and cached results."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class Record:
     """Base of the records: a repr that shows shapes, not numbers."""
 
     def derived(self, name: str, compute: Callable[[], Value]) -> Value:
-        """What follows from this record alone, computed once and kept in it; a changed copy has its own.
+        """A result that depends on this record alone, computed once; a changed copy computes its own.
 
         Parameters
         ----------
         name : str
-            Of the result, and of whatever else it depends on.
+            Name of the result, with everything else that it depends on.
         compute : callable
         """
         values: dict[str, Value] = self.__dict__.setdefault("_derived", {})

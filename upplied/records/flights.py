@@ -12,11 +12,11 @@ from upplied.records.base import Bools, Floats, Ints, Record
 
 @dataclass(frozen=True)
 class Lens(Record):
-    """How a lens departs from a pinhole, by the models of OpenCV."""
+    """Distortion of a lens, by the models of OpenCV."""
 
-    model: str = "brown"  # or "fisheye": of it angles from the axis grow evenly, but for its coefficients
+    model: str = "brown"  # or "fisheye", with even angles from the axis except for the coefficients
     coefficients: tuple[float, ...] = ()  # k1 k2 p1 p2 k3 k4 k5 k6; of a fisheye k1 k2 k3 k4
-    middle: tuple[float, float] = (0.5, 0.5)  # where the axis meets the picture, shares of width and height
+    middle: tuple[float, float] = (0.5, 0.5)  # principal point, shares of width and height
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -27,17 +27,16 @@ class Camera(Record):
     vfov_deg: float = 75.0  # full vertical angle, up to 180
     min_range_m: float = 2.0
     max_range_m: float = 50.0
-    width_px: int = 0  # 0 where not known, here and below
+    width_px: int = 0  # 0 if unknown, here and below
     height_px: int = 0
-    model: str = field(default="", metadata={"later": True})  # in `cameras.toml`; empty: not known
+    model: str = field(default="", metadata={"later": True})  # in `cameras.toml`; empty: unknown
     exposure_s: float = field(default=0.0, metadata={"later": True})  # of one picture
     trigger_s: float = field(default=0.0, metadata={"later": True})  # least time between two photos
     focus_m: float = field(default=0.0, metadata={"later": True})  # nearest distance that is in focus
     focal_mm: float = field(default=0.0, metadata={"later": True})
     f_number: float = field(default=0.0, metadata={"later": True})
-    lens: Lens | None = field(
-        default=None, metadata={"later": True}
-    )  # None: a pinhole; plans take it for one
+    # Distortion; None: a pinhole. Plans ignore it.
+    lens: Lens | None = field(default=None, metadata={"later": True})
 
     def zoomed(self, fov_deg: Floats) -> list[Camera]:
         """The camera at each field of view (N, 2), horizontal and vertical, through which it zooms."""
@@ -51,7 +50,7 @@ class Trajectory(Record):
     t_s: Floats  # (N,) s, strictly increasing, first is 0
     positions: Floats  # (N, 3) m, structure frame
     quat_xyzw: Floats  # (N, 4) unit, camera to structure
-    # (N, 2) horizontal and vertical, where the camera zooms: else it is that of the flight from end to end
+    # (N, 2) horizontal and vertical, deg, if the camera zooms; None: constant
     fov_deg: Floats | None = field(default=None, metadata={"later": True})
 
     def __len__(self) -> int:
@@ -70,12 +69,12 @@ class LoggedWind:
     topic: str
     mean_mps: float
     most_mps: float
-    towards_deg: float | None  # where it blows to, counter-clockwise from +X; None: the heading is not known
+    towards_deg: float | None  # direction, counter-clockwise from +X; None: unknown heading
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Demonstration(Record):
-    """What an expert flew around one structure, as logged."""
+    """A flight of an expert round one structure, as logged."""
 
     demonstration_id: str
     structure_id: str
@@ -85,19 +84,19 @@ class Demonstration(Record):
     camera: Camera = field(default_factory=Camera)
     operator: str = ""
     site: str = ""
-    sha256: str = ""  # of the bytes of the log and of what the side-car and options say of it
+    sha256: str = ""  # of the bytes of the log, with its side-car and options
     breaks: Ints = field(default_factory=lambda: np.empty(0, np.int64))  # first index after each gap
-    degraded: bool = False  # salvaged; `notes` say what was lost
+    degraded: bool = False  # salvaged; `notes` list the lost parts
     dropped: Mapping[str, int] = field(default_factory=dict)  # samples dropped, by reason
-    clock: str = ""  # which stamp was used: "header", "publish", "log"
+    clock: str = ""  # source of the time stamps: "header", "publish", "log"
     topic: str = ""
     notes: str = ""
-    about: str = ""  # what the user says it inspected (`planning.demonstration.about`); empty: inferred
+    about: str = ""  # inspected surface by the user (`planning.demonstration.about`); empty: inferred
     passport: Mapping[str, object] = field(default_factory=dict)  # figures and findings, plain values
-    # (N, 2) of each pose, where the camera zooms; `camera` then says the narrowest
+    # (N, 2) of each pose, deg, if the camera zooms; `camera` then has the narrowest
     fov_deg: Floats | None = field(default=None, metadata={"later": True})
     wind: LoggedWind | None = field(default=None, metadata={"later": True})  # None: not logged
-    stills: bool = field(default=False, metadata={"later": True})  # photos, a pose each, and no film
+    stills: bool = field(default=False, metadata={"later": True})  # photos with one pose each, no film
     accuracy_m: float | None = field(default=None, metadata={"later": True})  # of a flight, if stated
 
     def __len__(self) -> int:

@@ -1,4 +1,4 @@
-"""What is handed from step to step of planning: clouds, registration, correspondences, views, viewpoints."""
+"""Results of the steps of planning: clouds, registration, correspondences, views, viewpoints."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ class Cloud(Record):
     points: Floats  # (N, 3) m, structure frame
     normals: Floats | None = None  # (N, 3) unit, outward
     area_m2: Floats | None = None  # (N,) surface each sample stands for
-    part: Ints | None = None  # (N,) which part of the structure (0 ..) the sample lies on
+    part: Ints | None = None  # (N,) part of the structure (0 ..) on which the sample lies
     leaf_m: float = 0.0  # edge of the voxels, 0 for surface samples
-    open: Bools | None = None  # (N,) of a scan: whether the inside of its surface shows there
+    open: Bools | None = None  # (N,) of a scan: whether the inside of its surface is visible there
 
     def __len__(self) -> int:
         return len(self.points)
 
     @property
     def areas(self) -> Floats:
-        """(N,) m^2; 1 for each where they are not known."""
+        """(N,) m^2; 1 for each if unknown."""
         return np.ones(len(self)) if self.area_m2 is None else self.area_m2
 
     @property
@@ -40,7 +40,7 @@ class Cloud(Record):
         ValueError
         """
         if self.normals is None:
-            raise ValueError("a cloud without normals: surface samples are asked for")
+            raise ValueError("a cloud without normals: surface samples are required")
         return self.normals
 
     def at(self, chosen: Bools | Ints) -> Cloud:
@@ -51,7 +51,7 @@ class Cloud(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Registration(Record):
-    """How a target is registered on the demonstration structure.
+    """Registration of a target on the demonstrated structure.
 
     ``p_demo = rotation @ (scale * (turn @ p_target)) + translation`` (paper, Alg. 1, lines 3 to 8, which
     assumes equal orientation: ``rotation @ turn`` is the identity unless another one was declared or found).
@@ -62,12 +62,12 @@ class Registration(Record):
     translation: Floats  # (3,) m
     score_m2: float  # PCL's getFitnessScore: mean squared nearest-neighbour distance, demonstration to target
     accepted: bool
-    reason: str = ""  # why not, in words, where it is refused
+    reason: str = ""  # of a refusal, in words
     acceptance: float = float("nan")  # free of density and scale, lower is better; NaN where not computed
-    # The same of the target's surface alone, which what was never scanned does not raise.
+    # The same by the target's surface alone, unaffected by surface that was never scanned.
     scanned: float = float("nan")
     runner_up_gap: float = float("nan")  # relative gap to the next best orientation; NaN where not searched
-    evidence: str = ""  # what was tried and found, in words
+    evidence: str = ""  # attempts and results, in words
     turn: Floats = field(default_factory=lambda: np.eye(3))  # (3, 3) proper, of the target before its scaling
 
     @property
@@ -86,35 +86,35 @@ class Registration(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Displacement(Record):
-    """Where matched parts of a source lie on the registered target: an affine map each, and a smooth field.
+    """The mapping of matched parts of a source to the registered target: affine maps and a smooth field.
 
-    The classes are those of `Correspondences.source_class`; what is in none has the last row, and no map.
+    Classes are those of `Correspondences.source_class`; the last row is for no class, without a map.
     """
 
     matrix: Floats  # (C + 1, 3, 3) of each class: the part aligned with its counterpart
     offset_m: Floats  # (C + 1, 3)
-    smooth: Floats  # (C + 1,) how much of the smooth field is added, 0 to 1
+    smooth: Floats  # (C + 1,) share of the smooth field that is added, 0 to 1
     control_points: Floats  # (M, 3) m, source frame, after the maps
     control_class: Ints  # (M,) -1 where in none
     weights: Floats  # (M, 3) m
-    reach_m: float  # how far a control point is felt
-    step_m: Floats  # (2,) spacing of the samples of both by which it was found, source first
+    reach_m: float  # radius of influence of a control point
+    step_m: Floats  # (2,) spacing of the samples that it was computed from, source first
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Correspondences(Record):
-    """For every point of the demonstration's cloud its counterpart on the target."""
+    """The counterpart on the target of every point of the demonstration's cloud."""
 
-    target_index: Ints  # (N_demo,) index into the target's cloud, -1 where there is no counterpart
-    distance_m: Floats  # (N_demo,) between the partners after alignment; NaN where there is none
-    target_points: Floats  # (N_demo, 3) m, target frame: where each point is carried, NaN where nowhere
-    summary: str = ""  # parts matched and parts left without a counterpart, in words
+    target_index: Ints  # (N_demo,) index into the target's cloud, -1 without a counterpart
+    distance_m: Floats  # (N_demo,) to the counterpart after alignment; NaN without one
+    target_points: Floats  # (N_demo, 3) m, target frame: carried position of each point, NaN if none
+    summary: str = ""  # matched parts and parts without a counterpart, in words
     source_class: Ints | None = None  # (K,) of each part of the demonstration's cloud, -1: in none
-    target_class: Ints | None = None  # (L,) of each part of the target's: parts of one class were matched
-    displacement: Displacement | None = None  # by which parts were carried; None: nearest points
+    target_class: Ints | None = None  # (L,) of each part of the target's; parts of one class are matched
+    displacement: Displacement | None = None  # that carries parts; None: nearest points
 
     def target_parts(self, part: int) -> Ints:
-        """The target's parts that were matched with a part of the source; none where it was not."""
+        """The target's parts that were matched with a part of the source; empty if none were."""
         if self.source_class is None or self.target_class is None or self.source_class[part] < 0:
             return np.empty(0, np.int64)
         return np.flatnonzero(self.target_class == self.source_class[part])
@@ -122,7 +122,7 @@ class Correspondences(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Visibility(Record):
-    """Which points of a cloud each pose sees."""
+    """The points of a cloud that each pose sees."""
 
     seen: Bools  # (P, N) pose by point
 
@@ -160,7 +160,7 @@ class Waypoints(Rows):
     quat_xyzw: Floats  # (W, 4) unit, camera to structure
     t_s: Floats  # (W,) s, time of the demonstration that each corresponds to; never decreases
     is_viewpoint: Bools  # (W,)
-    # (W,) on passes beside the demonstrated ones, and on the ways to them and back; none where not given
+    # (W,) on added passes and on the transits to and from them; by default none
     added: Bools = field(default_factory=lambda: np.zeros(0, bool))
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""A plan, its measures and what it sees of its target."""
+"""A plan, its measures and the surface that it shows."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from upplied.records.planning import Registration
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Measures(Record):
-    """What a plan is judged by; NaN where a measure was not computed."""
+    """The measures of a plan; NaN if not computed."""
 
     acceptance_probability: float = float("nan")
     counterpart_probability: float = float("nan")
@@ -57,7 +57,7 @@ class Measures(Record):
     peak_acceleration_mps2: float = float("nan")
 
 
-#: What became of a piece of a structure's surface; `SurfaceStates.state` indexes this.
+#: States of a piece of a structure's surface; `SurfaceStates.state` indexes them.
 SURFACE_STATES = (
     "other",
     "shown",
@@ -75,11 +75,11 @@ SURFACE_STATES = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SurfaceStates(Record):
-    """What became of each piece of a target's surface, or what of a source's was inspected, for reports.
+    """The state of each piece of a target's surface, or of a source's inspected surface, for reports.
 
-    `other` was not inspected by the demonstration, and `no counterpart` has no partner on the other one. A
-    flight showed what is `seen if corrected` or `inspected if corrected` only if its log was rightly moved
-    onto its plan, and what is `in view only` less finely or sharply than its plan asks.
+    `other` was not inspected by the demonstration; `no counterpart` has none on the other structure. For a
+    flight, `seen if corrected` and `inspected if corrected` hold only if the correction of its log is right,
+    and `in view only` was shown less finely or sharply than planned.
     """
 
     points: Floats  # (N, 3) m, target frame
@@ -89,51 +89,51 @@ class SurfaceStates(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SupposedSurface(Record):
-    """Surface of a target that nobody scanned, where the source has it: a disc for each of its samples.
+    """Unscanned surface of a target, inferred from the source: a disc for each of its samples.
 
-    What is likely to be there hides what lies behind it; of what may be there a path keeps clear alone.
+    A path keeps clear of all of it; only likely surface occludes.
     """
 
     points: Floats  # (K, 3) m, target frame
     normals: Floats  # (K, 3) unit, outward
-    corner: Floats  # (K, 3) unit, across each normal: to the first of the six corners that a disc is drawn by
+    corner: Floats  # (K, 3) unit, perpendicular to each normal: to the first of a disc's six corners
     radius_m: Floats  # (K,) of the discs
-    likely: Bools  # (K,) or doubtful: where the target may go on past an open end
-    error_m: float  # how far the surface may be from there
+    likely: Bools  # (K,) False: doubtful, where the target may continue past an open end
+    error_m: float  # position error of the surface
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Photos(Rows):
-    """The photos of a plan whose demonstration was one of photos, in the order of flight."""
+    """The photos of a plan, if its demonstration consists of photos, in the order of flight."""
 
     t_s: Floats  # (K,) from the start of the plan
     positions: Floats  # (K, 3) m, target frame
     quat_xyzw: Floats  # (K, 4) unit, camera to structure
     patches: Ints  # (K,) samples of the target's surface that each shows sharply
-    gsd_mm: Floats  # (K,) ground sample distance, median over these; NaN where there are none
+    gsd_mm: Floats  # (K,) ground sample distance, median over these; NaN if there are none
     blur_px: Floats  # (K,) motion during the exposure, likewise
-    overlap_pct: Floats  # (K,) of what it shows, the share that the one before shows too; NaN for the first
+    overlap_pct: Floats  # (K,) share of its patches that the previous photo shows too; NaN for the first
 
 
 @dataclass(frozen=True, repr=False)
 class Counterpart(Record):
-    """What on the target corresponds to one part that was inspected."""
+    """The counterpart on the target of one inspected part."""
 
     part: str  # of the source, with its place: ``part_3 (left low)``
-    inspected_pct: float  # share of what was inspected that lies on it
+    inspected_pct: float  # share of the inspected surface that lies on it
     twins: int  # other parts of the source of its shape and size
     found: int  # parts of the target of its shape and size
     flown: tuple[str, ...] = ()  # parts of the target that the plan flies to
-    left_out: tuple[str, ...] = ()  # those of its shape that it does not, each with the reason
-    probability: float | None = None  # least of the flown ones, to be the right part; None: not told apart
-    doubt: str = ""  # why it is not certain which part of the target corresponds to it; empty where it is
-    never_scanned_pct: float = 0.0  # share of what was inspected of it, that was never scanned on the target
-    open: tuple[str, ...] = ()  # parts of the target, flown to, whose scan ends on them: their inside shows
+    left_out: tuple[str, ...] = ()  # similar parts that it does not fly to, each with the reason
+    probability: float | None = None  # that the flown part is the right one, the least; None: unknown
+    doubt: str = ""  # reason why the matching is uncertain; empty if it is certain
+    never_scanned_pct: float = 0.0  # share of its inspected surface that was never scanned on the target
+    open: tuple[str, ...] = ()  # flown parts of the target on which the scan ends
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Record):
-    """What came of transferring one demonstration to one target: a trajectory, or a reason why not."""
+    """The transfer of one demonstration to one target: a trajectory, or the reason why there is none."""
 
     demonstration_id: str
     source_id: str
@@ -149,21 +149,21 @@ class Plan(Record):
     measures: Measures = field(default_factory=Measures)
     counterpart_summary: str = ""
     counterparts: tuple[Counterpart, ...] = ()  # of each inspected part, the most inspected first
-    parts_told_by: str = ""  # the sibling that told the parts of a scan; empty where none did
-    acceptance_evidence: str = ""  # what speaks for and against the transfer, in words
+    parts_told_by: str = ""  # reference model that labelled the parts of a scan; empty: none
+    acceptance_evidence: str = ""  # evidence for and against the transfer, in words
     warnings: tuple[str, ...] = ()
-    surface: SurfaceStates | None = None  # what the plan sees of the target, where it was computed
-    inspected: SurfaceStates | None = None  # what of the source the demonstration was about
+    surface: SurfaceStates | None = None  # of the target, if computed
+    inspected: SurfaceStates | None = None  # of the source
     supposed: SupposedSurface | None = None  # of the target, never scanned; the path keeps clear of it
-    flyable: bool = False  # whether it may be flown as it is
-    not_flyable: str = ""  # why not, in words
-    surface_sha256: str = ""  # of `surface`, where that was stored already and is left out here
+    flyable: bool = False  # whether it may be flown
+    not_flyable: str = ""  # the reason, in words
+    surface_sha256: str = ""  # of `surface`, if that is stored already and omitted here
     inspected_sha256: str = ""  # of `inspected`, likewise
     supposed_sha256: str = ""  # of `supposed`, likewise
-    photos: Photos | None = None  # at its viewpoints, where the demonstration was one of photos
+    photos: Photos | None = None  # at its viewpoints, if the demonstration consists of photos
     photos_sha256: str = ""  # of `photos`, likewise
 
     @property
     def n_viewpoints(self) -> int:
-        """How many waypoints are viewpoints."""
+        """Number of waypoints that are viewpoints."""
         return 0 if self.is_viewpoint is None else int(self.is_viewpoint.sum())

@@ -1,4 +1,4 @@
-"""Surface of a structure that must be seen, and how: what zones ask for, sample by sample."""
+"""Required surface of a structure and its required quality, sample by sample."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from upplied.records.base import Bools, Floats, Record
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RequiredSurface(Record):
-    """Samples of a whole surface, and what is asked of each that lies in a zone."""
+    """Samples of a whole surface, with the requirements of those in a zone."""
 
     points: Floats  # (S, 3) m, declared frame of the structure
     normals: Floats  # (S, 3) unit, outward
-    zone: Bools  # (S,) must be seen; the others are there so that a place is told from its neighbours
-    gsd_m: Floats  # (S,) a pixel covers this much at most; infinite where that is not asked
-    incidence_deg: Floats  # (S,) from the normal, at most; 90 where that is not asked
+    zone: Bools  # (S,) whether it must be seen; other samples define the boundary of the zone
+    gsd_m: Floats  # (S,) maximum ground sample distance; infinite without a requirement
+    incidence_deg: Floats  # (S,) maximum angle from the normal; 90 without a requirement

@@ -1,4 +1,4 @@
-"""A structure, where it stands, what limits a flight round it, and its canonical frame."""
+"""A structure, its place on the Earth, its surroundings, and its frame."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from upplied.records.base import Floats, Ints, Record
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Placement(Record):
-    """Where a structure stands on the Earth; the origin of its frame and the bearing of +X."""
+    """The place of a structure on the Earth: the origin of its frame and the bearing of +X."""
 
     lat_deg: float
     lon_deg: float
@@ -23,19 +23,19 @@ class Placement(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Surroundings(Record):
-    """What limits a flight besides the structure itself, in the structure frame, m."""
+    """Limits of a flight besides the structure itself, in the structure frame, m."""
 
-    ground_z_m: float | None = None  # height of level ground, None where it is not known
+    ground_z_m: float | None = None  # height of level ground, None if unknown
     keep_out_m: Floats = field(default_factory=lambda: np.empty((0, 2, 3)))  # (K, 2, 3) boxes, min and max
     geofence_m: Floats = field(default_factory=lambda: np.empty((0, 2)))  # (G, 2) polygon in x y, empty: none
     ceiling_z_m: float | None = None  # highest allowed z
-    #: (R, 3) where it may land instead of home
+    #: (R, 3) landing points other than home
     rally_m: Floats = field(default_factory=lambda: np.empty((0, 3)), metadata={"later": True})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Frame(Record):
-    """A frame that is turned about the vertical and moved against the declared one of a structure.
+    """A frame that is turned about the vertical and shifted from the declared one of a structure.
 
     ``p_declared = turn @ p + origin_m``; heights are the same in both.
     """
@@ -65,7 +65,7 @@ class Frame(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Structure(Record):
-    """One structure: a triangle mesh, or a point cloud where there are no triangles."""
+    """One structure: a triangle mesh, or a point cloud if there are no triangles."""
 
     structure_id: str
     kind: str
@@ -73,24 +73,24 @@ class Structure(Record):
     triangles: Ints  # (T, 3) vertex indices; (0, 3) for a structure given as a point cloud
     normals: Floats | None = None  # (V, 3) outward unit normals, for point clouds only
     site: str = ""
-    sha256: str = ""  # of the bytes of the file and of what the manifest says of it
+    sha256: str = ""  # of the bytes of the file and of its entry in the manifest
     placement: Placement | None = None
     surroundings: Surroundings = field(default_factory=Surroundings)
     landmarks: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # name -> x y z, m
-    symmetric: bool = False  # declared: no heading can be told from the shape
+    symmetric: bool = False  # declared: the shape does not reveal the heading
     notes: str = ""
-    # The rules that it broke when it was taken in, and what was overruled.
+    # The rules that it broke at its import, and which of them were overruled.
     verdicts_json: str = field(default="", metadata={"later": True})
-    # Declared: "drawn" or "scanned"; None: nobody said.
+    # Declared: "drawn" or "scanned"; None: undeclared.
     surface: str | None = field(default=None, metadata={"later": True})
-    # Stated: how far its surface may lie from where the file has it, m; None: it is inferred.
+    # Declared error of its surface, m; None: inferred.
     surface_error_m: float | None = field(default=None, metadata={"later": True})
-    # Whether its pieces are parts, as those of a scan are not; None: nobody asked when it was taken in.
+    # Whether its pieces are parts, unlike those of a scan; None: not determined at its import.
     tells_parts: bool | None = field(default=None, metadata={"later": True})
 
     @property
     def is_scan(self) -> bool:
-        """Whether it was scanned: a point cloud always, a mesh where that is declared."""
+        """Whether it was scanned: always for a point cloud, for a mesh if declared."""
         return self.surface == "scanned" or not len(self.triangles)
 
     @property
@@ -100,15 +100,15 @@ class Structure(Record):
 
     @property
     def frame(self) -> Frame:
-        """Where it stands in the declared frame: it is given in it."""
+        """The declared frame, in which it is given."""
         return Frame()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StructureInFrame(Structure):
-    """A structure in another frame than the declared one, while it is planned; it is never stored.
+    """A structure in another frame than the declared one, during planning only; it is never stored.
 
-    Vertices, normals and landmarks are in that frame; the surroundings keep to the declared one.
+    Vertices, normals and landmarks are in that frame; the surroundings stay in the declared one.
     """
 
     frame: Frame = Frame()

@@ -1,6 +1,6 @@
-"""What a pilot recognises on an airplane: fuselage, wings and nacelles, found by rays on any mesh.
+"""Fuselage, wings and nacelles of an airplane, located by rays on any mesh.
 
-Nothing is known of the mesh but its frame: nose along +X, Z up, the plane of symmetry at y = 0.
+Only the frame of the mesh is known: nose along +X, Z up, the plane of symmetry at y = 0.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ class Airframe:
     wing_z: Floats  # (W,) its upper side
     map_x: Floats  # (C,) of the height map, rising
     map_y: Floats  # (R,)
-    map_z: Floats  # (R, C) highest surface, -inf where there is none
+    map_z: Floats  # (R, C) highest surface, -inf if there is none
 
     def height_near(self, x: Floats, y: Floats, reach_m: float) -> Floats:
-        """Highest surface within about `reach_m` of points in plan, -inf where there is none."""
+        """Highest surface within about `reach_m` of points in plan, -inf if there is none."""
         rows = int(np.ceil(reach_m / (self.map_y[1] - self.map_y[0])))
         columns = int(np.ceil(reach_m / (self.map_x[1] - self.map_x[0])))
         wide = grey_dilation(self.map_z, size=(2 * rows + 1, 2 * columns + 1))
@@ -99,7 +99,7 @@ def _body(name: str, scene: Scene, low: Floats, high: Floats) -> tuple[float, fl
 
 
 def _reach(scene: Scene, start: Floats, direction: tuple[float, float, float]) -> Floats:
-    """How far rays (N,) of one direction go, m."""
+    """Lengths (N,) of rays of one direction, m."""
     return scene.cast(start, np.broadcast_to(direction, start.shape))[0]
 
 
@@ -150,12 +150,12 @@ def _straight(y: Floats, x: Floats) -> Floats:
 def left_nacelle(structure: Structure, frame: Airframe, scene: Scene) -> Nacelle:
     """The left engine; of two, the inner one.
 
-    Ahead of the wing or, where there is none, beside the tail.
+    It is ahead of the wing or, if none is there, beside the tail.
 
     Raises
     ------
     RefusedError
-        If nothing like an engine stands out.
+        If nothing of the shape of an engine protrudes.
     """
     low, high = structure.vertices.min(axis=0), structure.vertices.max(axis=0)
     cell = frame.semi_span / 240

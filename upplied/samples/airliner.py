@@ -1,4 +1,4 @@
-"""Meshes of airliners, gear up and hung at the height at which they stand on their gear.
+"""Meshes of airliners, gear up, at their height on the gear.
 
 The structure frame has its origin on the ground below the middle of the length, +X to the nose and
 +Y to the left wing.

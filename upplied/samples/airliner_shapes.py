@@ -1,4 +1,4 @@
-"""What tells one airliner from another; `shapes.toml` has four of them.
+"""Parameters of an airliner; `shapes.toml` has four of them.
 
 Lengths count from the nose aft along the fuselage and up from the ground. The dimensions are those
 the makers publish for airport planning (length, span, height, fuselage, engine positions); chords
@@ -51,7 +51,7 @@ class Engine:
 
 @dataclass(frozen=True)
 class AirlinerShape:
-    """Everything that tells one airliner from another."""
+    """Parameters of an airliner."""
 
     length_m: float
     width_m: float  # of the fuselage

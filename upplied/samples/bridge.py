@@ -11,7 +11,7 @@ from upplied.samples.surfaces import Member, Part, assemble, block, pillar
 
 @dataclass(frozen=True)
 class BridgeShape:
-    """Everything that tells one bridge from another."""
+    """Parameters of a bridge."""
 
     length_m: float
     width_m: float

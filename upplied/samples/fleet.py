@@ -84,6 +84,6 @@ def member(structure_id: str) -> Member:
 
 
 def shape_of(structure_id: str) -> Any:
-    """What tells a sample structure from others of its kind: the shape that its maker takes."""
+    """The parameters of a sample structure for its maker."""
     kind = _KINDS[structure_id]
     return _MAKERS[kind][0](SHAPES[kind][structure_id])

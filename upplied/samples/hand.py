@@ -1,7 +1,7 @@
 """The human hand: uneven speed, pauses to look, drift, and a gimbal that follows with a lag.
 
-Whatever the hand does, the flown path keeps its distance from the structure and from the ground,
-between the logged poses as well.
+The flown path always stays at its distance from the structure and from the ground, also between the logged
+poses.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Hand:
     shake_m: float = 0.006  # one sigma, from pose to pose
     gimbal_lag_s: float = 0.3
     gimbal_noise_deg: float = 1.2
-    clearance_m: float = 2.1  # kept on the whole path
+    clearance_m: float = 2.1  # of the whole path
     above_ground_m: float = 1.0
 
 
@@ -48,7 +48,7 @@ def fly_route(
     Raises
     ------
     RefusedError
-        If no path near the route keeps clear.
+        If no path near the route has enough clearance.
     """
     positions, look = _rounded(route)
     floor = ground_z + hand.above_ground_m
@@ -63,7 +63,7 @@ def fly_route(
 
 
 def _rounded(route: Route) -> tuple[Floats, Floats]:
-    """The route at even steps, its corners rounded as a pilot rounds them."""
+    """The route at even steps with rounded corners."""
     along = arc_length(route.positions)
     wanted = np.linspace(0, along[-1], max(int(along[-1] / _STEP_M), 2))
     positions, look = (interpolated(wanted, along, each) for each in (route.positions, route.look))
@@ -161,7 +161,7 @@ def kept_clear(positions: Floats, scene: Scene, clearance_m: float, floor_z: flo
 
 
 def _lacking(path: Floats, distance: Floats, clearance_m: float) -> Floats:
-    """How much clearance each pose lacks, counting half of what its two segments lack."""
+    """Missing clearance of each pose, with half of that of its two segments."""
     step = leg_lengths(path)
     between = clearance_m - (distance[:-1] + distance[1:] - step) / 2
     lacking = clearance_m - distance

@@ -1,6 +1,6 @@
-"""Where a pilot would fly for each inspection, and what he would look at (paper, Sec. IV-B).
+"""The path and the aim of a pilot for each inspection (paper, Sec. IV-B).
 
-A route is a coarse wish: the hand that flies it (`upplied.samples.hand`) rounds it and keeps it clear.
+A route is coarse: the simulated hand (`upplied.samples.hand`) rounds it and adds clearance.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def route_of(structure: Structure, inspection: str, scene: Scene, ground_z: floa
     Raises
     ------
     RefusedError
-        If the inspection is unknown, or the structure lacks what it inspects.
+        If the inspection is unknown, or the structure lacks the inspected part.
     """
     if inspection not in INSPECTIONS:
         raise RefusedError(
@@ -112,7 +112,7 @@ def _engine_left(structure: Structure, scene: Scene, ground_z: float) -> Route:
 
 
 def _open_arc(scene: Scene, middle: Floats, radius: float, height: float) -> Floats | None:
-    """The arc round the engine, from ahead to both sides, that keeps 3.5 m off; None where too short."""
+    """The arc round the engine, from ahead to both sides, at 3.5 m; None if too short."""
     azimuth = np.radians(np.arange(-100.0, 150.0, 3.0))
     ring = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))]) * radius
     ring += (middle[0], middle[1], height)
@@ -166,7 +166,7 @@ def _sides(structure: Structure, scene: Scene, ground_z: float) -> Route:
     loop = offset_outline(points[:, :2], off)
     rear = points[:, 0].min() + 0.5
     ahead = loop[:, 0] > rear
-    # The loop begins behind the building on the axis and goes round by the right: what is kept is one piece.
+    # The loop begins behind the building on the axis and goes round by the right, so the U is one piece.
     plan = loop[ahead][::-1]
     wall = offset_outline(points[:, :2], 0.0, step_m=0.25)
     height = ground_z + 0.5 * tall
@@ -211,7 +211,7 @@ def _figure(pier: Pier, side: float, apart: float) -> Floats:
 
 
 def _eased(height: Floats, reach: int) -> Floats:
-    """Heights that begin to rise before they must, without steps."""
+    """Heights that rise early enough, without steps."""
     return np.asarray(
         gaussian_filter1d(maximum_filter1d(height, 2 * reach + 1, mode="nearest"), reach / 2, mode="nearest")
     )

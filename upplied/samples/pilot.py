@@ -25,8 +25,8 @@ def fly(
 ) -> Demonstration:
     """Demonstrate an inspection.
 
-    The pilot knows nothing of the structure but its surface: he finds fuselage, wings, engine, tower
-    or piers by looking, so that he flies round real meshes as well as round the samples.
+    The pilot knows only the surface: fuselage, wings, engine, tower or piers are located on it, so that real
+    meshes can be flown as well as the samples.
 
     Parameters
     ----------
@@ -36,18 +36,18 @@ def fly(
     seed : int
         Of the hand; the same seed gives the same flight.
     camera : Camera, optional
-        The paper's, where not given.
+        By default the paper's.
 
     Returns
     -------
     Demonstration
-        Named after structure and inspection, e.g. ``a320-fuselage-v1``. The whole path keeps 2 m from
+        Named after structure and inspection, e.g. ``a320-fuselage-v1``. The whole path stays 2 m from
         the surface and 1 m from the ground.
 
     Raises
     ------
     RefusedError
-        If the structure lacks what the inspection asks for, or there is no room to fly.
+        If the structure lacks the inspected part, or there is no room to fly.
     """
     scene = scene_of(structure)
     ground = structure.surroundings.ground_z_m

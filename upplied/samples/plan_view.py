@@ -1,4 +1,4 @@
-"""What a pilot sees from above: the outline to keep off, the axis of a tower, the piers of a bridge."""
+"""Structures from above: the outline, the axis of a tower, the piers of a bridge."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def tower_of(structure: Structure) -> Tower:
     radius = float(np.linalg.norm(foot[:, :2] - axis, axis=1).max())
     if radius > 0.12 * (high - low):
         raise RefusedError(structure.structure_id, "no slender tower was found", "a tower that stands free")
-    # Above the foot, blades may hang beside the tower: only the rear half tells where the nacelle begins.
+    # Above the foot, blades may hang beside the tower: only the rear half reveals the start of the nacelle.
     rear = points[points[:, 0] < axis[0] - 1.25 * radius]
     near = rear[np.abs(rear[:, 1] - axis[1]) < 2 * radius]
     top = float(near[:, 2].min()) if len(near) else low + 0.6 * (high - low)

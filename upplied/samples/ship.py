@@ -12,7 +12,7 @@ from upplied.samples.surfaces import Member, Part, assemble, block, loft, revolv
 
 @dataclass(frozen=True)
 class ShipShape:
-    """Everything that tells one ship from another; shares count from the stern (0) to the bow (1)."""
+    """Parameters of a ship; shares count from the stern (0) to the bow (1)."""
 
     length_m: float
     beam_m: float

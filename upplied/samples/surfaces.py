@@ -34,7 +34,7 @@ class Member(Record):
     part_of_triangle: Ints  # (T,) index into `part_names`
 
     def triangles_of(self, name: str) -> Ints:
-        """Indices of the triangles of a part, in the order of its grid; empty where it is lacking."""
+        """Indices of the triangles of a part, in the order of its grid; empty without that part."""
         if name not in self.part_names:
             return np.empty(0, np.int64)
         return np.flatnonzero(self.part_of_triangle == self.part_names.index(name))
@@ -48,7 +48,7 @@ def assemble(
     Parameters
     ----------
     landmarks : sequence of str
-        How the names of the parts begin whose middles become landmarks.
+        First letters of the names of parts whose middles become landmarks.
     """
     whole = joined(structure_id, parts)
     structure = Structure(
@@ -101,7 +101,7 @@ def loft(name: str, rings: Floats, tips: tuple[Floats, Floats] | None = None) ->
     rings : array, shape (S, K, 3), m
         S sections of K points each, in the same order around.
     tips : two arrays, shape (3,), m, optional
-        Where the end caps meet; the middles of the first and the last ring where not given.
+        Tips of the end caps; by default the middles of the first and the last ring.
     """
     sections, around, _ = rings.shape
     first, last = tips if tips is not None else (rings[0].mean(axis=0), rings[-1].mean(axis=0))

@@ -12,7 +12,7 @@ from upplied.samples.surfaces import Member, Part, airfoil, assemble, loft, pill
 
 @dataclass(frozen=True)
 class TurbineShape:
-    """Everything that tells one turbine from another."""
+    """Parameters of a turbine."""
 
     hub_height_m: float
     rotor_m: float  # diameter

@@ -1,7 +1,7 @@
-"""The one application of everything that a person opens: fleet, structure, plan, flights, studio.
+"""The web application: pages of the fleet, structures, plans and flights, and the studio.
 
-Pages are those of a report folder, built from the catalog as stored. Beside them a signed-in person can
-review, release, reject, export and edit; whoever is not signed in gets the page of the login alone.
+The pages are those of a report folder, built from the current catalog. A signed-in person can also review,
+release, reject, export and edit; without a login only the page for signing in is served.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ def create_app(catalog: Catalog, login: Login, names: frozenset[str], port: int 
     catalog : Catalog
     login : Login
     names : frozenset of str
-        That requests may use in their ``Host``.
+        Allowed names in the ``Host`` of requests.
     port : int, optional
-        That they name, where no proxy stands before the server.
+        Required port in it, if there is no proxy before the server.
     """
     return Guard(_Web(catalog, login).app, names, port, own=True)
 
@@ -84,7 +84,7 @@ class _Web:
         return Response(self.assets[name], media_type=kind, headers=_FRESH)
 
     async def page(self, request: Request) -> Response:
-        """A page for whoever is signed in, the login for all others."""
+        """A page for a signed-in person, or the page for signing in."""
         room, name = request.path_params.get("room", ""), request.path_params.get("name", "index.html")
         stem, dot, ending = name.rpartition(".")
         if room == "studio":
@@ -135,7 +135,7 @@ class _Web:
 
 
 async def _plainly(act: Callable[..., Any], *given: str) -> Any:
-    """What a call gives, with errors that a reader understands."""
+    """The result of a call; its errors become HTTP statuses with their messages."""
     try:
         return await run_in_threadpool(act, *given)
     except CatalogError as error:

@@ -1,7 +1,7 @@
-"""The guard of every server: which requests it answers, and the headers of its answers.
+"""The guard of every server: it filters requests and sets the headers of answers.
 
-A page of another site can ask a browser of this machine for anything on loopback. Requests under another
-name than the server's own, or from another site's page, are therefore refused before anything reads them.
+A page of another site can make a browser of this machine send requests to loopback. Requests under another
+name than the server's own, or from another site's page, are therefore refused before they are read.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ _HEADERS = {
     "X-Frame-Options": "DENY",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-#: Of Prefect's own pages, which hold scripts and styles of their own.
+#: For Prefect's pages, which have their own scripts and styles.
 FOREIGN_HEADERS = _HEADERS | {
     "Content-Security-Policy": "frame-ancestors 'none'",
     "Referrer-Policy": "same-origin",
 }
-#: Of our pages: they load their own files alone, and send to nobody else.
+#: For our pages, which load only their own files and send nothing to other sites.
 OWN_HEADERS = _HEADERS | {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; connect-src 'self'; frame-ancestors 'none'; form-action 'none'; "
@@ -50,11 +50,11 @@ class Guard:
     ----------
     app : ASGI application
     names : collection of str
-        Names that requests may use in their ``Host``.
+        Allowed names in the ``Host`` of requests.
     port : int, optional
-        The port that requests name, where no proxy stands before the server.
+        Required port in it, if there is no proxy before the server.
     own : bool
-        The pages are ours: their policy is strict, and browsers must say that a request is from one of them.
+        For our pages: their policy is strict, and requests must come from one of them.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Guard:
         await send({"type": "http.response.body", "body": body})
 
     def _with_headers(self, send: Send) -> Send:
-        """The same with our headers on every answer, and none that opens it to other sites."""
+        """`send` with our headers on every answer, and without headers that allow other sites."""
         ours = {name for name, _ in self.headers} - {b"cache-control"}
 
         async def sending(message: Message) -> None:
@@ -106,16 +106,16 @@ class Guard:
 
 
 def refusal(headers: Headers, names: Collection[str], port: int | None = None) -> str:
-    """Why a request is refused by its ``Host`` and ``Origin``; empty where it is not.
+    """Why a request is refused by its ``Host`` and ``Origin``; empty if it is not.
 
     Parameters
     ----------
     headers : sequence of (bytes, bytes)
-        As ASGI hands them over.
+        As in ASGI.
     names : collection of str
-        Names that the server is reached by.
+        Names of the server.
     port : int, optional
-        Where no proxy stands before it, that might speak TLS: the port that requests name.
+        Required port, if there is no proxy (perhaps with TLS) before the server.
     """
     hosts, origins = _values(headers, b"host"), _values(headers, b"origin")
     host = hosts[0] if len(hosts) == 1 else ""
@@ -128,7 +128,7 @@ def refusal(headers: Headers, names: Collection[str], port: int | None = None) -
 def foreign_page(headers: Headers, method: str) -> str:
     """Why a request is refused by the headers of its page's origin; empty if it is not.
 
-    A link on another page may be followed: such a request reads, shows itself in the address bar, and
+    Links on other pages may be followed: such a request only reads, is visible in the address bar, and
     carries no cookie of ours.
     """
     site = _values(headers, b"sec-fetch-site")
@@ -145,10 +145,10 @@ def allowed_names() -> frozenset[str]:
 
 
 def host_name(host: str) -> str:
-    """The name in a ``Host`` header, without its port; empty where it is none."""
+    """The name in a ``Host`` header, without its port; empty if it is invalid."""
     try:
         parts = urlsplit(f"//{host}")
-        _ = parts.port  # an error where it is no number
+        _ = parts.port  # raises ValueError if it is not a number
         return parts.hostname or ""
     except ValueError:
         return ""
@@ -163,5 +163,5 @@ def _site(origin: str, port: int | None) -> str:
         return origin.lower()
     try:
         return urlsplit(origin).netloc.lower()
-    except ValueError:  # no address at all
+    except ValueError:  # not an address
         return ""

@@ -1,4 +1,4 @@
-"""The pages of a report folder, built from the catalog when they are opened."""
+"""The pages of a report folder, built from the catalog on request."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from upplied.web.requests import Decisions
 
 
 def warm() -> None:
-    """Load what the first page of a plan needs, the ray caster and compiled functions, on one triangle."""
+    """Load the ray caster and compiled functions for the first page of a plan, with one triangle."""
     corners = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
     structure = Structure("warm", "warm", corners, np.array([[0, 1, 2]]))
     scene, still = Scene(corners, structure.triangles), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
@@ -38,7 +38,7 @@ def warm() -> None:
 
 
 class LivePages:
-    """Answers the requests of browsers one by one; what was read is cached until the catalog changes."""
+    """Answers the requests of browsers one by one; results are cached until the catalog changes."""
 
     def __init__(self, catalog: Catalog) -> None:
         self.catalog = catalog
@@ -46,7 +46,7 @@ class LivePages:
         self._versions: dict[str, int] | None = None
 
     def page(self, room: str, name: str = "") -> str | bytes:
-        """A page, a structure's script or a picture, as a report folder holds it under this name.
+        """A page, a structure's script or a picture, as in a report folder.
 
         Raises
         ------

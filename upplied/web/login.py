@@ -1,7 +1,7 @@
-"""The one login of our pages: a password, and what a browser holds once it was given.
+"""The login of our pages: a password, then a cookie and a token.
 
-A cookie lets a browser read. Cookies are sent to every port of a machine, so it allows no change: that
-takes a token, which pages of this port alone hold for as long as their tab is open.
+The cookie allows reading. Browsers send cookies to every port of a machine, so it allows no change: changes
+need a token, which only pages of this port have, as long as their tab is open.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from starlette.responses import Response
 
 
 class Login:
-    """Who may read, and who may change something; `password` is ``NAME:PASSWORD``, or a token alone."""
+    """Permissions to read and to change; `password` is ``NAME:PASSWORD``, or a token alone."""
 
     def __init__(self, password: str) -> None:
         self._password = password
@@ -51,7 +51,7 @@ def _equal(given: str, known: str) -> bool:
 
 
 def _basic(request: Request) -> str:
-    """``NAME:PASSWORD`` of HTTP's Basic scheme, as programs send it; empty where there is none."""
+    """``NAME:PASSWORD`` of HTTP's Basic scheme, for programs; empty if there is none."""
     scheme, _, encoded = request.headers.get("Authorization", "").partition(" ")
     try:
         return base64.b64decode(encoded, validate=True).decode() if scheme == "Basic" else ""

@@ -1,4 +1,4 @@
-"""What requests of our pages carry, checked; and what a person decides about a plan on its page."""
+"""Checked contents of requests from our pages, and decisions about plans."""
 
 from __future__ import annotations
 
@@ -29,15 +29,14 @@ class Decisions:
         self.catalog = catalog
 
     def last(self, transfer_id: str) -> str:
-        """The last decision about the pair of a plan; empty where there is none."""
+        """The last decision about the pair of a plan; empty if there is none."""
         rows = self.catalog.transfers(every=True, ids=[transfer_id]).to_dict("records")
         return self.catalog.standing().last.get(unit_of(rows[-1]), "") if rows else ""
 
     def decide(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Review, release or reject a plan.
 
-        A release names the last decision that its page shows, ``known``: where somebody decided since, it
-        is refused.
+        A release names the last decision on its page, ``known``; it is refused if there is a newer one.
 
         Raises
         ------
@@ -57,7 +56,7 @@ class Decisions:
 
 
 def signed(request: Mapping[str, Any]) -> tuple[str, str]:
-    """The name and the note that a request carries; one without a name is refused."""
+    """The name and the note in a request; a request without a name is refused."""
     by, note = request.get("by", ""), request.get("note", "")
     if not isinstance(by, str) or not isinstance(note, str) or not by.strip():
         raise InputError("the decision", "has no name", "who decides", "write your name")
@@ -87,19 +86,19 @@ def place_looked_from(request: Mapping[str, Any]) -> Viewpoint:
 
 
 class ZoneRequests:
-    """Requests about zones of the target of one open plan; coordinates of its page count from `origin`, m."""
+    """Requests about zones of the target of one open plan; coordinates are relative to `origin`, m."""
 
     def __init__(self, catalog: Catalog, editing: Editing, origin: Floats) -> None:
         self._catalog, self._editing, self._origin = catalog, editing, origin
 
     def drawn(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The samples of a zone that is described, to be drawn."""
+        """The samples of a described zone, for drawing."""
         patches = self._asking.patches(text_of(request, "where"))
         points = (self._editing.surface.points[patches] - self._origin).astype(np.float32)
         return {"points": packed(points), "share_pct": 100 * float(patches.mean())}
 
     def require(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Require a zone of the structure: the next version of a set, with the zones that it had."""
+        """Require a zone of the structure, as the next version of a set with its earlier zones."""
         by, note = signed(request)
         name, target = check_id(text_of(request, "set"), "name of requirements"), self._editing.target
         zone = request.get("zone")
@@ -118,7 +117,7 @@ class ZoneRequests:
         return {"message": f"Set {name} of {target.structure_id} now requires {count}."}
 
     def judged(self, plan: Plan) -> list[dict[str, Any]]:
-        """What becomes of each required zone by a plan."""
+        """The result of each required zone for a plan."""
         if not self._required:
             return []
         return list(self._asking.judged(self._asking.planned(plan, self._asking.camera)))

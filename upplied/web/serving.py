@@ -26,13 +26,13 @@ class Server:
     ----------
     catalog : Catalog
     port : int
-        0: any that is free.
+        0: any free port.
     host : str
         Address to bind.
     login : Login, optional
         Of the service; by default one of this run, whose token is in `address`.
     names : frozenset of str, optional
-        Names that requests may use; by default those of this machine, with this port.
+        Allowed names in requests; by default those of this machine, with this port.
 
     Raises
     ------
@@ -58,11 +58,11 @@ class Server:
         self._server = uvicorn.Server(config)
 
     def address(self, page: str = "") -> str:
-        """What a person opens; the part behind ``#``, which signs in, no server and no other site sees."""
+        """The address to open; the part after ``#`` signs in and is not sent to any server."""
         return f"http://{HOST}:{self.port}/{page}#{self._password}"
 
     def run(self) -> None:
-        """Answer until Ctrl-C; meanwhile what the first page needs is loaded."""
+        """Answer until Ctrl-C; modules for the first page are loaded in the background."""
         threading.Thread(target=warm, daemon=True).start()
         self._server.run(sockets=[self._socket])
 
@@ -79,5 +79,5 @@ class Server:
 
 
 def serve_pages(catalog: Catalog, port: int, host: str, password: str, names: frozenset[str]) -> None:
-    """The pages of a fleet's service, for whoever has its password, until Ctrl-C."""
+    """Serve the pages of a fleet's service until Ctrl-C."""
     Server(catalog, port, host, Login(password), names).run()

@@ -30,7 +30,7 @@ from upplied.proof.edit import Asked, Edit
 from upplied.records import Ints
 from upplied.web.requests import Decisions, ZoneRequests, place_looked_from, signed
 
-_MOST_BASES = 50  # that were planned again and are held: a page goes back to them
+_MOST_BASES = 50  # replanned versions in memory, to which a page can return
 _MOST_OPEN = 8  # plans; of more, the least recently used is closed
 _DIFFERENCES = LABELS["differences"]
 
@@ -88,7 +88,7 @@ class Session:
         self._near: Ints | None = None
         self.zones = ZoneRequests(catalog, self.editing, self._origin)
         self._known = self.decisions.last(transfer_id)  # the last decision that the page shows
-        self._draft = transfer_id  # what a decision is about: the plan, or the last draft that was stored
+        self._draft = transfer_id  # subject of a decision: the plan, or the last stored draft
         stage("Checking clearance along the path")
 
     def answer(self, what: str, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -112,7 +112,7 @@ class Session:
         return structure_data(self.editing.target, self._mesh)
 
     def _plan(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """All that the page begins with: the plan with the measures that are stored with it."""
+        """The initial content of the page: the plan with its stored measures."""
         row, camera = self.editing.recipe.row, self.editing.recipe.demonstration.camera
         rows = self.catalog.transfers(every=True, structure=row["target_id"])
         now = rows[rows["transfer_id"] == self._draft].iloc[-1].to_dict()
@@ -174,13 +174,13 @@ class Session:
         if plan not in (self.editing.transfer_id, self._draft):
             raise InputError("the decision", f"is about {plan[:40]!r}", f"about {self._draft}")
         known, now = self._known, self.decisions.last(plan)
-        self._known = now  # whoever is refused by another's decision knows it from then on
+        self._known = now  # a person who is refused for a newer decision knows it afterwards
         answer = self.decisions.decide({**request, "known": known})
         self._known = answer["known"]
         return answer
 
     def _aim(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The place on the surface that a viewpoint's camera looks at; none where it looks past it."""
+        """The place on the surface in the middle of a viewpoint's picture; None if there is none."""
         looking = place_looked_from(request)
         quats = from_yaw_pitch(np.radians([looking.yaw_deg]), np.radians([looking.pitch_deg]))
         origin, axis = np.array([looking.position]), optical_axis(quats)
@@ -260,7 +260,7 @@ class Session:
         return {str(name): value for name, value in same.iloc[-1].items()}
 
     def _in_force(self) -> dict[str, Any] | None:
-        """The path of the plan in force, where that is another one."""
+        """The path of the plan in force, if it is another plan."""
         row = self._force_row
         if row is None:
             return None

@@ -7,13 +7,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from remembered import study_pair
 
 from upplied.config import settings_for
 from upplied.errors import RefusedError, SettingsError
 from upplied.planning.carry.affine import registered_map
 from upplied.planning.carry.carried import Carried, _about_inspected, _refuse_without_counterpart, carry
 from upplied.planning.carry.inspected_surface import InspectedSurface
-from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, takes_of
 from upplied.records import Cloud
 from upplied.samples.fleet import member

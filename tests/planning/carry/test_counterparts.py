@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_structures import one_piece
+from remembered import study_pair
 
 from upplied.config import settings_for
 from upplied.errors import SettingsError
 from upplied.geometry.scene import scene_of
 from upplied.planning.carry.counterparts import counterparts_of, doubts, undecided
-from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.parts import labels_of, mesh_pieces
@@ -134,6 +134,14 @@ def test_wings_that_were_modelled_as_one_with_the_fuselage_are_found_on_the_targ
     assert len({part for one in found[:2] for part in one.flown}) == 2
 
 
+def test_what_has_no_like_is_told_by_its_name(a320, scan):
+    source = one_piece(a320)
+    _, found, _ = answers(fly(source, "fuselage", seed=2), source, scan)
+    doubted = [one.part for one in found if one.doubt]
+    assert doubted and all(any(part in text for text in doubts(found)) for part in doubted)
+
+
+@pytest.mark.slow
 def test_what_has_no_like_is_flown_with_a_warning_that_names_it(a320, scan):
     source = one_piece(a320)
     plan = plan_transfer(fly(source, "fuselage", seed=2), source, scan, settings_for("recommended"))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from remembered import study_pair
 
 from upplied.config import Settings, settings_for
 from upplied.planning.carry.forecast import (
@@ -18,7 +19,6 @@ from upplied.planning.carry.forecast import (
     probability_of,
     unlikely_together,
 )
-from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.plan import plan_transfer
 from upplied.records import Plan, Structure

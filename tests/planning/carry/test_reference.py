@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from moved_scenes import ANY, about_z, moved_structure
+from remembered import study_pair
 from scipy.spatial.transform import Rotation
 
 import upplied.planning.trajectory.complete as completing
 from upplied.config import settings_for
 from upplied.planning.carry.on_target import demonstrated_on_target, standing
-from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.geometry.frechet import frechet, zscored
 from upplied.planning.plan import plan_transfer

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_structures import one_piece
+from remembered import study_pair
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from upplied.config import settings_for
 from upplied.geometry.scene import scene_of
-from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.correspondence.part_alignment import _hub, _in_box_of, rotor_turned
 from upplied.planning.surface.parts import blades_of
 from upplied.records import Cloud, Structure

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from moved_scenes import about_z, moved_structure
+from remembered import study_pair
 
 from upplied.config import settings_for
 from upplied.errors import SettingsError
 from upplied.geometry.poses import optical_axis
 from upplied.planning.carry.carried import carry
-from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import begins_of, demonstrated_part, joined, mirrored, takes_of
 from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.parts import labels_of, parts_of

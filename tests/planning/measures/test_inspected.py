@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from remembered import study_pair
 from scipy.spatial.transform import Rotation
 
 from upplied.config import settings_for
 from upplied.geometry.poses import interpolate, look_at
 from upplied.planning.carry.inspected_surface import inspected_by
 from upplied.planning.constants import FACING
-from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, look_limits, takes_of
 from upplied.planning.measures.fidelity import bent_rad, fidelity, order_kept, patches_of, turned_rad
 from upplied.planning.measures.measure import inspected_measures, shown_of

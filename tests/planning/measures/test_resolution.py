@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from remembered import study_pair
 
 from upplied.config import focal_px, settings_for
 from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.carry.inspected_surface import inspected_by
-from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import Take, look_limits, takes_of
 from upplied.planning.measures.fidelity import patches_of
 from upplied.planning.measures.resolution import resolution

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from remembered import study_pair
 
 from upplied.config import settings_for
-from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.measures.verdict import shortfalls
 from upplied.planning.plan import plan_transfer

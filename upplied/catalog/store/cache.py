@@ -78,12 +78,12 @@ class Cache:
 
     def entries(self) -> list[tuple[float, int, Path]]:
         """When each entry was last used (s since 1970), its size in bytes and its path; oldest first."""
-        found = []
+        uses = []
         for path in self.folder.glob("*/*/*.parquet"):
             with contextlib.suppress(FileNotFoundError):  # pruned by somebody else meanwhile
                 known = path.stat()
-                found.append((known.st_mtime, known.st_size, path))
-        return sorted(found)
+                uses.append((known.st_mtime, known.st_size, path))
+        return sorted(uses)
 
     def prune(self, max_bytes: int) -> int:
         """Forget the records unused for longest until at most `max_bytes` remain; bytes freed."""

@@ -105,9 +105,9 @@ class FaceLabels(Record):
     def faces(self, structure: Structure, label: str) -> Bools:
         """Which faces (T,) of a structure have a label; one of another mesh, or no such face, is an error."""
         if triangles_sha256(structure) != self.triangles_sha256:
-            found = f"are of another mesh of {structure.structure_id} than it has now"
+            fault = f"are of another mesh of {structure.structure_id} than it has now"
             remedy = "label the mesh, and require the zone again"
-            raise SettingsError("the labels of a zone", found, "", remedy)
+            raise SettingsError("the labels of a zone", fault, "", remedy)
         names = json.loads(self.names_json)
         if label not in names:
             raise SettingsError(f"label {label[:64]!r}", "no face has it", f"such as {', '.join(names[:8])}")
@@ -117,8 +117,8 @@ class FaceLabels(Record):
 def labelled(structure: Structure, labels: Sequence[str]) -> FaceLabels:
     """The labels of the faces of a structure, one each."""
     if len(labels) != len(structure.triangles):
-        found = f"are {len(labels)}, the mesh has {len(structure.triangles)} faces"
-        raise SettingsError(f"labels of {structure.structure_id}", found, "one for each face")
+        fault = f"are {len(labels)}, the mesh has {len(structure.triangles)} faces"
+        raise SettingsError(f"labels of {structure.structure_id}", fault, "one for each face")
     names = sorted(set(labels))
     at = {name: number for number, name in enumerate(names)}
     number = np.array([at[label] for label in labels], np.int64)

@@ -64,10 +64,10 @@ class FileStore:
 
     def _entries(self, folder: str = "") -> list[pafs.FileInfo]:
         try:
-            found = self.filesystem().get_file_info(pafs.FileSelector(folder, allow_not_found=True))
+            entries = self.filesystem().get_file_info(pafs.FileSelector(folder, allow_not_found=True))
         except NotADirectoryError:
             return []
-        return [item for item in found if not item.base_name.endswith(_FIRST)]
+        return [item for item in entries if not item.base_name.endswith(_FIRST)]
 
     def write(self, name: str, content: bytes, lasting: bool = True) -> None:
         """Write a file that appears whole; on a disk it is there to stay when this returns, if `lasting`."""
@@ -177,9 +177,9 @@ def checked(location: str) -> str:
         return str(Path(location).expanduser().absolute())
     scheme, _, rest = location.partition("://")
     if "@" in rest or "?" in rest:
-        found = "has a user, a password or options in it"
+        fault = "has a user, a password or options in it"
         remedy = "put credentials into the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, ...)"
-        raise CatalogError(f"location {scheme}://...", found, f"{scheme}://bucket/prefix", remedy)
+        raise CatalogError(f"location {scheme}://...", fault, f"{scheme}://bucket/prefix", remedy)
     if not rest.strip("/"):
         raise CatalogError(f"location {location}", "names no bucket", f"{scheme}://bucket/prefix")
     return location.rstrip("/")
@@ -217,15 +217,15 @@ def _brief(error: Exception) -> str:
     return str(error).strip().split("\n")[0][:300]
 
 
-def remedy_of(what: str, said: str) -> str:
+def remedy_of(what: str, message: str) -> str:
     """What a person can do about it."""
     if "://" in what:
         return _remedy_of_store(what)
-    if "No space" in said or "os error 28" in said or "File too large" in said:
+    if "No space" in message or "os error 28" in message or "File too large" in message:
         return "free some space; nothing was changed"
-    if "ermission" in said or "ead-only" in said:
+    if "ermission" in message or "ead-only" in message:
         return "ask for the right to read and write there; nothing was changed"
-    if "Parquet" in said or "Json error" in said or "parquet" in said:
+    if "Parquet" in message or "Json error" in message or "parquet" in message:
         return "take that file, or the table's folder, from a backup; nothing was changed"
     return ""
 

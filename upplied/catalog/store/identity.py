@@ -128,12 +128,12 @@ class Heads:
 
     def _names(self) -> dict[int, str]:
         """The files by their versions."""
-        found = {}
+        files = {}
         for name in self._files.names():
             number = name.removeprefix(self._prefix)
             if name.startswith(self._prefix) and len(number) == 20 and number.isdigit():
-                found[int(number)] = name
-        return found
+                files[int(number)] = name
+        return files
 
 
 class Clock:

@@ -55,14 +55,14 @@ class StepTable(StoredTable):
         if version is not None:
             return super().dataset(version)
         names = set(explained(self.files.root, self.files.names) if commits is None else self._there(commits))
-        found = self._dataset_of(sorted(name for name in names if name.endswith(_SUFFIX)))
+        files = self._dataset_of(sorted(name for name in names if name.endswith(_SUFFIX)))
         if commits is not None and len(names) == len({*commits}):
-            return found
+            return files
         older = super().dataset()
-        if older is None or found is None:
-            return found or older
-        schema = pa.unify_schemas([found.schema, older.schema])
-        return ds.dataset([found.replace_schema(schema), older.replace_schema(schema)])
+        if older is None or files is None:
+            return files or older
+        schema = pa.unify_schemas([files.schema, older.schema])
+        return ds.dataset([files.replace_schema(schema), older.replace_schema(schema)])
 
     def _there(self, commits: Collection[str]) -> list[str]:
         names = [check_id(commit, "commit id") + _SUFFIX for commit in commits]

@@ -52,12 +52,12 @@ def declared(catalog: Reading) -> dict[Owner, Changes]:
 
 
 def changes_for(
-    known: Mapping[Owner, Changes], preset: str, kind: str, structure_id: str, asked: Mapping[str, Any]
+    known: Mapping[Owner, Changes], preset: str, kind: str, structure_id: str, of_run: Mapping[str, Any]
 ) -> Changes:
     """The changes to a preset for one structure: its kind's, over them its own, over them those of a run."""
     parts = [known.get(("kind", kind), {}), known.get(("structure", structure_id), {})]
     changes: Changes = {}
-    for part in [*(parts if preset == FLOWN else []), asked]:
+    for part in [*(parts if preset == FLOWN else []), of_run]:
         for stage, values in part.items():
             if stage:  # else the preset, which is the one that is flown
                 changes[stage] = {**changes.get(stage, {}), **values}

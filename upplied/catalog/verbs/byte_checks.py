@@ -15,10 +15,11 @@ import pyarrow.parquet as pq
 
 from upplied.catalog.schema import codec
 from upplied.catalog.store.contents import ContentStore
-from upplied.catalog.store.delta import HASHED_KEY, StoredTable
+from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.identity import Heads
 from upplied.catalog.store.log_hashes import changed_entries
+from upplied.catalog.store.opening import HASHED_KEY
 from upplied.catalog.store.steps import HASH_DIGITS, StepTable
 from upplied.errors import CatalogError
 
@@ -52,7 +53,7 @@ def fault_of(contents: dict[str, Folder], name: str, sha256: str) -> Fault:
 
 def stored_contents(store: ContentStore[Any]) -> Folder:
     """Every file of a folder that is kept by its content, read once."""
-    found = Folder()
+    folder = Folder()
     for name in store.files.names():
         sha256 = name.removesuffix(".parquet")
         if not re.fullmatch(r"[0-9a-f]{64}\.parquet", name):
@@ -64,14 +65,14 @@ def stored_contents(store: ContentStore[Any]) -> Folder:
             continue  # removed meanwhile
         except (OSError, pa.ArrowException, CatalogError) as error:
             damaged = isinstance(error, CatalogError)
-            found.faults[sha256] = "is damaged" if damaged else f"cannot be read: {error}"
+            folder.faults[sha256] = "is damaged" if damaged else f"cannot be read: {error}"
             continue
-        found.faults[sha256] = "" if codec.is_as_written(content) else "is damaged: a byte was changed"
+        folder.faults[sha256] = "" if codec.is_as_written(content) else "is damaged: a byte was changed"
         if hasattr(record, "samples_sha256"):
-            found.samples[sha256] = record.samples_sha256
+            folder.samples[sha256] = record.samples_sha256
         if hasattr(record, "vertices"):
-            found.sizes[sha256] = len(record.vertices), len(record.triangles)
-    return found
+            folder.sizes[sha256] = len(record.vertices), len(record.triangles)
+    return folder
 
 
 def changed_files(catalog: Reading) -> Iterator[Fault]:

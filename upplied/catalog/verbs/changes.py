@@ -78,12 +78,13 @@ def diff(catalog: Catalog, before: When | int, after: When | int | None = None) 
     replanned = joined["transfer_id_before"] != joined["transfer_id_after"]
     joined = joined[replanned].reset_index(drop=True)
     names = {"left_only": "gone", "right_only": "added", "both": "replanned"}
-    made = joined[PAIR].assign(change=joined["_merge"].map(names).astype(str), why=_why(joined))
+    changes = joined[PAIR].assign(change=joined["_merge"].map(names).astype(str), why=_why(joined))
     for name in _COMPARED:
-        made[f"{name}_before"], made[f"{name}_after"] = joined[f"{name}_before"], joined[f"{name}_after"]
+        sides_of = [f"{name}_before", f"{name}_after"]
+        changes[sides_of] = joined[sides_of]
         if name != "status":
-            made[f"{name}_change"] = joined[f"{name}_after"] - joined[f"{name}_before"]
-    return made.sort_values(["coverage_seen_pct_change", *PAIR], kind="stable").reset_index(drop=True)
+            changes[f"{name}_change"] = joined[f"{name}_after"] - joined[f"{name}_before"]
+    return changes.sort_values(["coverage_seen_pct_change", *PAIR], kind="stable").reset_index(drop=True)
 
 
 def changed_structures(catalog: Catalog, since: When) -> pd.DataFrame:
@@ -101,9 +102,9 @@ def _current(catalog: Catalog, when: When | int | None) -> pd.DataFrame:
 def _why(joined: pd.DataFrame) -> pd.Series:
     """Which inputs changed, in words; empty for what was added or is gone."""
     both = joined["_merge"] == "both"
-    said = pd.Series("", index=joined.index, dtype=object)
+    reasons = pd.Series("", index=joined.index, dtype=object)
     columns = {f"{name}_sha256": f"{name} changed" for name in _INPUTS} | _METHOD
     for column, words in columns.items():
         changed = both & (joined[f"{column}_before"] != joined[f"{column}_after"])
-        said[changed] = said[changed].where(said[changed] == "", said[changed] + ", ") + words
-    return said
+        reasons[changed] = reasons[changed].where(reasons[changed] == "", reasons[changed] + ", ") + words
+    return reasons

@@ -43,18 +43,18 @@ def alterations(catalog: Reading, transfer_ids: Collection[str], now: Standing) 
     roster, order = roster_of(catalog), now.order
     table, names = catalog.tables["decisions"], [row["decision_id"] for row in released.values()]
     changed = dict(changed_rows(table.declared, table.whole(pc.field("decision_id").isin(names))))
-    found = dict(step_faults(catalog, "waypoints", rows))
+    faults = dict(step_faults(catalog, "waypoints", rows))
     for row in rows.select(["transfer_id", "waypoints_sha256"]).to_pylist():
         plan, decision = row["transfer_id"], released[row["transfer_id"]]
         if decision["decision_id"] in changed:
-            found[plan] = f"its release {changed[decision['decision_id']]}"
+            faults[plan] = f"its release {changed[decision['decision_id']]}"
         elif wrong := roster.fault(decision, order):
-            found[plan] = f"its release does not count: {wrong}"
+            faults[plan] = f"its release does not count: {wrong}"
         elif decision["plan_sha256"] != row["waypoints_sha256"]:
-            found[plan] = "its waypoints are not those that were released"
+            faults[plan] = "its waypoints are not those that were released"
         elif decision["plan_row_sha256"] and decision["plan_row_sha256"] != hashes[plan]:
-            found[plan] = "its row differs from the one that was released"
-    return found
+            faults[plan] = "its row differs from the one that was released"
+    return faults
 
 
 def check_releasable(catalog: Reading, row: Row) -> None:

@@ -85,8 +85,8 @@ def check_files(place: Path) -> set[str]:
     except (ValueError, KeyError, TypeError) as error:
         raise CatalogError(f"{place / DATASET}", f"cannot be read: {error}", "an exported folder") from None
     if version > SCHEMA_VERSION:
-        found = f"has schema version {version}"
-        raise CatalogError(str(place), found, f"at most {SCHEMA_VERSION}", "use a newer version")
+        fault = f"has schema version {version}"
+        raise CatalogError(str(place), fault, f"at most {SCHEMA_VERSION}", "use a newer version")
     needed = {f"{name}.parquet" for name in EXCHANGED}
     for name in sorted(needed | set(files)):
         path = place / name
@@ -103,16 +103,16 @@ def _about(place: Path) -> dict[str, Any]:
     try:
         if not path.is_file() or path.stat().st_size > _MAX_ABOUT_BYTES:
             raise OSError("it is no file, or too large")
-        said = json.loads(path.read_text(encoding="utf-8"))
+        about = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise CatalogError(str(path), f"cannot be read: {error}", "an exported folder") from None
-    return said if isinstance(said, dict) else {}
+    return about if isinstance(about, dict) else {}
 
 
 def name_of(place: Path) -> str:
     """The name of a dataset whose files were checked; the folder's where it has none."""
-    said = str(_about(place).get("name", ""))
-    return said if re.fullmatch(r"[A-Za-z0-9_-]{1,64}", said) else place.resolve().name[:64]
+    name = str(_about(place).get("name", ""))
+    return name if re.fullmatch(r"[A-Za-z0-9_-]{1,64}", name) else place.resolve().name[:64]
 
 
 def _relative(place: Path, path: Path) -> str:

@@ -138,11 +138,11 @@ class Deciding(OwnSettings):
         name = self._decide(row, "released", by, note, **about)
         again = self.standing()
         if name in again.void:
-            found = "somebody decided about this pair meanwhile"
+            fault = "somebody decided about this pair meanwhile"
             if there := again.in_force.get(unit):
-                found += f": {there['by']} released {there['transfer_id']}, which is in force"
+                fault += f": {there['by']} released {there['transfer_id']}, which is in force"
             rule = "who releases knows what was decided before"
-            raise RefusedError(f"release of {transfer_id}", found, rule, "look again")
+            raise RefusedError(f"release of {transfer_id}", fault, rule, "look again")
         return name
 
     def recall(self, row: Row, note: str, target_sha256: str, by: str) -> str:
@@ -157,8 +157,8 @@ class Deciding(OwnSettings):
     def _plan(self, transfer_id: str) -> Row:
         row = self.transfer(transfer_id)
         if row["status"] != "ok" or not row["n_waypoints"]:
-            found = f"has no path: it is {row['status']}: {row['reason']}"
-            raise RefusedError(f"plan {transfer_id}", found, "what is decided about can be flown")
+            fault = f"has no path: it is {row['status']}: {row['reason']}"
+            raise RefusedError(f"plan {transfer_id}", fault, "what is decided about can be flown")
         return row
 
     def _check_release(self, row: Row, state: str, force: tuple[str, ...]) -> list[str]:
@@ -182,9 +182,9 @@ class Deciding(OwnSettings):
             broken["changed"] = f"{row['target_id']} changed since it was planned"
         left = [rule for rule in broken if rule not in force]
         if left:
-            found = "; ".join([broken[left[0]], *(f"{rule}: {broken[rule]}" for rule in left[1:])])
-            raise RefusedError(what, found, RELEASE_RULES[left[0]], f"or overrule it: --force {left[0]}")
-        return [f"{rule}: {found}" for rule, found in broken.items()]
+            fault = "; ".join([broken[left[0]], *(f"{rule}: {broken[rule]}" for rule in left[1:])])
+            raise RefusedError(what, fault, RELEASE_RULES[left[0]], f"or overrule it: --force {left[0]}")
+        return [f"{rule}: {fault}" for rule, fault in broken.items()]
 
     def _target_sha256(self, row: Row) -> str:
         return str(self.newest("structures", row["target_id"])["sha256"])
@@ -193,8 +193,8 @@ class Deciding(OwnSettings):
         """Add a decision; its name."""
         for what, text in (("name", by), ("note", note)):
             if len(text) > _LONGEST:
-                found = f"has {len(text)} letters"
-                raise SettingsError(f"{what} of a decision", found, f"at most {_LONGEST}")
+                fault = f"has {len(text)} letters"
+                raise SettingsError(f"{what} of a decision", fault, f"at most {_LONGEST}")
         who, name = author(by, "a decision"), self.new_commit_id()
         of_plan = ("transfer_id", "demonstration_id", "target_id", "purpose")
         decision = {key: row[key] or "" for key in of_plan} | {

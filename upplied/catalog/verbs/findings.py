@@ -83,21 +83,21 @@ class Finding(Adding):
         if since is not None:
             late = first["finding_id"][first["added_at"] >= moment(since)]
             newest = newest[newest.index.isin(set(late))]
-        found = rows[rows["finding_id"].isin(set(newest.index))] if history else newest
-        return found.reset_index(drop=True)
+        entries = rows[rows["finding_id"].isin(set(newest.index))] if history else newest
+        return entries.reset_index(drop=True)
 
     def finding(self, start: str) -> Row:
         """The newest row of the one finding whose id begins so; none, or more than one, is an error."""
         return queries.beginning(self.findings(), "finding", start)
 
-    def add_findings(self, found: Sequence[Mapping[str, Any]], by: str) -> list[str]:
+    def add_findings(self, findings: Sequence[Mapping[str, Any]], by: str) -> list[str]:
         """Add findings in one commit; the ids of those that are new, since one that is known adds nothing.
 
         They are rows of `findings` without their entry, author and commit.
         """
         who = author(by, "a finding")
         known = set(self.findings()["finding_id"])
-        new = {str(row["finding_id"]): row for row in found if row["finding_id"] not in known}
+        new = {str(row["finding_id"]): row for row in findings if row["finding_id"] not in known}
         self.add_rows("findings", [self._entry(row, who) for row in new.values()])
         return list(new)
 
@@ -122,5 +122,5 @@ class Finding(Adding):
     def _entry(self, row: Mapping[str, Any], by: str) -> Row:
         check_texts(row)
         drop = {*ADDED, BEFORE_SHA256}
-        kept = {name: value for name, value in row.items() if name not in drop and value == value}
-        return kept | {"entry_id": self.new_commit_id(), "by": by, "code_version": code_version()}
+        values = {name: value for name, value in row.items() if name not in drop and value == value}
+        return values | {"entry_id": self.new_commit_id(), "by": by, "code_version": code_version()}

@@ -55,11 +55,11 @@ def check(place: Path, before: Generation, now: Generation, transfers: int) -> N
         raise CatalogError(str(place), "holds the publication of another catalog", "", remedy)
     newer = [name for name, version in before.versions.items() if version > now.versions.get(name, -1)]
     if newer:
-        found = f"holds a newer publication: {', '.join(newer)} had come further than the catalog has now"
-        raise CatalogError(str(place), found, "an older state never replaces a newer one", remedy)
+        fault = f"holds a newer publication: {', '.join(newer)} had come further than the catalog has now"
+        raise CatalogError(str(place), fault, "an older state never replaces a newer one", remedy)
     if before.rows.get("transfers", 0) and not transfers:
-        found = f"holds {before.rows['transfers']} transfers, the catalog has none"
-        raise CatalogError(str(place), found, "a publication does not shrink to nothing", remedy)
+        fault = f"holds {before.rows['transfers']} transfers, the catalog has none"
+        raise CatalogError(str(place), fault, "a publication does not shrink to nothing", remedy)
 
 
 class Before:
@@ -67,10 +67,10 @@ class Before:
 
     def __init__(self, tables: Path, generation: Generation | None) -> None:
         self._generation, self._place = generation, (tables / "current").resolve()
-        found = os.walk(self._place) if generation is not None else ()
+        folders = os.walk(self._place) if generation is not None else ()
         # As texts, and a folder once: a large fleet has a thousand files.
         above = len(f"{self._place}/")
-        self._files = {f"{folder}/{name}"[above:] for folder, _, names in found for name in names}
+        self._files = {f"{folder}/{name}"[above:] for folder, _, names in folders for name in names}
         self._folders = set[str]()
         self._named = {file.rpartition("-")[0]: file for file in self._files if "-" in file}
 
@@ -134,8 +134,8 @@ def _link(path: Path, to: str) -> None:
 
 def _generations(tables: Path) -> list[Path]:
     """The folders of generations, oldest first."""
-    found = [path for path in tables.glob("g*") if _NAME.fullmatch(path.name) and path.is_dir()]
-    return sorted(found, key=lambda path: int(path.name[1:]))
+    folders = [path for path in tables.glob("g*") if _NAME.fullmatch(path.name) and path.is_dir()]
+    return sorted(folders, key=lambda path: int(path.name[1:]))
 
 
 def clean(tables: Path) -> None:
@@ -144,9 +144,9 @@ def clean(tables: Path) -> None:
         shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
     current = (tables / "current").resolve()
     names = _generations(tables)
-    kept = names[max(0, names.index(current) - 1) :] if current in names else names
+    lasting = names[max(0, names.index(current) - 1) :] if current in names else names
     for path in names:
-        if path not in kept or (current in names and names.index(path) > names.index(current)):
+        if path not in lasting or (current in names and names.index(path) > names.index(current)):
             shutil.rmtree(path)  # older, or never switched to
 
 

@@ -141,10 +141,10 @@ def _measured_anew(
         if plan.parts_told_by and plan.parts_told_by not in {one.structure_id for one in siblings}:
             lacking = f"the dataset has no {plan.parts_told_by} as it labelled its parts"
             raise CatalogError(what, f"cannot be measured again: {lacking}")
-        found = measured(Recipe(row, flown, source, target, settings, siblings), plan)
+        again = measured(Recipe(row, flown, source, target, settings, siblings), plan)
         left = []
         for item in fields(Measures):
-            says, is_so = getattr(plan.measures, item.name), getattr(found, item.name)
+            says, is_so = getattr(plan.measures, item.name), getattr(again, item.name)
             if np.isnan(is_so) and not np.isnan(says):
                 left.append(item.name)
             elif not np.isclose(says, is_so, _SAME, _SAME, equal_nan=True):
@@ -156,11 +156,11 @@ def _read(place: Path, name: str) -> pa.Table:
     """Rows of a table, exported by this or an earlier program."""
     what = str(place / f"{name}.parquet")
     try:
-        found = pq.read_table(what)
-        lacking = missing(TABLES[name], found.schema.names)
+        exported = pq.read_table(what)
+        lacking = missing(TABLES[name], exported.schema.names)
         if lacking:
             raise CatalogError(what, f"has not the declared columns: no {', '.join(lacking)}")
-        return upgraded(TABLES[name], in_schema(found, TABLES[name].schema))
+        return upgraded(TABLES[name], in_schema(exported, TABLES[name].schema))
     except (OSError, pa.ArrowException) as error:
         raise CatalogError(what, f"has not the declared columns: {error}") from None
 
@@ -181,11 +181,11 @@ def _by_owner(steps: pa.Table) -> dict[tuple[str, str], pa.Table]:
     return owned
 
 
-def _steps(place: Path, found: dict[tuple[str, str], pa.Table], name: str, row: Row) -> pa.Table:
+def _steps(place: Path, owned: dict[tuple[str, str], pa.Table], name: str, row: Row) -> pa.Table:
     """The steps of a row, checked against it."""
     key = TABLES[name].names[0]
     owner = (row[key], row["commit_id"])
-    steps = found.get(owner, TABLES[name].schema.empty_table())
+    steps = owned.get(owner, TABLES[name].schema.empty_table())
     if any(unlike(name, steps, {owner: (row[f"n_{name}"], row[f"{name}_sha256"])})):
         raise CatalogError(f"{place}: {name} of {row[key]}", "do not match their row")
     return steps

@@ -47,8 +47,8 @@ def put_looks(
     count: Any = None if pictures is None else np.minimum(pictures[patch], 65535).astype(np.uint16)
     doubt: Any = besides[patch].astype(np.uint8) if besides.any() else None
     flags = {"inspected": inspected, "inspected_if_corrected": inspected_if_corrected}
-    asked: Any = {k: None if flag is None else flag[patch].astype(np.uint8) for k, flag in flags.items()}
-    return catalog.looks.put(StoredLooks(samples, number, **small, pictures=count, assumed=doubt, **asked))
+    verdict: Any = {k: None if flag is None else flag[patch].astype(np.uint8) for k, flag in flags.items()}
+    return catalog.looks.put(StoredLooks(samples, number, **small, pictures=count, assumed=doubt, **verdict))
 
 
 def looks_at(catalog: Reading, structure_id: str, place_m: Sequence[float], kind: str = "") -> pd.DataFrame:
@@ -59,7 +59,7 @@ def looks_at(catalog: Reading, structure_id: str, place_m: Sequence[float], kind
     columns = [*_FLIGHT, "looks_sha256", "commit_version"]
     table = catalog.tables["flights"].read(pc.field("target_id") == structure_id, columns)
     nearest: dict[str, tuple[int, float]] = {}
-    found = []
+    flights = []
     for row in sorted(rows.rows_of(table), key=lambda row: row["commit_version"]):
         if not row["looks_sha256"] or kind not in ("", row["kind"]):
             continue
@@ -70,9 +70,11 @@ def looks_at(catalog: Reading, structure_id: str, place_m: Sequence[float], kind
         patch, off = nearest[looks.samples_sha256]
         at = int(np.searchsorted(looks.patch, patch))
         seen = at < len(looks.patch) and looks.patch[at] == patch
-        made = {name: row[name] for name in _FLIGHT}
-        made |= {"seen": bool(seen), "patch": patch, "patch_off_m": off}
-        made |= {name: float(getattr(looks, name)[at]) if seen else float("nan") for name in _LOOK}
-        found.append(made)
+        values = {name: row[name] for name in _FLIGHT}
+        values |= {"seen": bool(seen), "patch": patch, "patch_off_m": off}
+        values |= {name: float(getattr(looks, name)[at]) if seen else float("nan") for name in _LOOK}
+        flights.append(values)
     columns = [*_FLIGHT, "seen", *_LOOK, "patch", "patch_off_m"]
-    return pd.DataFrame(found, columns=columns).sort_values("flown_at", kind="stable").reset_index(drop=True)
+    return (
+        pd.DataFrame(flights, columns=columns).sort_values("flown_at", kind="stable").reset_index(drop=True)
+    )

@@ -75,15 +75,15 @@ def retired(table: StoredTable, where: ds.Expression | None = None) -> list[str]
 
 def rows_of_keys(table: StoredTable, keys: Iterable[str]) -> dict[str, Row]:
     """The row that stands for each of the keys that are known."""
-    asked = set(keys)
-    ids = [plan_rows.transfer_id(key) for key in asked]
-    found: dict[str, list[Row]] = {}
+    wanted = set(keys)
+    ids = [plan_rows.transfer_id(key) for key in wanted]
+    by_key: dict[str, list[Row]] = {}
     # First whether there are any, of one narrow column: most often there are none.
     known = table.named(pa.array(ids, pa.string()))
     if len(known):
         for row in rows.rows_of(table.read(pc.field("transfer_id").isin(known))):
-            found.setdefault(row["key"], []).append(row)
-    return {key: standing(same_plan) for key, same_plan in found.items() if key in asked}
+            by_key.setdefault(row["key"], []).append(row)
+    return {key: standing(same_plan) for key, same_plan in by_key.items() if key in wanted}
 
 
 def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
@@ -105,23 +105,23 @@ def ids_of(keys: Sequence[str] | pa.Array) -> pa.Array:
 
 
 def settled_plans(
-    table: StoredTable, asked: pa.Array, retry_failed: bool, run_id: str, more: list[str]
+    table: StoredTable, ids: pa.Array, retry_failed: bool, run_id: str, more: list[str]
 ) -> pa.Table:
     """The plans of these ids that are current of their pair, preset and purpose."""
     where = None
-    if len(asked) <= _FEW_KEYS:  # those of their pairs are enough, where there are any
-        known = table.read(pc.field("transfer_id").isin(asked), PAIR[:2])
+    if len(ids) <= _FEW_KEYS:  # those of their pairs are enough, where there are any
+        known = table.read(pc.field("transfer_id").isin(ids), PAIR[:2])
         first, second = (pc.field(name).isin(known[name].unique()) for name in PAIR[:2])
         where = first & second
     ours = ["run_id"] if retry_failed and run_id else []
     columns = ["transfer_id", *SLOT, *NEWEST, "status", "imported_from", *ours, *more]
-    found = in_order(table.narrow(columns, where), newest=True)
-    foreign = pc.ends_with(found["imported_from"].cast(pa.string()), plan_rows.AS_IT_SAYS)
-    held = pc.and_(pc.is_in(found["transfer_id"], asked), pc.invert(foreign))
+    plans = in_order(table.narrow(columns, where), newest=True)
+    foreign = pc.ends_with(plans["imported_from"].cast(pa.string()), plan_rows.AS_IT_SAYS)
+    held = pc.and_(pc.is_in(plans["transfer_id"], ids), pc.invert(foreign))
     if retry_failed:
-        done = pc.not_equal(found["status"], "failed")
-        held = pc.and_(held, pc.or_(done, pc.equal(found["run_id"], run_id)) if ours else done)
-    return found.filter(held)
+        done = pc.not_equal(plans["status"], "failed")
+        held = pc.and_(held, pc.or_(done, pc.equal(plans["run_id"], run_id)) if ours else done)
+    return plans.filter(held)
 
 
 def standing(same_plan: list[Row]) -> Row:

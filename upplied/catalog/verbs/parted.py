@@ -74,7 +74,7 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, mo
     rows.attrs.clear()  # which pandas copies with every choice of rows
     made_of = digest([SCHEMA_VERSION, TABLES[name].names])
     texts = _texts(rows[columns])
-    found: dict[str, Ints] = {}
+    files: dict[str, Ints] = {}
     for kind, at in rows.groupby("kind").indices.items():
         folder = f"{name}.parquet/{check_id(str(kind), 'kind')}"
         count = 1
@@ -88,9 +88,9 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, mo
         for first, end in pairwise([0, *ends]):
             sha256 = hashlib.sha256("\n".join([made_of, *held[first:end]]).encode()).hexdigest()
             file = f"{folder}/{bucket[first] + 1:04}-of-{count:04}-{sha256[:16]}.parquet"
-            found[file] = at[order[first:end]]
+            files[file] = at[order[first:end]]
     nothing = {f"{name}.parquet/none-{made_of[:16]}.parquet": np.empty(0, np.int64)}
-    return Parted(rows, found or nothing)
+    return Parted(rows, files or nothing)
 
 
 def _texts(rows: pd.DataFrame) -> pa.Array:

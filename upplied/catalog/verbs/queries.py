@@ -85,40 +85,40 @@ def matching(
 
 
 def completed(
-    table: StoredTable, found: pd.DataFrame, wanted: list[str], of: int, version: int | None = None
+    table: StoredTable, plans: pd.DataFrame, wanted: list[str], of: int, version: int | None = None
 ) -> pa.Table:
     """The `wanted` columns of these rows (with `NAMED`), in their order; texts that repeat are kept once.
 
     `of` is how many rows there are to choose from, in this version of the table.
     """
     where = None
-    if len(found) < max(_FEW * of, _FEW_ROWS):
-        where = pc.field("transfer_id").isin(pa.array(found["transfer_id"].tolist(), pa.string()))
-        oldest = found["commit_version"].min() if len(found) else -1
+    if len(plans) < max(_FEW * of, _FEW_ROWS):
+        where = pc.field("transfer_id").isin(pa.array(plans["transfer_id"].tolist(), pa.string()))
+        oldest = plans["commit_version"].min() if len(plans) else -1
         if oldest >= 0:  # which spares files; of rows of schema version 1 it is null
             where &= pc.field("commit_version") >= int(oldest)
     more = table.narrow(list(dict.fromkeys([*NAMED, *wanted])), where, version)
     names = frame(decoded(more.select(NAMED)))
     first = ~names.duplicated().to_numpy()  # one commit of an older program might bring a row twice
-    place = pd.MultiIndex.from_frame(names[first]).get_indexer(pd.MultiIndex.from_frame(found[NAMED]))
+    place = pd.MultiIndex.from_frame(names[first]).get_indexer(pd.MultiIndex.from_frame(plans[NAMED]))
     return more.select(wanted).take(pa.array(np.flatnonzero(first)[place]))
 
 
 def beginning(rows: pd.DataFrame, what: str, start: str) -> Row:
     """The newest row of the one flight or finding whose id begins so; none, or more than one, is an error."""
     ids = rows[f"{what}_id"]
-    found = rows[ids.str.startswith(start)].drop_duplicates(f"{what}_id", keep="last")
-    if len(found) != 1:
+    matches = rows[ids.str.startswith(start)].drop_duplicates(f"{what}_id", keep="last")
+    if len(matches) != 1:
         known = ", ".join(ids.drop_duplicates().tail(5).str[:12]) or "none"
-        words = "is not in the catalog" if found.empty else f"may be {len(found)}"
+        words = "is not in the catalog" if matches.empty else f"may be {len(matches)}"
         raise CatalogError(f"{what} {start}", words, f"the last ones: {known}", f"see: upplied {what}s list")
-    return {str(name): value for name, value in found.iloc[0].items()}
+    return {str(name): value for name, value in matches.iloc[0].items()}
 
 
 def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
     """The decisions until a moment, in the order of commits."""
-    found = rows.rows_of(table.read(until("added_at", as_of)))
-    return sorted(found, key=lambda row: row["commit_version"])
+    decisions = rows.rows_of(table.read(until("added_at", as_of)))
+    return sorted(decisions, key=lambda row: row["commit_version"])
 
 
 def steps(table: StoredTable, row: Row) -> pa.Table:
@@ -132,13 +132,13 @@ def steps(table: StoredTable, row: Row) -> pa.Table:
     if not count:
         return declared.schema.empty_table()
     own = (pc.field("commit_id") == row["commit_id"]) & (pc.field(name) == row[name])
-    found = table.read(own, commits=[row["commit_id"]])
-    found = found.take(pc.sort_indices(found["seq"]))
+    own_steps = table.read(own, commits=[row["commit_id"]])
+    own_steps = own_steps.take(pc.sort_indices(own_steps["seq"]))
     stated = {(row[name], row["commit_id"]): (count, row[f"{declared.name}_sha256"])}
-    for _, wrong in unlike(declared.name, found, stated):
+    for _, wrong in unlike(declared.name, own_steps, stated):
         what, remedy = f"{declared.name} of {row[name]}", "take the damaged files from a backup"
         raise CatalogError(what, wrong, "", remedy)
-    return found
+    return own_steps
 
 
 def versions(
@@ -146,18 +146,18 @@ def versions(
 ) -> pd.DataFrame:
     """Versions of each id counted in the order of commits, then narrowed to what was asked."""
     name = table.declared.names[0]
-    found = frame(table.read(until("added_at", as_of))).sort_values(
+    versions = frame(table.read(until("added_at", as_of))).sort_values(
         [name, "commit_version", "added_at", "commit_id"], kind="stable"
     )
-    found = found[~_repeated(found)]  # two writers may add the same version at once
-    found["version"] = found.groupby(name).cumcount() + 1
+    versions = versions[~_repeated(versions)]  # two writers may add the same version at once
+    versions["version"] = versions.groupby(name).cumcount() + 1
     if not every:
-        found = found.drop_duplicates(name, keep="last")
-        found = found[~found["retired"].astype(bool)]
+        versions = versions.drop_duplicates(name, keep="last")
+        versions = versions[~versions["retired"].astype(bool)]
     for column, value in equal.items():
         if value is not None:
-            found = found[found[column] == value]
-    return found.reset_index(drop=True)
+            versions = versions[versions[column] == value]
+    return versions.reset_index(drop=True)
 
 
 def _repeated(ordered: pd.DataFrame) -> Bools:
@@ -178,9 +178,9 @@ def moment_of(table: StoredTable, version: int) -> When | None:
     return pc.max(added).as_py() if len(added) else None
 
 
-def known_columns(names: list[str], asked: Iterable[str]) -> list[str]:
+def known_columns(names: list[str], requested: Iterable[str]) -> list[str]:
     """The columns that are asked for; one that does not exist is an error."""
-    wanted = list(asked)
+    wanted = list(requested)
     for name in wanted:
         if name not in names:
             raise SettingsError(f"column {name!r}", "does not exist", f"one of {', '.join(names)}")

@@ -35,12 +35,12 @@ class Recipe:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Why another result might come of it now, in words."""
-        found = []
+        doubts = []
         if self.settings.sha256 != self.row["settings_sha256"]:
-            found.append("settings were added to the program since; they have their defaults here")
+            doubts.append("settings were added to the program since; they have their defaults here")
         if len(self.siblings) < len(siblings_of(self.row)):
-            found.append("siblings that labelled the parts of a scan are not in the catalog")
-        return tuple(found)
+            doubts.append("siblings that labelled the parts of a scan are not in the catalog")
+        return tuple(doubts)
 
     def differences(self, plan: Plan) -> list[str]:
         """Columns in which a plan made again differs from the stored one; none: the same bytes."""

@@ -69,8 +69,8 @@ class Roster:
             place = Path(self.path)
             if self._files.local and (not place.is_file() or place.stat().st_size > _MOST_BYTES):
                 raise OSError("it is no file, or too large")
-            said = json.loads(self._files.read(self._name))
-            people = [Person(**one) for one in said["people"]]
+            document = json.loads(self._files.read(self._name))
+            people = [Person(**one) for one in document["people"]]
             for one in people:
                 if not all(isinstance(value, str) for value in asdict(one).values()):
                     raise ValueError("its people are not texts")
@@ -106,8 +106,8 @@ class Roster:
                      for one in self.people or []])  # fmt: skip
 
     def _write(self, people: list[Person]) -> None:
-        said = {"format": "upplied roster", "people": [asdict(one) for one in people]}
-        self._files.write(self._name, (json.dumps(said, indent=1, ensure_ascii=False) + "\n").encode())
+        document = {"format": "upplied roster", "people": [asdict(one) for one in people]}
+        self._files.write(self._name, (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
         self.people = people
 
     def check_may_release(self, by: str) -> None:

@@ -80,34 +80,30 @@ def write_splits(
     after the other is left out. A plan goes where its target goes, a demonstration with its structure.
     Of all demonstrations in use only some may be meant, and where there are episodes their numbers are told.
     """
-    kinds = kinds_of(catalog)
-    flights = catalog.demonstrations()
+    kinds, flights = kinds_of(catalog), catalog.demonstrations()
     on = dict(zip(flights["demonstration_id"], flights["structure_id"], strict=True))
-    if demonstrations is not None:
-        on = {name: on[name] for name in demonstrations}
-    side = split_of(kinds)
+    on = on if demonstrations is None else {name: on[name] for name in demonstrations}
     plans = {str(row["transfer_id"]): str(row["target_id"]) for row in rows}
+    owned = {"plans": plans, "demonstrations": on}  # by name, with their structures
 
-    def chosen(value: str, of: Mapping[str, str]) -> dict[str, list[Any]]:
-        """The plans and demonstrations of structures with a value."""
-        held = {"plans": plans, "demonstrations": on}
-        return {
-            name: sorted(k for k, at in where.items() if of.get(at) == value) for name, where in held.items()
-        }
-
-    splits = {
-        "by_structure": {
-            name: {
-                "structures": sorted(item for item, of in side.items() if of == name),
-                **chosen(name, side),
+    def parted(side_of: Mapping[str, str], held: Mapping[str, Mapping[str, str]], column: str) -> Any:
+        """What of structures with each value there is, by the value; episodes by a column of theirs."""
+        values = SHARES if column == "split" else sorted(set(side_of.values()))
+        sides: dict[str, dict[str, list[Any]]] = {}
+        for value in values:
+            sides[value] = {
+                name: sorted(k for k, at in where.items() if side_of.get(at) == value)
+                for name, where in held.items()
             }
-            for name in SHARES
-        },
-        "by_kind": {kind: chosen(kind, kinds) for kind in sorted(set(kinds.values()))},
+            if episodes:
+                sides[value]["episodes"] = [e["episode_index"] for e in episodes if e[column] == value]
+        return sides
+
+    every = {"structures": {name: name for name in kinds}, **owned}
+    splits = {
+        "by_structure": parted(split_of(kinds), every, "split"),
+        "by_kind": parted(kinds, owned, "kind"),
     }
-    for column, sides in (("split", splits["by_structure"]), ("kind", splits["by_kind"])) if episodes else ():
-        for name, side_of in sides.items():
-            side_of["episodes"] = [each["episode_index"] for each in episodes if each[column] == name]
     replace_file(place / "splits.json", (json.dumps(splits, indent=1) + "\n").encode())
 
 
@@ -119,7 +115,7 @@ def kinds_of(catalog: Catalog) -> dict[str, str]:
 
 def split_of(kinds: Mapping[str, str]) -> dict[str, str]:
     """The side of each structure, the same on every machine: by the hash of its name, kind by kind."""
-    found: dict[str, str] = {}
+    sides: dict[str, str] = {}
     for kind in sorted(set(kinds.values())):
         names = [name for name in kinds if kinds[name] == kind]
         names.sort(key=lambda name: sha256(name.encode()).hexdigest())
@@ -127,5 +123,5 @@ def split_of(kinds: Mapping[str, str]) -> dict[str, str]:
         validated = round(len(names) * SHARES["validation"]) or int(len(names) >= 3)
         for at, name in enumerate(names):
             beyond = "validation" if at < held_out + validated else "train"
-            found[name] = "test" if at < held_out else beyond
-    return found
+            sides[name] = "test" if at < held_out else beyond
+    return sides

@@ -15,9 +15,10 @@ from upplied.catalog.schema.tables import ROW_SHA256, STEPS, TABLES, Column
 from upplied.catalog.store.chain import breaks
 from upplied.catalog.store.contents import NAMED_CONTENTS
 from upplied.catalog.store.data_files import encoded
-from upplied.catalog.store.delta import HASHED_KEY, StoredTable
+from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.log_hashes import rows_added
+from upplied.catalog.store.opening import HASHED_KEY
 from upplied.catalog.verbs.byte_checks import Fault, Folder, changed_files, fault_of, stored_contents
 from upplied.catalog.verbs.custody import alterations
 from upplied.catalog.verbs.owned import as_frame, step_faults
@@ -82,30 +83,30 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
     short = [head for head in heads if len(head) < _LEAST_DIGITS]
     if short:
         raise SettingsError(f"head {short[0]!r}", "is too short", f"at least {_LEAST_DIGITS} digits")
-    found = list(_readable(changed_files(catalog)))
+    findings = list(_readable(changed_files(catalog)))
     held: dict[str, pa.Table] = {}
     unreadable: list[Finding] = []
     of_rows: list[Finding] = []
     for name in [table for table in TABLES if table not in STEPS]:
         try:
-            held[name], findings = _every_row(catalog.tables[name], _held_columns(name))
-            of_rows += findings
+            held[name], of_table = _every_row(catalog.tables[name], _held_columns(name))
+            of_rows += of_table
         except CatalogError as error:
             unreadable.append(_unreadable(error))
     if unreadable:  # what refers to a table that cannot be read cannot be judged
-        return [*found, *unreadable]
-    found += of_rows
-    found += _lost_heads(catalog, heads)
-    found += _readable(_not_as_released(catalog))
-    found += _references(held)
+        return [*findings, *unreadable]
+    findings += of_rows
+    findings += _lost_heads(catalog, heads)
+    findings += _readable(_not_as_released(catalog))
+    findings += _references(held)
     contents = {name: stored_contents(store) for name, store in catalog.contents.items()}
-    found += _meshes(held, contents)
-    found += _contents(catalog, held, contents)
-    found += _settings(held["transfers"].select(["transfer_id", *_SETTINGS]))
+    findings += _meshes(held, contents)
+    findings += _contents(catalog, held, contents)
+    findings += _settings(held["transfers"].select(["transfer_id", *_SETTINGS]))
     for name in ("poses", "waypoints"):
         faults = step_faults(catalog, name, held[STEPS[name]])
-        found += _readable((f"{name} of {row}", wrong) for row, wrong in faults)
-    return found
+        findings += _readable((f"{name} of {row}", wrong) for row, wrong in faults)
+    return findings
 
 
 def _not_as_released(catalog: Catalog) -> Iterator[Fault]:
@@ -191,8 +192,8 @@ class Values:
         for column in self._columns:
             if column.name in self._broken:
                 first, names = self._broken[column.name]
-                found = f"{first!r} is not {column.constraint}, in {_some(names)}"
-                yield Finding(f"{self._table}.{column.name}", found)
+                fault = f"{first!r} is not {column.constraint}, in {_some(names)}"
+                yield Finding(f"{self._table}.{column.name}", fault)
 
 
 def broken(column: Column, values: pa.ChunkedArray) -> pa.ChunkedArray | None:
@@ -224,8 +225,8 @@ def _references(held: dict[str, pa.Table]) -> Iterator[Finding]:
 
 def _texts(column: pa.ChunkedArray) -> pa.Array:
     """The different texts of a column."""
-    found = pc.unique(column)
-    return found.dictionary if pa.types.is_dictionary(found.type) else found
+    texts = pc.unique(column)
+    return texts.dictionary if pa.types.is_dictionary(texts.type) else texts
 
 
 def _owners(rows: pa.Table, column: str, values: list[str], name: int | str = 0) -> dict[str, list[str]]:
@@ -242,7 +243,7 @@ def _meshes(held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[
     """Counts of structures that are not those of their meshes."""
     for sha256, rows in held["structures"].to_pandas().groupby("mesh_sha256"):
         counts = contents["meshes"].sizes.get(sha256)
-        wrong = rows[rows[_COUNTS].ne(counts).any(axis=1)] if counts else rows[:0]
+        wrong = rows[rows[_COUNTS].ne([*counts]).any(axis=1)] if counts else rows[:0]
         if len(wrong):
             named = _some(wrong["structure_id"])
             yield Finding(f"mesh {sha256}", f"has {counts} parts, other than stated of {named}")

@@ -62,7 +62,7 @@ class Classed(Solid):
         self._label = np.repeat(label, len(body.triangles) // max(len(label), 1))
 
     def colours(self, points: Floats, normals: Floats) -> Floats:
-        """Of the class of the triangle that each point lies on."""
+        """Colours by the class of the triangle on which each point lies."""
         palette = np.array([rgb(colour) for colour in CLASSES])
         return palette[self._label[self.scene.closest(points)[1]]]
 

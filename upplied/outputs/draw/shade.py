@@ -1,4 +1,4 @@
-"""Light on what the rays hit: smooth normals, a sun over the viewer's shoulder, and ambient occlusion."""
+"""Light on surface: smooth normals, a sun over the viewer's shoulder, and ambient occlusion."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _AMBIENT_RAYS = 16
 def corner_normals(vertices: Floats, triangles: Ints) -> Floats:
     """A normal (T, 3, 3) for each corner: the mean of the faces around it that meet without a crease.
 
-    The winding may be inconsistent, as it is in half of the meshes people have: a neighbour counts
-    with the sign that agrees with the face itself.
+    The winding may be inconsistent, as in half of real meshes: a neighbour counts with the sign that agrees
+    with the face itself.
     """
     edges = vertices[triangles]
     weighted = area_vectors(edges)

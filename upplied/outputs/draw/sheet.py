@@ -172,7 +172,7 @@ def _wrapped(text: str, width: float, size: int) -> list[str]:
 
 
 def _fitting(text: str, width: float, size: int) -> str:
-    """The text, cut with an ellipsis where it is too long."""
+    """The text, shortened with an ellipsis if it is too long."""
     text = drawable(text)
     if font(size).getlength(text) <= width:
         return text

@@ -49,7 +49,7 @@ def facing(vertices: Floats, positions: Floats) -> View:
 
 @dataclass(frozen=True)
 class Frame:
-    """A view fitted to what it shows, on a picture of given size in pixels."""
+    """A view fitted to its content, for a picture of given size in pixels."""
 
     width: int
     height: int
@@ -104,7 +104,7 @@ def fitted(view: View, points: Floats, width: int, height: int, margin: float = 
 
 
 def proportion(view: View, points: Floats) -> float:
-    """Height over width of what the view shows of the points (N, 3)."""
+    """Height over width of the points (N, 3) in the view."""
     wide, high = np.ptp(points @ _axes(view)[:, :2], axis=0)
     return float(high / max(wide, 1e-9))
 

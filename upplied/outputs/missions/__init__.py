@@ -1,4 +1,4 @@
-"""Mission files for autopilots and maps: a module per format, read back by others' software in the tests."""
+"""Mission files for autopilots and maps; a module per format."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from upplied.records import Camera, Plan, Structure, Trajectory
 
 __all__ = ["FORMATS", "Exported", "Mission", "MissionOptions", "export", "missions_of"]
 
-#: Writers of all formats but MCAP, which holds the plan itself.
+#: Writers of all formats but MCAP, which contains the plan itself.
 _WRITERS: dict[str, Callable[[Mission, MissionOptions], bytes | str]] = {
     "qgc-plan": qgc_plan_text,
     "mavlink": mavlink_text,
@@ -41,11 +41,11 @@ _WRITERS: dict[str, Callable[[Mission, MissionOptions], bytes | str]] = {
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written."""
+    """The result of an export."""
 
-    paths: tuple[Path, ...]  # one a sortie
-    missions: tuple[Mission, ...]  # none for MCAP, which holds the plan itself
-    notes: tuple[str, ...]  # what was assumed and checked, in words
+    paths: tuple[Path, ...]  # one per sortie
+    missions: tuple[Mission, ...]  # none for MCAP, which contains the plan itself
+    notes: tuple[str, ...]  # assumptions and checks, in words
     overruled: tuple[gate.Breach, ...] = ()  # rules of the gate, by `force`
 
 
@@ -67,19 +67,19 @@ def export(
     plan : Plan or Trajectory
         A plan must be ok.
     structure : Structure
-        The one the plan is for; every format but MCAP needs its place on the Earth.
+        The target of the plan; every format but MCAP needs its place on the Earth.
     format : {"qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"}
     path : path
-        Where to; several sorties become ``name-1of3.ext`` and so on.
+        Output file; several sorties become ``name-1of3.ext`` and so on.
     options : MissionOptions, optional
     camera : Camera, optional
         Of the demonstration, to check that thinning loses no view.
     objections : sequence of Breach, optional
-        Rules that the plan is known to break already, for instance that it is superseded.
+        Known breaches of rules, for instance that the plan is superseded.
     keep : callable, optional
         Receives the rules that were overruled, before the first file is written.
     zones : callable, optional
-        Results of the required zones, as notes; of the plan itself where there are no sorties.
+        Results of the required zones, as notes; those of the plan itself without sorties.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def export(
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
     missions = fenced(missions_for(format, plan, structure, options, camera, objections), structure, supposed)
-    by_words: dict[str, gate.Breach] = {}  # what was overruled
+    by_words: dict[str, gate.Breach] = {}  # overruled breaches
     for mission in missions:  # all, before the first is written
         reading = read_mission(format, _written(format, mission, options), mission)
         broken = gate.breaches(reading, structure, limits, supposed)
@@ -118,7 +118,7 @@ def export(
     ]
     keep(missions[0].overruled)
     paths = [replace_file(_numbered(goal, one), _written(format, one, options)) for one in missions]
-    if format == "mavlink":  # files of their own there, for all sorties
+    if format == "mavlink":  # separate files, for all sorties
         beside = {
             "fence": fence_text(missions[0]) if missions[0].fences else "",
             "rally": rally_text(missions[0]) if len(missions[0].rally) else "",
@@ -136,7 +136,7 @@ def missions_for(
     camera: Camera | None = None,
     objections: Sequence[gate.Breach] = (),
 ) -> list[Mission]:
-    """The sorties of a plan as the software behind a format flies them; parameters as of `export`."""
+    """The sorties of a plan as the software of a format flies them; parameters of `export`."""
     flying = Flying.of(format, options.firmware)
     missions = missions_of(plan, structure, options, flying, camera, (*gate.plan_breaches(plan), *objections))
     if format == "mcap":

@@ -1,8 +1,8 @@
-"""Waypoints that are passed without a stop: how early the vehicle may turn off the legs that were checked.
+"""Waypoints that are passed without a stop: the distance at which the vehicle may start its turn.
 
-Where a vehicle passes a waypoint at speed it leaves the straight leg some metres before it and meets the
-next one as far behind it. The curve lies in the triangle of these two places and the waypoint; so the
-whole triangle must keep the rules.
+A vehicle that passes a waypoint at speed leaves the straight leg some metres before it and joins the next leg
+equally far behind it. The curve lies in the triangle of these two points and the waypoint, so the
+whole triangle must obey the rules.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ _GAP_M = 0.1  # between the lines that stand for the triangle
 
 
 def passing_m(positions: Floats, stops: Bools, airspace: Airspace, stray_m: float) -> Floats:
-    """How far before and behind each waypoint the vehicle may turn, (N,), m; 0 where it stops.
+    """Distance before and behind each waypoint within which the vehicle may turn, (N,), m; 0: it stops.
 
     Parameters
     ----------
     positions : array, shape (N, 3), m, structure frame
     stops : array of bool, shape (N,)
-        Where it stops for other reasons.
+        Waypoints with a stop for other reasons.
     airspace : Airspace
-        Rules that hold on the curve as well.
+        Rules that apply to the curve as well.
     stray_m : float
-        How far the curve may lead past the waypoint.
+        Largest distance of the curve from the waypoint.
     """
     distance = np.zeros(len(positions))
     for at in range(1, len(positions) - 1):
@@ -49,7 +49,7 @@ def passing_m(positions: Floats, stops: Bools, airspace: Airspace, stray_m: floa
 
 
 def triangle(corner: Floats, before: Floats, after: Floats, distance_m: float) -> tuple[Floats, Floats]:
-    """Lines (L, 3) to (L, 3) from a corner over the triangle that its curve lies in."""
+    """Lines (L, 3) to (L, 3) from a corner that cover the triangle around its curve."""
     chord = distance_m * float(np.linalg.norm(after - before))
     share = np.linspace(0, 1, max(3, int(np.ceil(chord / _GAP_M)) + 1))[:, None]
     ends = corner + distance_m * ((1 - share) * before + share * after)

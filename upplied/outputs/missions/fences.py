@@ -1,12 +1,12 @@
-"""The fence and the rally points of a manifest in what an autopilot enforces and flies to.
+"""The fence and the rally points of a manifest, for the autopilot.
 
-A fence is polygons on the ground, of any height. A keep-out box has a top, a fence has none: a box that the
-mission passes over is left out, with a note. A vehicle that lost its link may fly to a rally point, not home.
+A fence consists of polygons on the ground without a top. A keep-out box has a top: a box under the mission's
+path is omitted, with a note. A vehicle that lost its link may fly to a rally point instead of home.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -15,20 +15,21 @@ import numpy as np
 from upplied.errors import RefusedError
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.missions.geodesy import to_geodetic
+from upplied.outputs.missions.mavlink import RELATIVE_FRAME, wpl_text
 from upplied.outputs.missions.records import Fence, Mission
 from upplied.planning.airspace.rules import Airspace
 from upplied.records import Floats, Structure, SupposedSurface
 
 INCLUSION, EXCLUSION = 5001, 5002  # MAV_CMD_NAV_FENCE_POLYGON_VERTEX_...
 RALLY = 5100  # MAV_CMD_NAV_RALLY_POINT
-_RALLY_CLEARANCE_M = 1.0  # of a rally point: nearer to the structure nobody lands
-_STEP_M = 0.5  # of the path, at which it is looked whether it passes over a box
+_RALLY_CLEARANCE_M = 1.0  # minimum distance of a rally point from the structure
+_STEP_M = 0.5  # spacing of the points of the path that are tested against a box
 
 
 def fenced(
     missions: Sequence[Mission], structure: Structure, supposed: SupposedSurface | None = None
 ) -> list[Mission]:
-    """The sorties of a plan with one fence: that of their structure's surroundings."""
+    """The sorties of a plan with the fence of their structure's surroundings."""
     around = structure.surroundings
     fences, passed = [], 0
     if len(around.geofence_m):
@@ -55,8 +56,8 @@ def rally_of(mission: Mission, structure: Structure, supposed: SupposedSurface |
     Raises
     ------
     RefusedError
-        If a vehicle could not come down there: under or beside the structure (or what is supposed of a
-        scan), in the ground or a keep-out box, above the ceiling, or outside the geofence.
+        If a vehicle could not land there: under or beside the structure (or its inferred surface), in the
+        ground or a keep-out box, above the ceiling, or outside the geofence.
     """
     points = np.asarray(structure.surroundings.rally_m, float)
     if not len(points):
@@ -88,25 +89,19 @@ def _passes_over(mission: Mission, low: Floats, high: Floats) -> bool:
 
 
 def fence_text(mission: Mission) -> str:
-    """The fence as QGC WPL 110, as Mission Planner and MAVProxy load one: a row for each corner."""
-    return _rows(
-        (INCLUSION if fence.inside else EXCLUSION, len(fence.corners), lat, lon, 0.0)
+    """The fence as QGC WPL 110 for Mission Planner and MAVProxy: a row for each corner."""
+    return wpl_text(
+        (
+            0,
+            RELATIVE_FRAME,
+            INCLUSION if fence.inside else EXCLUSION,
+            (len(fence.corners), 0, 0, 0, *corner, 0),
+        )
         for fence in mission.fences
-        for lat, lon in fence.corners
+        for corner in fence.corners.tolist()
     )
 
 
 def rally_text(mission: Mission) -> str:
     """The rally points as QGC WPL 110: a row for each, with its height above home."""
-    return _rows((RALLY, 0, *point) for point in mission.rally.tolist())
-
-
-def _rows(items: Iterable[tuple[int, float, float, float, float]]) -> str:
-    """A file of items: command, first parameter, latitude, longitude and height above home."""
-    lines = [
-        "\t".join(
-            [f"{at}\t0\t3\t{item[0]}", *(f"{value:.8f}" for value in (item[1], 0, 0, 0, *item[2:])), "1"]
-        )
-        for at, item in enumerate(items)
-    ]
-    return "\n".join(["QGC WPL 110", *lines]) + "\n"
+    return wpl_text((0, RELATIVE_FRAME, RALLY, (0, 0, 0, 0, *point)) for point in mission.rally.tolist())

@@ -1,4 +1,4 @@
-"""How the software behind a format flies a mission, and what the mission must allow for."""
+"""The behaviour of the software of each format, for which a mission must allow."""
 
 from __future__ import annotations
 
@@ -11,35 +11,34 @@ from upplied.geometry.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.outputs.labels import table
 from upplied.records import Floats, Trajectory
 
-#: The camera turns along each leg, at its start to what the next waypoint wants, or heading along it and
-#: pitch on arrival.
+#: The camera turns evenly along each leg, at its start, or to heading and pitch on arrival.
 Turning = Literal["evenly", "ahead", "on arrival"]
-#: What is known of each format.
+#: Properties of each format.
 _TABLE: dict[str, dict[str, Any]] = table("missions/formats.toml")
 #: Format -> usual ending of its files.
 FORMATS: dict[str, str] = {name: each["ending"] for name, each in _TABLE.items()}
-#: Format -> what a person looks at it with before a flight.
+#: Format -> software in which to check the mission before a flight.
 OPENED_IN: dict[str, str] = {name: each["opened_in"] for name, each in _TABLE.items()}
 
 
 @dataclass(frozen=True)
 class Flying:
-    """What flies the missions of a format; the defaults allow for nothing."""
+    """The behaviour of the software of a format."""
 
-    max_waypoints: int | None = None  # of one file; None: as many as there are
-    stop_s: float = 0.0  # that each stop at a waypoint of the inspection costs besides the way
+    max_waypoints: int | None = None  # of one file; None: no limit
+    stop_s: float = 0.0  # time of each stop at a waypoint of the inspection
     passes: bool = False  # waypoints without another reason to stop are passed, see `corners`
     turning: Turning = "evenly"
     altitudes: tuple[str, ...] = ("relative", "amsl", "ellipsoid")  # references that the format knows
-    altitude_rule: str = ""  # the same in words, where some are missing
+    altitude_rule: str = ""  # the same in words, if some are missing
     zooms: bool = False  # whether the file can command the camera to zoom
-    zooms_not_by: str = ""  # firmware that does not understand it
-    zoom_note: str = ""  # how the file commands it, in words
-    note: str = ""  # what the person who flies must set, as the file cannot say it
+    zooms_not_by: str = ""  # firmware without that command
+    zoom_note: str = ""  # the command, in words
+    note: str = ""  # settings that the pilot must make, because the file cannot contain them
 
     @classmethod
     def of(cls, format: str, firmware: str = "") -> Flying:
-        """What flies a format, by the table of formats."""
+        """The entry of a format in the table of formats."""
         stated = dict(_TABLE[_TABLE[format].get("like", format)])
         notes = stated.pop("notes", {})
         rest = {name: value for name, value in stated.items() if name not in ("ending", "opened_in")}

@@ -1,8 +1,8 @@
-"""The gate: nothing leaves that breaks a rule, unless a person overrules that rule by its name.
+"""The gate: a mission that breaks a rule is refused, unless a person overrules that rule by its name.
 
-What is judged is the path that is read again from the bytes that leave, with every leg from take-off to
-landing. A rule that is overruled stays in the notes of the mission, and so in its file where the format
-has room for words.
+The gate judges the path that is read again from the bytes of the file, with every leg from take-off to
+landing. Overruled rules are recorded in the notes of the mission, and in its file if the format has room for
+text.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.planning.airspace.rules import Airspace, crosses_box
 from upplied.records import Floats, Plan, Record, Structure, SupposedSurface, Surroundings, Trajectory
 
-#: What every mission keeps, by name: why, and what to do where one does not.
+#: The rules of every mission by name: the rule in words, and the remedy.
 RULES: dict[str, list[str]] = table("missions/rules.toml")
-DRAFT = "DRAFT, NOT RELEASED:"  # how the note of a mission begins that nobody released
-CUSTODY = "custody"  # how the note begins that a mission is traced by
-ZONE = "zone"  # how the note about a required zone begins
-_EXACT_M = 0.02  # within which a clearance is known, and a file states a place
+DRAFT = "DRAFT, NOT RELEASED:"  # first words of the note of an unreleased mission
+CUSTODY = "custody"  # first word of the note with the heads of the catalog
+ZONE = "zone"  # first word of the note about a required zone
+_EXACT_M = 0.02  # accuracy of a clearance, and of a place in a file
 _ROUNDING = 1.02  # of speeds: files round them
 _SOON_S = 1e-3
-_OVERLAP = 0.02  # within which an overlap is known
+_OVERLAP = 0.02  # accuracy of an overlap
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,7 +57,7 @@ def planned(positions: Floats, t_s: Floats) -> Reading:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a mission is judged by; from the plan's settings, the structure and the options."""
+    """The limits of a mission, from the plan's settings, the structure and the options."""
 
     clearance_m: float = 2.0
     max_speed_mps: float = 15.0  # multirotors that inspect
@@ -69,7 +69,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Breach:
-    """A rule that is broken: what was found, what is allowed, and where."""
+    """A broken rule: the fault, the limit, and the place."""
 
     rule: str
     fault: str
@@ -123,7 +123,7 @@ def breaches(
         With its surroundings.
     limits : Limits
     supposed : SupposedSurface or None
-        What was never scanned of it, `Plan.supposed`: a path keeps clear of that as well.
+        Inferred surface of a scan, `Plan.supposed`: a path keeps clear of it as well.
     """
     if not np.isfinite(reading.positions).all() or (
         len(reading.t_s) and not (np.diff(reading.t_s) > 0).all()
@@ -135,7 +135,7 @@ def breaches(
 
 
 def plan_breaches(plan: Plan | Trajectory) -> list[Breach]:
-    """Rules that a plan breaks by what it is."""
+    """Rules that a plan breaks by its status, preset and verdict."""
     if isinstance(plan, Trajectory):
         return []
     breach_list = [Breach("verdict", plan.not_flyable)] if plan.not_flyable else []
@@ -145,7 +145,7 @@ def plan_breaches(plan: Plan | Trajectory) -> list[Breach]:
 
 
 def zoom_breaches(path: Trajectory, zooms: bool) -> list[Breach]:
-    """Whether the plan zooms and the format, or who flies it, does not."""
+    """The breach if the plan zooms and the format or the autopilot cannot."""
     if path.fov_deg is None or zooms:
         return []
     widest, narrowest = path.fov_deg[:, 0].max(), path.fov_deg[:, 0].min()
@@ -154,7 +154,7 @@ def zoom_breaches(path: Trajectory, zooms: bool) -> list[Breach]:
 
 
 def coverage_breaches(share: float, limits: Limits) -> list[Breach]:
-    """Whether what is flown sees enough of what the plan sees; `share` is NaN where that is not known."""
+    """The breach if the mission shows too little of the planned view; `share` is NaN if unknown."""
     if not 100 * share < limits.least_seen_pct:
         return []
     allowed = f"limit {limits.least_seen_pct:g} % (least_seen_pct)"
@@ -248,7 +248,7 @@ def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene
 
 
 def _of_supposed(scene: Scene, place: Floats, word: str) -> str:
-    """That what is too near a place is not the surface that was scanned, in words; else nothing."""
+    """Words for inferred surface that is nearer to a place than scanned surface; else nothing."""
     return f"{word} unscanned surface" if scene.nearer_supposed(place[None])[0] else ""
 
 

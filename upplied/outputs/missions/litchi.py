@@ -52,7 +52,7 @@ def litchi_text(mission: Mission) -> str:
 
 
 def _actions(mission: Mission, at: int, on_the_spot: bool) -> list[int]:
-    """Types and parameters of what is done at a waypoint; a turn on the spot is no row of its own."""
+    """Types and parameters of the actions at a waypoint; a turn on the spot has no row of its own."""
     turn = [_ROTATE, round(mission.heading_deg[at]) % 360, _TILT, round(mission.pitch_deg[at])]
     stay = [_STAY, math.ceil(1e3 * mission.hold_s[at])] if mission.hold_s[at] > SHORTEST_HOLD_S else []
     photo = [_PHOTO, 0] if mission.photo[at] else []

@@ -62,7 +62,7 @@ def csv_text(mission: Mission) -> str:
 
 
 def geojson_text(mission: Mission) -> str:
-    """The mission as a feature collection; `altitude_reference` says what the third coordinate means."""
+    """The mission as a feature collection; `altitude_reference` defines the third coordinate."""
     lon_lat_alt = zip(mission.geodetic[:, 1], mission.geodetic[:, 0], mission.written_alt_m, strict=True)
     places = [[round(float(v), digits) for v, digits in zip(each, (9, 9, 3), strict=True)]
               for each in lon_lat_alt]  # fmt: skip

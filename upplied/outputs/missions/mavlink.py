@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from upplied.outputs.mission_options import MissionOptions
@@ -14,13 +15,13 @@ SPEED, DIGICAM, MOUNT, PHOTO_DISTANCE = 178, 203, 205, 206
 ZOOM = 531
 GIMBAL, PHOTO = 1000, 2000
 FILM, FILMED = 2500, 2501
-_MISSION_FRAME, _RELATIVE_FRAME, _GLOBAL_FRAME = 2, 3, 0
+_MISSION_FRAME, RELATIVE_FRAME, _GLOBAL_FRAME = 2, 3, 0
 _GIMBAL_LEVEL_WITH_VEHICLE = 4 + 8 + 32  # roll and pitch held to the horizon, yaw to the vehicle
 _MOUNT_BY_ANGLES = 2
 _ZOOM_BY_FIELD_OF_VIEW = 4.0
 _NAN = float("nan")
-_SHORT_S = 0.3  # shorter than this nobody hovers, unless photos are taken
-_SLOWER = 0.03  # that a leg may be flown more slowly before the speed is commanded again
+_SHORT_S = 0.3  # shorter holds are omitted, unless photos are taken
+_SLOWER = 0.03  # relative reduction of speed below which the speed is not commanded again
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,15 @@ class Item:
 def mavlink_text(mission: Mission, options: MissionOptions) -> str:
     """The mission as QGC WPL 110: tab separated, home first. NaN, which the format lacks, is written as 0."""
     lat, lon, alt = mission.home
-    rows = [(1, _GLOBAL_FRAME, WAYPOINT, (0.0, 0.0, 0.0, 0.0, lat, lon, alt))]
-    rows += [(0, item.frame, item.command, item.params) for item in items(mission, options)]
+    rows: list[_Row] = [(1, _GLOBAL_FRAME, WAYPOINT, (0.0, 0.0, 0.0, 0.0, lat, lon, alt))]
+    return wpl_text([*rows, *((0, one.frame, one.command, one.params) for one in items(mission, options))])
+
+
+_Row = tuple[int, int, int, Sequence[float]]  # 1 for home, frame, command, seven parameters
+
+
+def wpl_text(rows: Iterable[_Row]) -> str:
+    """A file of QGC WPL 110 with these rows."""
     lines = ["QGC WPL 110"]
     for seq, (current, frame, command, params) in enumerate(rows):
         numbers = [f"{0.0 if math.isnan(value) else value:.8f}" for value in params]
@@ -50,7 +58,7 @@ def items(mission: Mission, options: MissionOptions) -> list[Item]:
     The vehicle's yaw carries the camera's heading, the gimbal its pitch. PX4 reads the heading from the
     waypoint, ArduPilot's copters from a command of its own before it.
     """
-    frame = _RELATIVE_FRAME if mission.altitude == "relative" else _GLOBAL_FRAME
+    frame = RELATIVE_FRAME if mission.altitude == "relative" else _GLOBAL_FRAME
     alt = mission.written_alt_m
     home_lat, home_lon = mission.home[:2]
     out = [Item(TAKEOFF, frame, (0.0, 0.0, 0.0, _NAN, home_lat, home_lon, alt[0]))]

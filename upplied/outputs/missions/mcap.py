@@ -27,7 +27,7 @@ def mcap_bytes(
     camera: Camera | None = None,
     notes: tuple[str, ...] = (),
 ) -> bytes:
-    """The plan as MCAP; time is that of the plan, from 0. The notes stand in its metadata.
+    """The plan as MCAP; times are those of the plan, from 0. The notes are in its metadata.
 
     Needs no place on the Earth: everything is in the structure frame, metres.
     """

@@ -1,4 +1,4 @@
-"""How a plan becomes missions: sorties, transit legs, corners, photos, and the gate."""
+"""Missions from a plan: sorties, transit legs, corners, photos, and the gate."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ from upplied.records import (
 
 ANYTHING = Flying(zooms=True)  # a reader of the plan itself
 _SAME_PLACE_M = 0.05
-_HOVER_S = 0.05  # shorter than this nobody hovers
-_EXACT_M = 0.02  # within which a clearance is known
+_HOVER_S = 0.05  # shorter differences in time are no hovering
+_EXACT_M = 0.02  # accuracy of a clearance
 _NEVER_SCANNED = "part of the structure was never scanned: every leg also keeps clear of its inferred surface"
 
 
@@ -56,7 +56,7 @@ def missions_of(
     ------
     RefusedError
         If the plan is not ok, the structure's place is unknown, the altitude reference does not fit
-        its datum, no safe way leads to the inspection and back, or the plan breaks a rule of the gate
+        its datum, no safe transit leads to the inspection and back, or the plan breaks a rule of the gate
         that is not overruled.
     """
     path, is_viewpoint, surface, name = _inspection(plan, structure)
@@ -141,8 +141,8 @@ def airspace_of(
 ) -> Airspace:
     """The rules for every leg of a mission round a path (N, 3), m, structure frame.
 
-    The clearance is the required one, or that of the plan where it is less: whether such a plan may
-    leave is for the gate. The ceiling is the structure's, and the usual one unless the plan is higher.
+    The clearance is the required one, or that of the plan if it is less; the gate decides about such a plan.
+    The ceiling is the structure's, and the usual one unless the plan is higher.
     """
     scene = scene_for(structure, supposed)
     planned = path_clearance(scene, path).certain_m
@@ -156,7 +156,7 @@ def airspace_of(
 
 
 def _passing(path: Trajectory, airspace: Airspace, options: MissionOptions, flying: Flying) -> Floats:
-    """How far round each waypoint the vehicle may turn off its legs, (N,), m; 0: it stops there."""
+    """Distance from each waypoint within which the vehicle may leave its legs, (N,), m; 0: it stops."""
     stops = np.ones(len(path), bool)
     if flying.passes:
         legs = leg_lengths(path.positions)
@@ -170,7 +170,7 @@ def _passing(path: Trajectory, airspace: Airspace, options: MissionOptions, flyi
 def _notes(
     sorties: list[Sortie], options: MissionOptions, flying: Flying, transits: Transits, stops: int
 ) -> list[str]:
-    """What the person who flies must know of heights, return and sorties."""
+    """Notes for the pilot about heights, return and sorties."""
     transit_legs = [leg for sortie in sorties for leg in (sortie.outbound, sortie.inbound) if len(leg)]
     highest = max((float(leg[:, 2].max()) for leg in transit_legs), default=float(transits.home[2]))
     over_ground = max(highest, float(transits.inspection[:, 2].max())) - ground_z_m(transits.structure)
@@ -202,7 +202,7 @@ def _notes(
 
 
 def check_altitude(altitude: str, placement: Placement, structure_id: str) -> None:
-    """Absolute altitudes are written only in the datum of the placement: datums differ by tens of metres."""
+    """Refuse absolute altitudes in another datum than the placement's: they differ by tens of metres."""
     if altitude not in ("relative", placement.datum):
         raise RefusedError(
             structure_id,
@@ -228,7 +228,7 @@ def _inspection(
 
 
 def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) -> dict[str, Any]:
-    """Fields of a mission; on its transit legs the camera keeps its direction and its zoom."""
+    """Fields of a mission; on its transit legs direction and zoom of the camera are constant."""
     path, inside = cutter.path, slice(sortie.first, sortie.last + 1)
     before, after = (
         np.full(len(leg), cutter.options.transit_mps) for leg in (sortie.outbound, sortie.inbound)

@@ -1,4 +1,4 @@
-"""Photos of a mission: where they are taken, and how soon after one another the camera takes them."""
+"""Photos of a mission: their waypoints, and the trigger interval of the camera."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ _SLOWER_S = 1.0  # shorter delays are not noted
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Shots(Record):
-    """A path as it is flown for its photos."""
+    """A path with its photos."""
 
     path: Trajectory
-    fixed: Bools  # (N,) poses that stay as they are
+    fixed: Bools  # (N,) poses that thinning must not remove
     photo: Bools  # (N,)
     every_m: float  # between photos by distance; 0: at `photo` alone
-    shown: float  # share of what the path shows that the photos show; NaN where that is not known
+    shown: float  # share of the planned surface that the photos show; NaN if unknown
     across: float  # overlap with another pass; NaN where none is required
     notes: tuple[str, ...]
 
 
 def interval_of(options: MissionOptions, camera: Camera | None) -> tuple[float, str]:
-    """Least time between two photos of a mission, s, and where it is known from, in words.
+    """Minimum time between two photos of a mission, s, and its source, in words.
 
-    The option counts first, then the named camera, that of the drone, and that of the demonstration.
+    The option counts first, then the named camera, the camera of the drone, and that of the demonstration.
     """
     if options.trigger_s is not None:
         return options.trigger_s, "as set"
@@ -65,7 +65,7 @@ def shots_of(
         Of a plan; a bare path is photographed by distance.
     scene : Scene
     seen : (SurfaceStates or None, Camera or None)
-        What the plan shows, where that is known, and the demonstration's camera.
+        The surface that the plan shows, if known, and the demonstration's camera.
     options : MissionOptions
     own : bool
         Whether the viewpoints are the plan's own photos, which stay where the camera takes them in time.
@@ -113,7 +113,7 @@ def shots_of(
 
 
 def _share(shown: float) -> str:
-    """What the photos show of what the plan shows, in words; nothing where that is not known."""
+    """The share of the planned surface that the photos show, in words; nothing if unknown."""
     return f", which show {100 * shown:.1f} % of the planned surface" if np.isfinite(shown) else ""
 
 

@@ -17,7 +17,7 @@ _ALTITUDE_MODE = {"relative": 1, "amsl": 2}
 
 
 def qgc_plan_text(mission: Mission, options: MissionOptions) -> str:
-    """The mission as JSON of simple items; parameters that are to stay as they are become null."""
+    """The mission as JSON of simple items; unchanged parameters become null."""
     lat, lon, alt = (float(value) for value in mission.home)
     simple = [_simple_item(item, at + 1, mission) for at, item in enumerate(items(mission, options))]
     polygons = [

@@ -1,6 +1,6 @@
 """The path that a mission file commands, read from its bytes, in the structure frame.
 
-The gate judges this, not what was meant to be written. Places on the Earth become metres by the placement
+The gate judges this path instead of the plan. Places on the Earth are converted to metres by the placement
 of the structure, heights above take-off by the home of the mission.
 """
 
@@ -42,9 +42,9 @@ def read_mission(format: str, content: bytes, mission: Mission) -> Reading:
     ----------
     format : str
     content : bytes
-        As they are written.
+        Bytes of the file.
     mission : Mission
-        Its placement and home; nothing else of it is read.
+        Only its placement and home are used.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def read_mission(format: str, content: bytes, mission: Mission) -> Reading:
 
 
 def read_mcap(content: bytes) -> Reading:
-    """The timed path of an MCAP file that holds a plan."""
+    """The timed path of the plan in an MCAP file."""
     poses = [
         (each.log_time_ns, each.ros_msg.pose.position)
         for each in read_ros2_messages(io.BytesIO(content), topics=["/plan/camera"])
@@ -74,7 +74,7 @@ def read_mcap(content: bytes) -> Reading:
 
 
 def _whole(local: Floats, file: _File, home: Floats) -> Reading:
-    """Straight up from home to the height of the first waypoint, and down from that of the last."""
+    """Vertical legs from home to the height of the first waypoint, and from that of the last to home."""
     up, down = (np.array([[home[0], home[1], at[2]]]) for at in (local[0], local[-1]))
     unknown, speeds = np.full(2, np.nan), np.array([stop.speed for stop in file.stops])
     starts, ends = [np.empty((0, 3))], [np.empty((0, 3))]
@@ -85,7 +85,7 @@ def _whole(local: Floats, file: _File, home: Floats) -> Reading:
             start, end = triangle(local[at], *units, stop.passing)
             starts += [start, end[:-1]]
             ends += [end, end[1:]]
-    # When photos are taken, s from the first waypoint: what speeds and holds give at the least.
+    # Minimum times of the photos, s from the first waypoint, by speeds and holds.
     took = np.nan_to_num(leg_lengths(local) / np.maximum(speeds[1:], 1e-3))
     reached = cumulated(took + [stop.hold for stop in file.stops[:-1]])
     return Reading(
@@ -100,10 +100,10 @@ def _whole(local: Floats, file: _File, home: Floats) -> Reading:
 
 
 def _local(places: Floats, mission: Mission, format: str) -> Floats:
-    """Latitude, longitude and altitude as the file states them, (N, 3), in the structure frame, m."""
+    """Latitude, longitude and altitude of a file, (N, 3), in the structure frame, m."""
     absolute = places.copy()
     relative = mission.altitude == "relative" and format != "csv"
-    if relative:  # of the same height as home on the Earth; the true height follows
+    if relative:  # first at the height of home; the true height is set below
         absolute[:, 2] = mission.home[2]
     local = from_geodetic(absolute, mission.placement)
     if relative:
@@ -113,10 +113,10 @@ def _local(places: Floats, mission: Mission, format: str) -> Floats:
 
 @dataclass
 class _Stop:
-    """What a file states of a waypoint."""
+    """A waypoint as stated in a file."""
 
-    place: Sequence[float]  # latitude and longitude, deg, altitude as it is written, m
-    speed: float = np.nan  # of the leg that ends here, m/s; NaN where it is not stated
+    place: Sequence[float]  # latitude and longitude, deg, altitude as written, m
+    speed: float = np.nan  # of the leg that ends here, m/s; NaN if not stated
     hold: float = 0.0  # s, that the vehicle stays
     passing: float = 0.0  # m
     every: float = 0.0  # m between photos on the leg behind it; 0: none by distance
@@ -128,7 +128,7 @@ class _File:
 
     stops: list[_Stop]
     photos: list[tuple[int, float]] = field(default_factory=list)  # waypoint, and s after it is reached
-    photo_s: list[float] = field(default_factory=list)  # where the file states the times themselves
+    photo_s: list[float] = field(default_factory=list)  # if the file states the times
 
 
 def _items(rows: list[tuple[int, list[float]]]) -> _File:
@@ -160,7 +160,7 @@ def _mavlink(content: bytes) -> _File:
 
 
 def _behind(file: _File) -> _File:
-    """The file with each speed at the end of its leg, where it states them at the beginning."""
+    """The file with each speed at the end of its leg instead of the beginning."""
     speeds = [np.nan, *(stop.speed for stop in file.stops)]
     file.stops = [replace(stop, speed=speed) for stop, speed in zip(file.stops, speeds, strict=False)]
     return file
@@ -238,7 +238,7 @@ def _turned(place: Iterable[float]) -> _Stop:
 
 
 def _stated(stops: list[_Stop], rows: Sequence[Mapping[str, Any]]) -> _File:
-    """The waypoints with speeds, holds and photos, from rows that name them."""
+    """The waypoints with speeds, holds and photos from named columns."""
     for stop, row in zip(stops, rows, strict=True):
         stop.speed, stop.hold = float(row["speed_mps"]), float(row["hold_s"])
     return _File(stops, [(at, stops[at].hold) for at, row in enumerate(rows) if int(row["photo"])])

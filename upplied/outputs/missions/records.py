@@ -18,9 +18,9 @@ SAME_ZOOM = 0.02  # of the field of view: smaller changes are not commanded
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fence(Record):
-    """A polygon that no path leaves, or that none enters."""
+    """A polygon around the mission, or one that it must not enter."""
 
-    inside: bool  # whether the mission stays within
+    inside: bool  # whether the mission stays inside
     corners: Floats  # (G, 2) latitude and longitude, deg
 
 
@@ -28,14 +28,14 @@ class Fence(Record):
 class Mission(Record):
     """One sortie: take off at home, climb, fly the waypoints in order, return above home and land.
 
-    Waypoints without `inspect` lead from above home to the inspection and back.
+    Waypoints without `inspect` are the transit legs from above home to the inspection and back.
     """
 
     name: str
     number: int  # of this sortie, from 1
     count: int  # of sorties
     placement: Placement
-    altitude: str  # what is written: "relative" to take-off, "amsl" or "ellipsoid"
+    altitude: str  # reference in the file: "relative" to take-off, "amsl" or "ellipsoid"
     home: Floats  # (3,) latitude and longitude, deg, altitude, m
     home_local: Floats  # (3,) m, structure frame
     return_height_m: float  # above take-off, at which an automatic return passes over everything
@@ -46,18 +46,18 @@ class Mission(Record):
     pitch_deg: Floats  # (N,) of the gimbal, negative down
     speed_mps: Floats  # (N,) of the leg that ends at the waypoint
     hold_s: Floats  # (N,) to hover on arrival, while the camera turns or as the expert did
-    passing_m: Floats  # (N,) how far before and behind it the vehicle may turn; 0: it stops there
-    photo: Bools  # (N,) take one here
+    passing_m: Floats  # (N,) distance before and behind within which the vehicle may turn; 0: it stops
+    photo: Bools  # (N,) whether a photo is taken
     inspect: Bools  # (N,)
-    photo_distance_m: float  # between photos during the inspection, 0: at `photo` alone
+    photo_distance_m: float  # between photos during the inspection, 0: only at `photo`
     duration_s: float
     notes: tuple[str, ...] = ()
-    fov_deg: Floats | None = None  # (N, 2) horizontal and vertical, where the camera zooms
-    overruled: tuple[gate.Breach, ...] = ()  # rules of the gate; the notes say them too
-    fences: tuple[Fence, ...] = ()  # that the autopilot is to enforce
-    #: (R, 3) where it may land instead of home: latitude and longitude, deg, height above home, m
+    fov_deg: Floats | None = None  # (N, 2) horizontal and vertical, if the camera zooms
+    overruled: tuple[gate.Breach, ...] = ()  # overruled rules of the gate, also in the notes
+    fences: tuple[Fence, ...] = ()  # for the autopilot to enforce
+    #: (R, 3) landing points other than home: latitude and longitude, deg, height above home, m
     rally: Floats = field(default_factory=lambda: np.empty((0, 3)))
-    shown_pct: float = float("nan")  # of the inspected surface, that its photos or film show
+    shown_pct: float = float("nan")  # share of the inspected surface that its photos or film show
     films: bool = False  # during the inspection, instead of photos
 
     def __len__(self) -> int:
@@ -75,7 +75,7 @@ class Mission(Record):
 
     @property
     def stops(self) -> list[range]:
-        """The waypoints by place: those after the first of a range are turns of the camera on the spot."""
+        """The waypoints by place; those after the first of a range are turns of the camera on the spot."""
         starts = [0]
         for at in range(1, len(self)):
             if np.linalg.norm(self.local[at] - self.local[starts[-1]]) > _SAME_PLACE_M:
@@ -84,7 +84,7 @@ class Mission(Record):
 
     @property
     def arrival_s(self) -> Floats:
-        """When each waypoint is left (N,), after its hovering, s from the first, as speeds and holds say."""
+        """Time (N,) at which each waypoint is left, s from the first, by speeds and holds."""
         legs = leg_lengths(self.local) / np.maximum(self.speed_mps[1:], 1e-3)
         return cumulated(legs) + np.cumsum(self.hold_s)
 

@@ -1,4 +1,4 @@
-"""Fewer waypoints within a stated tolerance, checked again for clearance and for what is seen."""
+"""Fewer waypoints within a stated tolerance, checked again for clearance and coverage."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.rules import Airspace
 from upplied.records import Bools, Camera, Floats, Ints, SurfaceStates, Trajectory
 
-_LEAST_SEEN = 0.99  # of what the full path sees, that the thinned one must see
+_LEAST_SEEN = 0.99  # share of the full path's view that the thinned path must retain
 _LOOKS = 160  # poses along a path at which the view is compared
 
 
@@ -30,7 +30,7 @@ def thinned(
     turning: Turning = "evenly",
     zooms: bool = True,
 ) -> tuple[Ints, str, float]:
-    """Which waypoints to keep, what was checked, in words, and the share of the plan's view that stays.
+    """The waypoints that remain, the checks in words, and the retained share of the planned view.
 
     Parameters
     ----------
@@ -38,16 +38,16 @@ def thinned(
     fixed : array, shape (N,)
         Waypoints that stay: viewpoints.
     tolerances : (m, deg)
-        How far the path may stray, and the camera turn, from what was planned. Halved until the
-        thinned path breaks no rule and sees 99 % of what the plan sees.
+        Largest deviation of the path and of the camera from the plan. Halved until the thinned path breaks no
+        rule and retains 99 % of the planned view.
     airspace : Airspace
-        The rules that every leg keeps.
+        The rules for every leg.
     seen : (SurfaceStates or None, Camera)
-        What the plan sees, where that is known.
+        The surface that the plan sees, if known.
     turning : Turning
-        How the vehicle turns the camera between the waypoints that are left.
+        Camera rotation of the vehicle between the remaining waypoints.
     zooms : bool
-        Whether it zooms as the path does; else the camera's own field of view counts.
+        Whether it zooms like the path; else the camera's own field of view counts.
     """
     scene = airspace.scene
     planned = path_clearance(scene, path.positions).distance_m
@@ -115,7 +115,7 @@ def _essential(path: Trajectory, fixed: Bools, metres: float, degrees: float) ->
 
 
 def _zooms_otherwise(path: Trajectory, first: int, last: int) -> Floats:
-    """How far the waypoints between two others zoom beside an even change, in units of what is the same."""
+    """Deviation of zoom from an even change between two waypoints, in units of the tolerance."""
     if path.fov_deg is None:
         return np.zeros(last - first - 1)
     angle, at = path.fov_deg[:, 0], path.t_s

@@ -37,9 +37,9 @@ class Transits:
     ----------
     structure : Structure
     supposed : SupposedSurface or None
-        What was never scanned of it.
+        Its inferred, unscanned surface.
     airspace : Airspace
-        The rules that every leg of the mission keeps.
+        The rules for every leg of the mission.
     inspection : array, shape (N, 3), m, structure frame
     home : array, shape (3,), m, structure frame
     """

@@ -9,7 +9,7 @@ upplied.pages.about = function (app, data) {
     element("header", { class: "page" }, element("a", { href: upplied.home }, "All plans"), element("h1", {}, data.id),
       element("p", { class: "sub" }, "Flown round " + data.structure + (data.operator ? " by " + data.operator : "") + ", " + data.poses + " poses." + (data.notes ? " Notes: " + data.notes : ""))),
     data.verdict
-      ? element("section", { class: "verdict " + (refused ? "refused" : "ok") }, element("h2", {}, "Import: " + data.verdict),
+      ? element("section", { class: "verdict " + (refused ? "refused" : "ok") }, element("h2", {}, "Import checks: " + data.verdict),
         data.findings.length ? element("ul", {}, data.findings.map((one) => element("li", {}, element("strong", {}, one.rule), one.overruled ? " (overruled)" : "", ": " + one.found + " ", element("i", {}, one.remedy))))
           : element("p", {}, "No findings."))
       : element("p", {}, "This log was imported without checks. Import it again to have it checked."),

@@ -93,7 +93,8 @@ upplied.facts = (pairs) => upplied.element("dl", {}, pairs.filter(([, value]) =>
 // On a phone each row becomes a card, unless the columns are to be compared.
 upplied.table = function (caption, columns, rows, compared = false) {
   const { element } = upplied;
-  const kind = (at) => (rows.length && rows.every((cells) => typeof cells[at] === "string" && /^(–|[-−]?\d[\d.,:]*( ?[%°]| [a-z/²]+)?)$/.test(cells[at])) ? "number" : "text");
+  const all = (at, form) => rows.length && rows.every((cells) => typeof cells[at] === "string" && form.test(cells[at]));
+  const kind = (at) => (all(at, /^(–|[-−]?\d[\d.,:]*( ?[%°]| [a-z/²]+)?)$/) ? "number" : all(at, /^\d{4}-\d\d-\d\d \d\d:\d\d$/) ? "date" : "text");
   return element("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": caption }, element("table", { class: "figures" + (compared ? "" : " cards") },
     element("thead", {}, element("tr", {}, columns.map((name, at) => element("th", { scope: "col", class: kind(at) }, name)))),
     element("tbody", {}, rows.map((cells) => element("tr", {}, cells.map((cell, at) => element(at ? "td" : "th", { scope: at ? null : "row", class: kind(at), "data-label": at && typeof columns[at] === "string" ? columns[at] : null }, cell)))))));

@@ -21,7 +21,7 @@
       mission.refused ? element("p", { class: "note", id: "no-mission" }, "No mission can be written yet: " + mission.refused) : null,
       element("div", { class: "drawings" }, drawings.map(({ canvas, title }) => element("figure", {}, element("figcaption", {}, title), canvas))),
       element("p", { class: "legend" }, flown ? [key("H", "take-off"), key("#7a7a7a", "transit legs"), ...flown.map((_, at) => key(SORTIES[at % SORTIES.length], flown.length > 1 ? "flight " + (at + 1) : "inspection path"))] : key(SORTIES[0], "inspection path"),
-        key("dot", "photo"), key("area", "view of a photo"), (mission.keep_out || []).length || (mission.fence || []).length ? key("#b3261e", "keep-out area or geofence") : null),
+        key("dot", "photo"), key("area", "footprint of a photo"), (mission.keep_out || []).length || (mission.fence || []).length ? key("#b3261e", "keep-out area or geofence") : null),
       tiles(plan, mission, flown), battery(data, mission, flown));
     return { root, redraw, leave() { window.removeEventListener("resize", redraw); scheme.removeEventListener("change", redraw); } };
   };

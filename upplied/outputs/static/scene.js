@@ -245,7 +245,8 @@
           for (const place of places) values[i] += Math.exp(-((place[0] - middle[0]) ** 2 + (place[1] - middle[1]) ** 2 + (place[2] - middle[2]) ** 2) / (2 * reach * reach));
         }
         const ramp = ["#c7cdd6", "#fdebb0", "#f7a65a", "#d94f3a", "#7a1712"].map((colour, at, all) => [at / (all.length - 1), colour]);
-        await paint(values, { cmin: 0, cmax: Math.max(1, ...values), colorscale: ramp, showscale: true, colorbar: { title: { text: title }, thickness: 14, len: 0.6 } });
+        const most = values.reduce((sofar, value) => Math.max(sofar, value), 1);
+        await paint(values, { cmin: 0, cmax: most, colorscale: ramp, showscale: true, colorbar: { title: { text: title }, thickness: 14, len: 0.6, dtick: Math.ceil(most / 6) } });
       },
       // The view as a PNG's address, for print; drawn and read in one go, since the browser clears what it has shown.
       shot() {

@@ -18,7 +18,7 @@
       const places = shown.map((row) => row.xyz.map((value, axis) => value - structure.origin[axis]));
       const vertices = upplied.unpack(structure.vertices);
       const extents = [0, 1, 2].map((axis) => { let [low, high] = [Infinity, -Infinity]; for (let i = axis; i < vertices.length; i += 3) { low = Math.min(low, vertices[i]); high = Math.max(high, vertices[i]); } return high - low; });
-      await scene.heat(places, REACH * Math.hypot(...extents), "findings near");
+      await scene.heat(places, REACH * Math.hypot(...extents), "nearby findings");
       const at = Object.fromEntries(["x", "y", "z"].map((axis, k) => [axis, places.map((place) => place[k])]));
       await scene.overlay("findings", at, { mode: "markers", marker: { size: 4, color: upplied.colour("--ink") } });
       app.setAttribute("data-drawn", "true");
@@ -31,7 +31,8 @@
 upplied.pages.structure = function (app, data) {
   const { element, badge, facts, format, minutes, table } = upplied;
   const section = (title, content) => (content ? element("section", {}, element("h2", {}, title), content) : null);
-  document.title = (data.map ? "Findings of the kind on " : "") + data.id;
+  const shown = upplied.structures[data.id], kind = shown ? " of kind " + upplied.words(shown.kind) : "";
+  document.title = data.map ? "Findings on all structures" + kind + ", shown on " + data.id : data.id;
   upplied.fill(app,
     element("header", { class: "page" }, data.alone ? null : element("a", { href: upplied.home }, "All plans"), element("h1", {}, document.title)),
     element("div", { class: "beside" }, facts(data.facts),
@@ -48,6 +49,6 @@ upplied.pages.structure = function (app, data) {
     data.map ? null : section("Flights", data.flights.length
       ? table("Flights", ["Flown", "Plan", "Operator", "Share of the plan", "Clearance", "Findings"], data.flights.map((row) => [row.when, row.plan, row.operator, format(row.share, 0, " %"), format(row.clearance, 1, " m"), row.findings]))
       : element("p", { class: "note" }, "No flight was imported yet.")),
-    data.history.length ? section("Decisions", table("Decisions", ["When", "Decision", "Note"], data.history.map((row) => [row.when, row.what, row.note]))) : null);
+    data.history.length ? section("Decisions", table("Decisions", ["Time", "Decision", "Note"], data.history.map((row) => [row.when, row.what, row.note]))) : null);
 };
 })();

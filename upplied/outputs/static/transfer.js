@@ -91,8 +91,8 @@
       tabs.bar, panels);
     upplied.fill(panels[0], fly ? fly.root : element("p", { class: "note" }, "There is no path to fly."), (data.zones || []).length ? element("section", { class: "zones" }, element("h2", {}, "Required zones"), upplied.zones(data.zones)) : null,
       upplied.downloads(data, tracks), upplied.live ? upplied.decisions({ id: plan.provenance.transfer_id, known: plan.known }) : null);
-    upplied.fill(panels[1], counterparts(plan), figures(plan),
-      data.plans.filter((each) => each.flown).map((each) => element("p", { class: "flown" }, element("b", {}, each.preset + (each.flown.kind === "flown" ? ", as flown. " : ", flown in simulation. ")), each.flown.summary)));
+    upplied.fill(panels[1], data.plans.filter((each) => each.flown).map((each) => element("section", { class: "flown" },
+      element("h2", {}, each.preset + (each.flown.kind === "flown" ? ", as flown" : ", flown in simulation")), element("p", {}, each.flown.summary))), figures(plan), counterparts(plan));
     upplied.fill(panels[2], upplied.verdicts(data.plans).slice(1), measures(data.plans), remarks(data, about));
     tabs.show(0);
     app.setAttribute("data-ready", "true");
@@ -238,8 +238,8 @@
 
   function figures(plan) {
     const rows = QUALITY.filter(([key]) => Number.isFinite(plan.measures[key]));
-    return rows.length ? element("section", { class: "explained" }, element("h2", {}, "Figures that matter"),
-      upplied.table("Figures that matter", ["Figure", "Value", "Meaning"], rows.map(([key, label, digits, unit, help]) => [label, format(plan.measures[key], digits, unit), help]))) : null;
+    return rows.length ? element("section", { class: "explained" }, element("h2", {}, "Main figures"),
+      upplied.table("Main figures", ["Figure", "Value", "Meaning"], rows.map(([key, label, digits, unit, help]) => [label, format(plan.measures[key], digits, unit), help]))) : null;
   }
 
   // Which parts of this structure correspond to the inspected ones, in words, and how certain that is.
