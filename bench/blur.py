@@ -11,10 +11,11 @@ streak that it leaves is compared with the closed form of `planning.visibility.l
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
-from transfers import transfers
+from transfers import Transfer, transfers
 
 from upplied.config import focal_px, settings_for
 from upplied.geometry.scene import scene_of
@@ -22,9 +23,9 @@ from upplied.planning.plan import plan_transfer
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import TRULY, views
-from upplied.records import Camera, Cloud, Floats, Trajectory
+from upplied.records import SURFACE_STATES, Camera, Cloud, Floats, Plan, Trajectory
 
-_STEPS, _DOTS, _SIZE = 41, 300, 64
+_STEPS, _DOTS, _SIZE = 41, 300, 256
 
 
 def streak_px(path: Trajectory, time_s: float, point: Floats, camera: Camera, exposure_s: float) -> float:
@@ -36,7 +37,7 @@ def streak_px(path: Trajectory, time_s: float, point: Floats, camera: Camera, ex
     local = turns.inv().apply(point - at)
     pixel = focal * local[:, 1:] / local[:, :1]
     light = np.zeros((_SIZE, _SIZE))
-    fine = 16  # of a pixel: the picture is small, not coarse
+    fine = 64  # of a pixel: so that a cell adds less than a hundredth of one to the spread
     cells = np.floor((pixel - pixel.mean(axis=0)) * fine).astype(int) + _SIZE // 2
     inside = ((cells >= 0) & (cells < _SIZE)).all(axis=1)
     if not inside.all():
@@ -49,36 +50,50 @@ def streak_px(path: Trajectory, time_s: float, point: Floats, camera: Camera, ex
     return float(np.hypot(spread[0, 0], spread[1, 1]) * np.sqrt(12) / fine)  # of an even streak
 
 
+@dataclass(frozen=True)
+class Blur:
+    """Of some patches that a plan shows, the motion during the exposure in their finest sharp look, px."""
+
+    drawn: Floats  # by the renderer
+    closed: Floats
+
+
+def blur_of(plan: Plan, transfer: Transfer) -> Blur:
+    """The blur of a plan's patches, drawn and in closed form."""
+    assert plan.trajectory is not None and plan.surface is not None and plan.surface.normals is not None
+    rule = settings_for("recommended").inspection
+    camera, path = transfer.demonstration.camera, plan.trajectory
+    shown = np.flatnonzero(plan.surface.state == SURFACE_STATES.index("shown"))
+    shown = shown[np.linspace(0, len(shown) - 1, min(_DOTS, len(shown))).astype(int)]
+    cloud = Cloud(plan.surface.points[shown], plan.surface.normals[shown])
+    seen, steps = views(path, cloud, camera, TRULY, scene_of(transfer.target)), moments(path)
+    exposure = camera.exposure_s or rule.exposure_s
+    limit = rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)
+    looks = sharp_looks(steps, seen, cloud, camera, limit, np.cos(np.radians(rule.max_incidence_deg)))
+    known = np.flatnonzero(looks.pose >= 0)
+    times = steps.poses.t_s[looks.pose[known]]
+    drawn = [streak_px(path, t, p, camera, exposure) for t, p in zip(times, cloud.points[known], strict=True)]
+    closed = looks.moved[known] * focal_px(camera.width_px or 4000, camera.hfov_deg) * exposure
+    return Blur(np.array(drawn), closed)
+
+
 def main() -> None:
     """Print a row a transfer: dots below a pixel by the renderer, and how far the closed form is off."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--only", default="turbine")
     parser.add_argument("--real", action="store_true")
     options = parser.parse_args()
-    rule = settings_for("recommended").inspection
     print(f"{'transfer':36}{'dots':>6}{'< 1 px, %':>11}{'p99 px':>8}{'closed p99':>12}{'off, p95 px':>13}")
     for row in transfers(options.real, options.only):
         plan = plan_transfer(row.demonstration, row.source, row.target, settings_for("recommended"))
-        if plan.trajectory is None or plan.surface is None or plan.surface.normals is None:
+        if plan.trajectory is None:
             print(f"{row.published.title:36}{plan.reason[:70]}")
             continue
-        camera, path, shown = row.demonstration.camera, plan.trajectory, plan.surface.state == 1
-        cloud = Cloud(plan.surface.points[shown], plan.surface.normals[shown])
-        cloud = cloud.at(np.linspace(0, len(cloud) - 1, min(_DOTS, len(cloud))).astype(int))
-        seen, steps = views(path, cloud, camera, TRULY, scene_of(row.target)), moments(path)
-        exposure = camera.exposure_s or rule.exposure_s
-        limit = rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s)
-        looks = sharp_looks(steps, seen, cloud, camera, limit, np.cos(np.radians(rule.max_incidence_deg)))
-        known = np.flatnonzero(looks.pose >= 0)
-        closed = looks.moved[known] * focal_px(camera.width_px or 4000, camera.hfov_deg) * exposure
-        times = steps.poses.t_s[looks.pose[known]]
-        drawn = np.array(
-            [streak_px(path, t, p, camera, exposure) for t, p in zip(times, cloud.points[known], strict=True)]
-        )
-        off = np.percentile(np.abs(drawn - closed), 95)
-        cells = f"{100 * np.mean(drawn < 1):11.2f}{np.percentile(drawn, 99):8.3f}"
-        cells += f"{np.percentile(closed, 99):12.3f}{off:13.3f}"
-        print(f"{row.published.title:36}{len(known):6d}{cells}", flush=True)
+        blur = blur_of(plan, row)
+        cells = f"{100 * np.mean(blur.drawn < 1):11.2f}{np.percentile(blur.drawn, 99):8.3f}"
+        cells += f"{np.percentile(blur.closed, 99):12.3f}"
+        cells += f"{np.percentile(np.abs(blur.drawn - blur.closed), 95):13.3f}"
+        print(f"{row.published.title:36}{len(blur.drawn):6d}{cells}", flush=True)
 
 
 if __name__ == "__main__":

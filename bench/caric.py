@@ -5,10 +5,10 @@
 The scenes are others' and lie in `peers/caric` of the folder that `UPPLIED_REAL_DATA` names; without them
 nothing is scored. A flight round a sample with the challenge's camera is planned on each scene by every
 preset, whatever the gate and the verdict say, and takes a picture every 0.1 s, or as `--every` says.
-`points` is the score (`caric_score`): the sum over the interest points of line of sight times blur times
-resolution in the best picture of each. `of` is how many points lie on the mesh, `seen` how many are worth
-anything. The challenge's own totals are of several vehicles in scenes that are not published: the figures
-compare ways on one scene, nothing else.
+`points` is the score (`planning.measures.picture_score`): the sum over the interest points of line of sight
+times blur times resolution in the best picture of each. `of` is how many points lie on the mesh, `seen` how
+many are worth anything. The challenge's own totals are of several vehicles in scenes that are not published:
+the figures compare ways on one scene, nothing else.
 """
 
 from __future__ import annotations
@@ -17,17 +17,18 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from caric_score import ScoredCamera, picture_score
 from real_data import real_folder
 
-from upplied.config import settings_for
+from upplied.config import focal_px, settings_for
 from upplied.geometry.poses import interpolate
-from upplied.geometry.scene import scene_of
+from upplied.geometry.scene import Scene, scene_of
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
+from upplied.overlap import Frames
+from upplied.planning.measures.picture_score import picture_worth
 from upplied.planning.plan import plan_transfer
-from upplied.planning.visibility.moments import rates
-from upplied.records import Camera, Cloud, Floats, Structure, Surroundings
+from upplied.planning.visibility.moments import Moments, rates
+from upplied.records import Camera, Cloud, Floats, Structure, Surroundings, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
@@ -38,6 +39,8 @@ SCENES = (
     ("construction_crane_2", "crane", 1.5, "turbine-1-v1", "tower"),
 )
 NEAR_M = 0.1  # of a mesh, within which an interest point is its own
+# As the challenge describes it: 16 mm, pixels of 4.35 micrometres, 1 ms; no limit of range is published.
+CAMERA = Camera(80.0, 60.0, 0.0, 1e3, width_px=6173, exposure_s=1e-3)
 
 
 def main() -> None:
@@ -49,8 +52,7 @@ def main() -> None:
     if folder is None or not (folder / "peers" / "caric").is_dir():
         print("no scenes: UPPLIED_REAL_DATA names no folder with peers/caric")
         return
-    lens = ScoredCamera()
-    camera = Camera(lens.hfov_deg, lens.vfov_deg, width_px=1920, exposure_s=lens.exposure_s)
+    camera = Camera(CAMERA.hfov_deg, CAMERA.vfov_deg, width_px=1920, exposure_s=CAMERA.exposure_s)
     print(f"{'scene':22}{'preset':>13}{'points':>8}{'of':>6}{'seen':>6}{'s':>7}{'m':>7}{'clear m':>8}")
     for mesh, points, enough_mm, source, inspection in SCENES:
         target = scene_structure(folder / "peers" / "caric" / f"{mesh}.stl")
@@ -67,10 +69,19 @@ def main() -> None:
                 continue
             path = plan.trajectory
             taken = interpolate(path, np.arange(path.t_s[0], path.t_s[-1], options.every))
-            worth = picture_score(taken, *rates(taken), cloud, scene_of(target), enough_mm, lens)
+            worth = score(taken, cloud, scene_of(target), enough_mm)
             figures = f"{worth.sum():8.0f}{len(cloud):6d}{(worth > 0).sum():6d}{path.t_s[-1]:7.0f}"
             figures += f"{plan.measures.path_length_m:7.0f}{plan.measures.min_clearance_m:8.1f}"
             print(f"{title}{figures}", flush=True)
+
+
+def score(taken: Trajectory, cloud: Cloud, scene: Scene, enough_mm: float, camera: Camera = CAMERA) -> Floats:
+    """The worth of each interest point (N,), of pictures taken at some poses."""
+    frames = Frames(taken, camera, scene)
+    seen = np.array([frames.shows(at, cloud.points) for at in range(len(taken))])
+    pixel = np.full(len(taken), 1 / focal_px(camera.width_px, camera.hfov_deg))
+    steps = Moments(taken, np.ones(len(taken)), *rates(taken))
+    return picture_worth(steps, seen, cloud, np.full(len(cloud), 1e-3 * enough_mm), pixel, camera.exposure_s)
 
 
 def scene_structure(path: Path) -> Structure:

@@ -32,7 +32,7 @@ def truly_seen(structure: Structure, poses: Trajectory, surface: Cloud, camera: 
         inside &= -(ray * surface.normals).sum(axis=1) >= np.cos(np.radians(_INCIDENCE_DEG)) * reach
         some = np.flatnonzero(inside & ~seen)
         if len(some):
-            seen[some] = ~_hidden(poses.positions[at], ray[some], corners, _SLACK)
+            seen[some] = ~hidden(poses.positions[at], ray[some], corners, _SLACK)
     return seen
 
 
@@ -92,7 +92,7 @@ def finest_looks(
         finer = longest < finest[some]
         some, longest = some[finer], longest[finer]
         if len(some):
-            free = ~_hidden(looks.positions[at], ray[some], corners, _SLACK)
+            free = ~hidden(looks.positions[at], ray[some], corners, _SLACK)
             finest[some[free]] = longest[free]
     return finest
 
@@ -113,7 +113,7 @@ def _sight(points: Floats, poses: Trajectory, frame: tuple[Floats, Floats, Float
 
 
 @njit(cache=True)
-def _hidden(origin: Floats, rays: Floats, corners: Floats, slack: float) -> Bools:
+def hidden(origin: Floats, rays: Floats, corners: Floats, slack: float) -> Bools:
     """Which rays (K, 3) from one origin meet a triangle (T, 3, 3) before their end."""
     hidden = np.zeros(len(rays), np.bool_)
     centres, radii = _balls(corners)

@@ -94,7 +94,10 @@ def photographed(
     spare = complete and overlap is None
     enough = 1.0 if complete else _ENOUGH
     chosen, shown = _covering(frames, useful, path, chosen, surface, interval_s, enough, spare)
-    photo_s = np.array(sorted(chosen))
+    chosen = sorted(chosen)
+    if overlap is not None:
+        chosen = _filled(frames, path, chosen, overlap[0])
+    photo_s = np.array(chosen)
     timed, flags, planned_s = _with_photos(path, photo_s, interval_s * MARGIN, most_mps2)
     taken = Frames(timed.take(flags), camera, scene)
     along = np.array([taken.overlap(at - 1, at) for at in range(1, len(photo_s))])
@@ -124,6 +127,19 @@ def _along(
             found.append(float(times[later]))
         else:
             found.append(_exactly(before, frames, path, asked, (last, float(times[later]))))
+    return found
+
+
+def _filled(frames: Frames, path: Trajectory, photo_s: list[float], asked: float) -> list[float]:
+    """The times of photos, and more where one that coverage needs overlaps too little with the one before."""
+    found = photo_s[:1]
+    for later in photo_s[1:]:
+        for _ in range(_HALVINGS):  # far more than are needed, where pictures change evenly
+            before = _at(frames, path, found[-1])
+            if _shared(before, _at(frames, path, later), 0) >= asked:
+                break
+            found.append(_exactly(before, frames, path, asked, (found[-1], later)))
+        found.append(later)
     return found
 
 
@@ -238,7 +254,8 @@ def _with_photos(
 ) -> tuple[Trajectory, Bools, Floats]:
     """The path with a pose at each photo, more slowly where photos were nearer in time; which, and when."""
     every = np.union1d(path.t_s, photo_s)
-    keep: Ints = np.flatnonzero(np.isin(every, photo_s) | (_apart(every, photo_s) > 1e-4))
+    apart = np.abs(every[:, None] - photo_s).min(axis=1)
+    keep: Ints = np.flatnonzero(np.isin(every, photo_s) | (apart > 1e-4))
     every = every[keep]
     posed = interpolate(path, every)
     slower = np.concatenate([[1.0], np.maximum(least_s / np.maximum(np.diff(photo_s), 1e-9), 1.0), [1.0]])
@@ -271,10 +288,3 @@ def _no_harder(times: Floats, positions: Floats, most_mps2: float) -> Floats:
         slower = np.maximum(np.concatenate([[1.0], excess]), np.concatenate([excess, [1.0]]))
         times = _slowed(times, np.where(slower > 1, slower + _EASED, 1.0))
     return times
-
-
-def _apart(times: Floats, photo_s: Floats) -> Floats:
-    """How far in time (N,) each of these is from the nearest photo."""
-    after = np.clip(np.searchsorted(photo_s, times), 1, max(len(photo_s) - 1, 1))
-    nearest = np.abs(times - photo_s[np.minimum(after, len(photo_s) - 1)])
-    return np.asarray(np.minimum(nearest, np.abs(times - photo_s[after - 1])))

@@ -162,6 +162,19 @@ def test_overlap_asked_is_overlap_measured(along):
     assert np.percentile(shares, 5) > along - 3  # never less, but for what rays leave open
 
 
+def test_photos_that_coverage_adds_overlap_as_asked_too():
+    """The last of the flight comes nearer, aside of what the photo before shows of what all of them show."""
+    along = np.linspace(0, 1, 200)
+    at = np.column_stack([np.zeros(200), -26.0 + 17.0 * np.sin(np.pi * along), np.full(200, 4.0)])
+    path = Trajectory(30 * along, at, look_at(at, at + np.array([0.0, 1, 0])))
+    camera, box = Camera(60.0, 45.0, 1.0, 60.0), placed_box()
+    side = np.linspace(-5.5, 5.5, 30)
+    wall = np.stack(np.meshgrid(side, [-4.0], np.linspace(1, 8, 20)), axis=-1).reshape(-1, 3)
+    cloud = Cloud(wall, np.tile([0.0, -1.0, 0.0], (len(wall), 1)))
+    found = photographed(path, camera, scene_of(box), cloud, 0.7, 2.0, (0.8, 0.0), complete=True)
+    assert len(found.along) > 3 and found.along.min() > 0.78
+
+
 def test_overlap_across_is_measured_and_refused_where_passes_lie_too_far_apart():
     """Two passes along a wall, 4 m apart, seen from 6 m with a picture of 6.9 x 5 m."""
     x = np.linspace(-4, 4, 60)

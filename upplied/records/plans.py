@@ -37,6 +37,7 @@ class Measures(Record):
     blur_px_p50: float = float("nan")
     blur_px_p99: float = float("nan")
     defocus_px_p95: float = float("nan")
+    picture_score: float = float("nan")
     coverage_paper_pct: float = float("nan")
     coverage_seen_pct: float = float("nan")
     coverage_attainable_pct: float = float("nan")

@@ -8,10 +8,11 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from upplied.geometry.poses import interpolate, matrices
+from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
 from upplied.outputs.missions.flying import Turning, as_flown
 from upplied.outputs.missions.records import SAME_ZOOM
+from upplied.overlap import Frames
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.rules import Airspace
 from upplied.records import Bools, Camera, Floats, Ints, SurfaceStates, Trajectory
@@ -87,19 +88,9 @@ def still_seen(
 
 def _in_view(path: Trajectory, points: Floats, scene: Scene, camera: Camera) -> Bools:
     """Which points (N,) are in the frustum and range of any pose, with nothing between."""
-    shown = np.zeros(len(points), bool)
-    fields = np.tile([camera.hfov_deg, camera.vfov_deg], (len(path), 1))
-    fields = fields if path.fov_deg is None else path.fov_deg
-    slopes = np.tan(np.radians(np.minimum(fields, 179.0)) / 2)
-    for position, turn, slope in zip(path.positions, matrices(path.quat_xyzw), slopes, strict=True):
-        open_ = np.flatnonzero(~shown)
-        local = (points[open_] - position) @ turn
-        reach = np.linalg.norm(local, axis=1)
-        inside = (local[:, 0] > 0) & (np.abs(local[:, 1:]) <= local[:, :1] * slope).all(axis=1)
-        inside &= (reach >= camera.min_range_m) & (reach <= camera.max_range_m)
-        looked = open_[inside]
-        if len(looked):
-            shown[looked] = ~scene.occluded(np.broadcast_to(position, (len(looked), 3)), points[looked], 0.01)
+    frames, shown = Frames(path, camera, scene), np.zeros(len(points), bool)
+    for at in range(len(path)):
+        shown[~shown] = frames.shows(at, points[~shown])
     return shown
 
 

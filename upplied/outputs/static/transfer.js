@@ -25,6 +25,7 @@
     ["blur_px_p50", "Motion blur, median", 2, " px", "In the finest sharp view, during the exposure"],
     ["blur_px_p99", "Motion blur, 99th percentile", 2, " px", ""],
     ["defocus_px_p95", "Defocus, 95th percentile", 2, " px", "With the camera focused on the middle depth of its picture"],
+    ["picture_score", "Picture score", 2, "", "Line of sight, sharpness and resolution of the best picture of each patch, as in the CARIC challenge"],
     ["camera_turn_ratio", "Camera rotation / demonstrated", 1, "", ""],
     ["path_turn_ratio", "Path curvature / demonstrated", 1, "", ""],
     ["pan_fast_pct", "Time with motion blur", 0, " %", "Share of the flight in which the picture moves too fast to be sharp"],

@@ -30,6 +30,7 @@ from upplied.planning.geometry.frechet import frechet, frechet_floored
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.measures.fidelity import fidelity, patches_of
 from upplied.planning.measures.measure import FRECHET, inspected_measures, measure, shown_of, surface_states
+from upplied.planning.measures.picture_score import picture_score
 from upplied.planning.measures.resolution import resolution
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import moments
@@ -97,6 +98,7 @@ def judge(
         **inspected_measures(shown, true[1], takes),
         **fidelity(steps, *compared, settings),
         **resolution(*compared, airspace, settings),
+        **picture_score(steps, true[1], true[0].cloud, compared[1], takes, settings.inspection),
     )
     measures = replace(measures, never_scanned_m2=pair.missing.area_m2)
     if added is not None and not added.all():

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from upplied.config import settings_for
 from upplied.geometry.scene import scene_of
-from upplied.records import Cloud, Trajectory
+from upplied.overlap import Frames
+from upplied.planning.measures.picture_score import picture_worth
+from upplied.planning.plan import plan_transfer
+from upplied.planning.visibility.moments import Moments
+from upplied.records import Camera, Cloud, Trajectory
+from upplied.samples.pilot import fly
 from upplied.samples.surfaces import box
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
-from caric_score import ScoredCamera, picture_score
-
-sys.path.pop(0)
-
 PIXEL = 4.35e-3 / 16.0  # rad, in the middle
+EXPOSURE_S = 1e-3
+CAMERA = Camera(80.0, 60.0, 0.0, 1e3)  # the challenge's
 ONE = np.array([[0.0, 0, 0, 1]])
 
 
@@ -27,9 +29,12 @@ def scored(at, normal=(-1.0, 0, 0), velocity=(0.0, 0, 0), turn=(0.0, 0, 0), desi
     low, high = scene.box
     point = np.array([[low[0], (low[1] + high[1]) / 2, (low[2] + high[2]) / 2]])
     poses = Trajectory(np.zeros(1), point + np.array([at]), ONE)
-    moved = np.array([velocity], float), np.array([turn], float)
+    steps = Moments(poses, np.ones(1), np.array([velocity], float), np.array([turn], float))
     cloud = Cloud(point, np.array([normal], float))
-    return float(picture_score(poses, *moved, cloud, scene, desired_mm)[0])
+    seen = Frames(poses, CAMERA, scene).shows(0, point)[None]
+    return float(
+        picture_worth(steps, seen, cloud, np.array([1e-3 * desired_mm]), np.array([PIXEL]), EXPOSURE_S)[0]
+    )
 
 
 def test_near_and_still_is_worth_one_and_far_less() -> None:
@@ -40,7 +45,7 @@ def test_near_and_still_is_worth_one_and_far_less() -> None:
 
 
 def test_motion_smears_by_flight_and_turning() -> None:
-    speed = PIXEL * 5.0 / ScoredCamera().exposure_s  # a pixel in an exposure, from 5 m
+    speed = PIXEL * 5.0 / EXPOSURE_S  # a pixel in an exposure, from 5 m
     assert scored((-5.0, 0, 0), velocity=(0, speed * 0.9, 0)) == 1.0
     assert scored((-5.0, 0, 0), velocity=(0, speed * 2, 0)) == pytest.approx(0.5, rel=1e-3)
     assert scored((-5.0, 0, 0), turn=(0, 0, 2 * PIXEL / 1e-3)) == pytest.approx(0.5, rel=1e-2)
@@ -54,3 +59,13 @@ def test_an_oblique_patch_is_coarser_and_what_is_hidden_or_aside_is_worth_nothin
     assert scored((-far, 0, 0), (-np.cos(tilt), 0, np.sin(tilt))) == pytest.approx(0.5, rel=1e-2)
     assert scored((20.0, 0, 0)) == 0.0  # behind it
     assert scored((-5.0, 5.0, 0)) == 0.0  # beyond 40 deg aside
+
+
+def test_a_plan_of_the_structure_itself_scores_near_one_and_a_blurred_camera_less() -> None:
+    cube = box((12.0, 12.0, 12.0), "cube").structure
+    flight = fly(cube, "sides", seed=3)
+    settings = settings_for("recommended", clouds={"surface_samples": 400})
+    sharp = plan_transfer(flight, cube, cube, settings).measures.picture_score
+    assert 0.9 < sharp <= 1
+    slow = replace(flight, camera=replace(flight.camera, exposure_s=1 / 30))
+    assert plan_transfer(slow, cube, cube, settings).measures.picture_score < sharp - 0.1
