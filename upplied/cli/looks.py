@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from upplied.cli.findings import app
 from upplied.cli.options import FindingArgument, PointArgument, StructureArgument
-from upplied.cli.terminal import Results, complain_each, errors, point_text
+from upplied.cli.terminal import Results, complain, complain_each, errors, point_text
 from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:

@@ -133,14 +133,14 @@ def located(
 
     noise = norm.ppf(qmc.Sobol(9, rng=0).random(_DRAWS))
     view = _View(scene, camera, position, turn)
-    off, pose, pixel, mesh = (_error_m(view, middle, place, part, noise) for part in parts)
+    whole, pose, pixel, mesh = (_error_m(view, middle, place, part, noise) for part in parts)
     outline = place[None]
     if len(corners) > 1:
         outline = position + (reach[1:, None] * rays[1:])[hit[1:]]
     size = _sized(view, aims[hit], outline, errors, noise)
     fine = 1e3 * footprint_m(camera, position, place, normal)
     looked = float(reach[0]), incidence, fine
-    return Located(place, normal, outline, *looked, off, pose, pixel, mesh, *size)
+    return Located(place, normal, outline, *looked, whole, pose, pixel, mesh, *size)
 
 
 def _drawn(view: _View, pixels: Floats, errors: Errors, noise: Floats) -> tuple[Floats, Floats]:

@@ -130,7 +130,8 @@ def phases(flown: Track, scene: Scene, reach_m: float) -> Phases | None:
     if len(some) < 4 * _STILL_S / _STEP_S:
         return None
     some = np.union1d(some, [len(seconds) - 1])
-    looks = met_in_the_middle(flown.positions[some], flown.quat_xyzw[some], scene, reach_m).any(axis=1)
+    met = met_in_the_middle(flown.positions[some], flown.quat_xyzw[some], scene, reach_m)
+    looks = np.asarray(met.any(axis=1), bool)
     return phases_of(seconds[some], flown.positions[some], looks, scene)
 
 

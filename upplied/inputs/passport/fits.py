@@ -141,9 +141,9 @@ def fits(
     where = np.flatnonzero(good)
     good[where] *= ~inside(flat[where], scene)
     shares = good.reshape(count).mean(axis=1)
-    for one, (places, fit) in enumerate(
-        zip(positions, good.reshape(count), strict=True) if at is not None else ()
-    ):
+    if at is None:
+        return np.asarray(shares)
+    for one, (places, fit) in enumerate(zip(positions, good.reshape(count), strict=True)):
         if (parts := phases_of(at, places, fit > 0, scene)) is not None:
             shares[one] = fit[parts.inspected(at)].mean() * min(1.0, parts.share / _OF_FLIGHT)
     return np.asarray(shares)
