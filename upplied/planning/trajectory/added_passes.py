@@ -97,8 +97,10 @@ class Beside(Record):
         tours = []
         for times in prices if spare_s > 0 else ():
             passes = arranged(self.cover, self.seconds, times / (self.own_s + spare_s), most)
-            tour = _Tour(self.path, self.lanes, self.ways, self.pace)
-            tours.append((self._flown_after(tour, passes, spare_s), tour, times))
+            for a_second in (False, True) if len(passes) > 1 else (False,):
+                tour = _Tour(self.path, self.lanes, self.ways, self.pace)
+                worth = self._flown_after(tour, list(passes), spare_s, a_second)
+                tours.append((worth, tour, times))
         best = max((worth for worth, *_ in tours), default=0.0)
         if best <= 0:
             return None
@@ -110,15 +112,15 @@ class Beside(Record):
         """The path without passes."""
         return _Tour(self.path, self.lanes, self.ways, self.pace).flown()
 
-    def _flown_after(self, tour: _Tour, passes: list[Pass], spare_s: float) -> float:
-        """What passes flown after a tour show beyond what they must; those first that show most a second."""
+    def _flown_after(self, tour: _Tour, passes: list[Pass], spare_s: float, a_second: bool) -> float:
+        """What passes flown after a tour show beyond what they must; most first, or most a second."""
         cover, worth = self.cover, 0.0
         flown = np.zeros((cover.stations, 2 * STEPS + 1), bool)
         flown[:, STEPS] = True
         while passes:
             before = cover.before(flown)
             gains = [(cover.before(one.flown_with(flown)) - before).sum() for one in passes]
-            spent = [max(float(self.seconds[one.rows].sum()), 1e-9) for one in passes]
+            spent = [max(float(self.seconds[one.rows].sum()), 1e-9) if a_second else 1.0 for one in passes]
             one = passes.pop(int(np.argmax(np.array(gains) / spent)))
             part, taken_s = tour.longest(one, spare_s)
             more = float((cover.before(part.flown_with(flown)) - before).sum())
