@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from upplied.geometry.polylines import accelerations, cumulated
+from upplied.geometry.polylines import accelerations, cumulated, leg_lengths
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
 from upplied.overlap import Frames
@@ -28,8 +28,12 @@ _POINTS = 1500  # of the surface, that are to stay in view
 _AS_FINE = 1.25  # times the finest that the path shows a sample, by distance and incidence
 _EDGE_ON = 0.1  # cosine of the incidence, below which it counts as that
 _EASINGS = 50  # times, at most, that legs are flown more slowly
+_WAITS = 200  # times, at most, that legs between photos are flown more slowly
+_MOST_STEPS = 100_000  # of the time that is stretched for photos
+_OVER = 1e-3  # more than they must wait, so that it ends
 _EASED = 0.01  # more than they must be, so that it ends
-_CLOCK_S, _BRAKING_S = 0.1, 1.0  # steps of the time that is stretched for photos, and how long braking takes
+_CLOCK_S = 0.1  # steps of the time that is stretched for photos
+_BRAKING_S = 0.2, 1.0  # how long braking takes, least and most
 _HALVINGS = 7  # of the time between two places, for an overlap that was asked for
 _SAME_S = 1e-6
 
@@ -258,11 +262,33 @@ def _with_photos(
     keep: Ints = np.flatnonzero(np.isin(every, photo_s) | (apart > 1e-4))
     every = every[keep]
     posed = interpolate(path, every)
-    slower = np.concatenate([[1.0], np.maximum(least_s / np.maximum(np.diff(photo_s), 1e-9), 1.0), [1.0]])
-    late = _slowed(every, slower[np.searchsorted(photo_s, (every[1:] + every[:-1]) / 2)])
     allowed = float(accelerations(path.t_s, path.positions).max(initial=most_mps2))
+    fastest = float((leg_lengths(path.positions) / np.diff(path.t_s)).max(initial=0.0))
+    late = _waiting(every, photo_s, least_s, float(np.clip(fastest / allowed, *_BRAKING_S)))
     late = _no_harder(late, posed.positions, allowed)
     return replace(posed, t_s=late), np.isin(every, photo_s), every
+
+
+def _waiting(times: Floats, photo_s: Floats, least_s: float, brake_s: float) -> Floats:
+    """Moments (N,) of a flight that is slower between photos (K,) that the camera would not take in time.
+
+    It brakes before and after: what that takes more counts for the next photos.
+    """
+    wanted = np.maximum(np.diff(photo_s), least_s)
+    steps = 2 + int((times[-1] - times[0]) / min(_CLOCK_S, np.diff(photo_s).min(initial=_CLOCK_S) / 2))
+    clock = np.linspace(times[0], times[-1], min(steps, _MOST_STEPS))
+    between = np.searchsorted(photo_s, (clock[1:] + clock[:-1]) / 2)
+    brake = 2 * round(brake_s / (clock[1] - clock[0])) + 1
+    slower = np.ones(len(clock) - 1)
+    for _ in range(_WAITS):
+        late = cumulated(uniform_filter1d(slower, brake, mode="nearest") * np.diff(clock))
+        short = wanted / np.maximum(np.diff(np.interp(photo_s, clock, late)), 1e-9)
+        if not (short > 1 + 1e-9).any():
+            break
+        slower *= np.concatenate([[1.0], np.where(short > 1, short + _OVER, 1.0), [1.0]])[between]
+    else:
+        late = late * short.max()
+    return times[0] + np.interp(times, clock, late)
 
 
 def _slowed(times: Floats, slower: Floats) -> Floats:
@@ -273,7 +299,7 @@ def _slowed(times: Floats, slower: Floats) -> Floats:
     leg = np.clip(np.searchsorted(times, clock, side="right") - 1, 0, len(slower) - 1)
     # The slowest leg of each step of the clock: the legs are shorter where photos are close to other poses.
     rate = np.array([slower[first : last + 1].max() for first, last in itertools.pairwise(leg)])
-    brake = 2 * round(_BRAKING_S / _CLOCK_S) + 1
+    brake = 2 * round(_BRAKING_S[1] / _CLOCK_S) + 1
     # The mean of the slowest round about is nowhere faster than what it is the mean of.
     rate = uniform_filter1d(maximum_filter1d(rate, brake, mode="nearest"), brake, mode="nearest")
     return times[0] + np.interp(times, clock, cumulated(rate * np.diff(clock)))

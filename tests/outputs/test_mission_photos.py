@@ -19,7 +19,7 @@ from upplied.outputs.missions.gate import Limits, breaches
 from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.read_back import read_mission
 from upplied.overlap import Frames
-from upplied.photographed import photographed
+from upplied.photographed import _waiting, photographed
 from upplied.records import Camera, Cloud, Measures, SurfaceStates, Trajectory
 
 FLOWN = [name for name in sorted(FORMATS) if name != "mcap"]
@@ -248,3 +248,17 @@ def test_a_film_begins_with_the_inspection_and_ends_with_it(tmp_path):
             rows = [line.split(",") for line in path.read_text().splitlines()[1:]]
             actions = [{row[8], row[10], row[12]} for row in rows]
             assert sum("2" in each for each in actions) == sum("3" in each for each in actions) == 1
+
+
+@pytest.mark.parametrize("apart_s", [0.5, 0.8, 1.9])
+def test_a_flight_waits_for_its_camera_not_much_longer_than_it_must(apart_s: float) -> None:
+    """Two photos soon after one another, every ten seconds: the flight is slow there, and not elsewhere."""
+    first = np.arange(5, 290, 10.0)
+    photo_s = np.sort(np.concatenate([first, first + apart_s]))
+    times = np.union1d(np.arange(0, 300, 0.5), photo_s)
+    late = _waiting(times, photo_s, 2.0, 0.5)
+    taken = np.interp(photo_s, times, late)
+    missing_s = np.maximum(2.0 - np.diff(photo_s), 0).sum()
+    assert np.diff(taken).min() >= 2.0 - 1e-6 and (np.diff(late) >= np.diff(times) - 1e-9).all()
+    assert missing_s <= late[-1] - times[-1] <= 3 * missing_s + 1.0
+    assert np.array_equal(_waiting(times, first, 2.0, 0.5), times)
