@@ -22,7 +22,7 @@ from upplied.planning.trajectory.view import View
 from upplied.records import Bools, Floats, Ints, Record
 
 _NEEDED = 600  # samples, at most, that stand for all that is needed
-LEAST = 0.02  # share of the need, that a pass must show, and that all of them must show once optimised
+_LEAST = 0.02  # share of the need, that a pass must show
 _PIECES = 8  # of a pass, of which as many are flown as there is time for: a second seldom moves an end
 _TURN_S = 2.0  # to slow down and turn at each end of a pass
 PRICES = (0.8, 0.27, 0.09, 0.03)  # of what a second shows in the mean, that a second must: few passes first
@@ -124,11 +124,11 @@ class Beside(Record):
             one = passes.pop(int(np.argmax(np.array(gains) / spent)))
             part, taken_s = tour.longest(one, spare_s)
             more = float((cover.before(part.flown_with(flown)) - before).sum())
-            if taken_s > spare_s or more < LEAST:
+            if taken_s > spare_s or more < _LEAST:
                 continue
             tour.append(part, taken_s)
             spare_s -= taken_s
-            flown, worth = part.flown_with(flown), worth + more - LEAST
+            flown, worth = part.flown_with(flown), worth + more - _LEAST
         return worth
 
 

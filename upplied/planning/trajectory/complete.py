@@ -15,7 +15,7 @@ from upplied.planning.airspace.detours import Ways, airspace_of, safe_positions
 from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.demonstration.repetition import Take, steady_radps
 from upplied.planning.geometry.frechet import frechet_floored
-from upplied.planning.trajectory.added_passes import LEAST, PRICES, Beside, Extended, Pace
+from upplied.planning.trajectory.added_passes import PRICES, Beside, Extended, Pace
 from upplied.planning.trajectory.optimise import Optimised, Problem, Start, optimise
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import demonstrated_speed
@@ -31,6 +31,8 @@ _LEAST_TURN_RAD = (
     np.pi / 2
 )  # that a demonstration counts as having turned, so that little turning is not dear
 _HALVINGS = 20  # of the way to the demonstrated shape
+_WORTHWHILE = 0.01  # share of the need, that added passes must show more: as near as coverage is known
+_TWICE = 0.02  # share of the need, that a flight of twice the time must show more; other times in proportion
 _LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
 _TRIES = 5  # of adding passes: fewer, where they take too long
 
@@ -112,22 +114,23 @@ def _with_passes(
     beside = Beside.of(path, problem.view, ways, pace, _half_rad(carried.take, settings))
     if beside is None:
         return None
-    most_s, longer = _LESS * limit_s, None
+    alone_s, most_s, longer = timer.seconds_of(beside.alone), _LESS * limit_s, None
     for _ in range(_TRIES):
         try:
-            longer = _longer(beside, most_s, timer, safe, longer)
+            longer = _longer(beside, most_s, alone_s, timer, safe, longer)
             if longer is None:
                 return None
             request = problem.along(longer.path, longer.origin, longer.added)
             result = optimise(request, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
-            if result.shown < best.shown + LEAST:
+            more = result.shown - best.shown
+            if more < _WORTHWHILE:
                 return None
             waypoints = _finished(result, longer.origin, longer.added, carried, goal, settings, safe)
         except RefusedError:  # no safe way along the passes: the flight without them has one
             return None
         taken_s = timer.seconds(waypoints)
         if taken_s <= limit_s:
-            return waypoints
+            return waypoints if more >= _TWICE * (taken_s / alone_s - 1) else None
         most_s -= taken_s - _LESS * limit_s
     return None
 
@@ -159,7 +162,12 @@ def _finished(
 
 
 def _longer(
-    beside: Beside, most_s: float, timer: _Timer, safe: Callable[[Floats], Floats], before: Extended | None
+    beside: Beside,
+    most_s: float,
+    alone_s: float,
+    timer: _Timer,
+    safe: Callable[[Floats], Floats],
+    before: Extended | None,
 ) -> Extended | None:
     """The carried flight with passes that are flown in at most so much time; None where there are none.
 
@@ -171,7 +179,6 @@ def _longer(
     RefusedError
         If there is no safe way along them.
     """
-    alone_s = timer.seconds_of(beside.alone)
     spare_s = (most_s - alone_s) * beside.own_s / max(alone_s, 1e-3)
     for _ in range(_TRIES):
         prices = PRICES if before is None else (before.price,)
