@@ -16,7 +16,7 @@ ANGLES = {"lat_deg": (-90, 90), "lon_deg": (-180, 360), "hfov_deg": (0, 360), "v
 NUMBERS = {
     "qx": (-1, 1), "qy": (-1, 1), "qz": (-1, 1), "qw": (0, 1), "fidelity_order": (-1, 1), "seq": (0, None),
     "commit_version": (-1, None), "runner_up_gap": (None, None), "seed": (None, None), "photos": (None, None),
-    "n_vertices": (1, None), "n_poses": (1, None),
+    "n_vertices": (1, None), "n_poses": (1, None), "picture_score": (0, 1),
 }  # fmt: skip
 #: What a row of each table is nothing without, beside what names it and its commit.
 ESSENTIAL = {

@@ -378,7 +378,7 @@ def test_what_lies_behind_a_mark_is_no_part_of_it():
     assert (
         spot.place[0] == pytest.approx(-0.05, abs=1e-4) and spot.length_m < 0.6 and spot.length_error_m < 0.1
     )
-    with pytest.raises(RefusedError, match="or the part that its middle is on"):
+    with pytest.raises(RefusedError, match="or on another surface than its middle"):
         wide = edge * [1, 1, 8]
         located("it", scene, CAMERA, position, quat, pixels_of(CAMERA, position, quat, wide), Errors())
 
