@@ -274,6 +274,8 @@ def _waiting(times: Floats, photo_s: Floats, least_s: float, brake_s: float) -> 
 
     It brakes before and after: what that takes more counts for the next photos.
     """
+    if (np.diff(photo_s) >= least_s).all():
+        return times
     wanted = np.maximum(np.diff(photo_s), least_s)
     steps = 2 + int((times[-1] - times[0]) / min(_CLOCK_S, np.diff(photo_s).min(initial=_CLOCK_S) / 2))
     clock = np.linspace(times[0], times[-1], min(steps, _MOST_STEPS))

@@ -262,3 +262,5 @@ def test_a_flight_waits_for_its_camera_not_much_longer_than_it_must(apart_s: flo
     assert np.diff(taken).min() >= 2.0 - 1e-6 and (np.diff(late) >= np.diff(times) - 1e-9).all()
     assert missing_s <= late[-1] - times[-1] <= 3 * missing_s + 1.0
     assert np.array_equal(_waiting(times, first, 2.0, 0.5), times)
+    alone = np.zeros(1)  # a plan of one pose, and its photo
+    assert np.array_equal(_waiting(alone, alone, 2.0, 0.5), alone)
