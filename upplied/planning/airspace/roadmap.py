@@ -24,12 +24,10 @@ _SAMPLES = 1500  # of the surface, that places are set before
 _DEGREE = 14  # edges per place
 _POST_M = 0.5  # from a post of the fence
 _BAND_M = 0.1  # beyond the safety distance, in which a way is drawn tight
-_BAND_STEP_M, _BAND_PLACES = (
-    0.7,
-    (8, 80),
-)  # between places of a way that is drawn tight, and how many there are
-_DRAWN = 120  # times
-_NEARER = 2.0  # see `way_towards`
+_BAND_STEP_M = 0.7  # between places of a way that is drawn tight
+_BAND_PLACES = 8, 80  # of these, least and most
+_DRAWN = 120  # times that a way is drawn towards its chords
+_NEARER = 2.0  # metres of way, that a metre nearer to where a flight begins or ends is worth
 _TILTS_DEG = (45.0, 80.0)  # from the normal: round edges, where the normals leave a gap
 
 
@@ -181,9 +179,9 @@ def tightened(line: Floats, airspace: Airspace) -> Floats:
         reach = min(2 ** (3 - turn % 4), (count - 1) // 2)  # far ones first
         step = (band[2 * reach :] + band[: -2 * reach]) / 4 - band[reach:-reach] / 2
         # Shorter than half the safety distance, so that nothing is stepped across.
-        longest = np.linalg.norm(step, axis=1, keepdims=True)
+        length = np.linalg.norm(step, axis=1, keepdims=True)
         moved = np.array(band)
-        moved[reach:-reach] += step * np.minimum(1, airspace.clearance_m / 2 / np.maximum(longest, 1e-12))
+        moved[reach:-reach] += step * np.minimum(1, airspace.clearance_m / 2 / np.maximum(length, 1e-12))
         moved += push(moved, wider)
         band[1:-1] = moved[1:-1]
     return line if airspace.broken(band).any() else shortened(band, airspace)
