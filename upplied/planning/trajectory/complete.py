@@ -90,7 +90,13 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         level=settings.transfer.plane,
     )
     best = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
-    if goal.standoff.in_metres and goal.height_m is None and settings.refine.added_passes:
+    missed = 1 - best.shown
+    if (
+        goal.standoff.in_metres
+        and goal.height_m is None
+        and settings.refine.added_passes
+        and missed >= _WORTHWHILE
+    ):
         longer = _with_passes(problem, best, ways, carried, goal, settings, safe)
         if longer is not None:
             return longer
