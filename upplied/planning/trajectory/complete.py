@@ -90,13 +90,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         level=settings.transfer.plane,
     )
     best = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
-    missed = 1 - best.shown
-    if (
-        goal.standoff.in_metres
-        and goal.height_m is None
-        and settings.refine.added_passes
-        and missed >= _WORTHWHILE
-    ):
+    if goal.standoff.in_metres and goal.height_m is None and settings.refine.added_passes:
         longer = _with_passes(problem, best, ways, carried, goal, settings, safe)
         if longer is not None:
             return longer
@@ -114,6 +108,8 @@ def _with_passes(
     safe: Callable[[Floats], Floats],
 ) -> Waypoints | None:
     """The flight with passes added, where they show more than the best without in the time that there is."""
+    if best.shown > 1 - _WORTHWHILE:
+        return None
     timer, path = _Timer(carried, goal, settings), problem.starts[0].safe
     limit_s, pace = timer.allowed_s(problem.view), Pace(problem.speed_mps, problem.pan_radps)
     beside = Beside.of(path, problem.view, ways, pace, _half_rad(carried.take, settings))
