@@ -89,10 +89,9 @@ def brief_transfer(
     options, warnings = as_settled(row, options or MissionOptions()), zones.plan.warnings
     given = (format, zones.plan, zones.structure, options, zones.camera)
     missions = missions_for(*given, undecided(catalog, row))
-    notes = (*zones.notes(missions), *custody)
     keep_overruled(catalog, row, "brief", format, missions[0].overruled)
-    photos = reference_photos(catalog, warnings)
-    page = brief_html(row, missions, zones.structure, options, warnings, notes, photos)
+    results = zones.notes(missions), reference_photos(catalog, warnings), custody
+    page = brief_html(row, missions, zones.structure, options, warnings, *results)
     return replace_file(Path(path), page)
 
 

@@ -114,29 +114,15 @@
     const at = ([x, y]) => [pen.wide / 2 + scale * (x - (left + right) / 2), pen.high / 2 - scale * (y - (bottom + top) / 2)];
     pen.fillStyle = pen.skin;
     const triangles = unpack(structure.triangles), places = vertices.map(at);
-    // Surfaces seen from above and from below apart: drawn as one, they would cancel each other out.
-    for (const side of [1, -1]) {
-      pen.beginPath();
-      for (let i = 0; i < triangles.length; i += 3) {
-        const [a, b, c] = [0, 1, 2].map((k) => places[triangles[i + k]]);
-        if (side * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) <= 0) continue;
-        pen.moveTo(...a); pen.lineTo(...b); pen.lineTo(...c);
-      }
-      pen.fill();
-    }
-    pen.beginPath();
-    if (!triangles.length) for (const [x, y] of places) pen.rect(x, y, 1.5, 1.5);
-    pen.fill();
+    if (triangles.length) area(pen, Array.from({ length: triangles.length / 3 }, (_, i) => [0, 1, 2].map((k) => places[triangles[3 * i + k]])));
+    else for (const [x, y] of places) pen.fillRect(x, y, 1.5, 1.5);
     const views = pictured(flown, track.viewpoints);
-    pen.globalAlpha = Math.max(0.04, Math.min(0.3, 6 / Math.max(views.length, 1)));
+    pen.globalAlpha = Math.max(0.05, Math.min(0.3, 6 / Math.max(views.length, 1)));
     pen.fillStyle = "#e69f00";
     for (const view of views) {
       const eye = at(flat(view.xyz));
-      const shown = upplied.corners(view.xyz, view.quat, data.demonstration.camera, track.path.standoff[nearest(track.path.xyz, view.xyz)]).map((corner) => at(flat(corner)));
-      const [low, high] = [Math.min, Math.max].map((end) => shown.reduce((best, p) => (end(aside(p, eye, shown), aside(best, eye, shown)) === aside(p, eye, shown) ? p : best)));
-      pen.beginPath();
-      pen.moveTo(...eye); pen.lineTo(...low); pen.lineTo(...high);
-      pen.fill();
+      const [a, b, c, d] = upplied.corners(view.xyz, view.quat, data.demonstration.camera, track.path.standoff[nearest(track.path.xyz, view.xyz)]).map((corner) => at(flat(corner)));
+      area(pen, [[eye, a, b], [eye, b, c], [eye, c, d], [eye, d, a], [a, b, c], [a, c, d]]);
     }
     pen.globalAlpha = 1;
     for (const [low, high] of mission.keep_out || []) line(pen, [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]], [low[0], low[1]]].map((p) => at(flat(p))), "#b3261e", 2);
@@ -167,10 +153,14 @@
     return [...new Set(photos.map((place) => viewpoints[nearest(places, place)]))];
   }
 
-  // How far a point lies to the left of the line from the eye to the middle of the picture, as an angle.
-  function aside([x, y], eye, shown) {
-    const [mx, my] = [0, 1].map((axis) => shown.reduce((sum, p) => sum + p[axis], 0) / shown.length - eye[axis]);
-    return Math.atan2(mx * (y - eye[1]) - my * (x - eye[0]), mx * (x - eye[0]) + my * (y - eye[1]));
+  // The area of triangles: all turn the same way, or some would cancel others out.
+  function area(pen, triangles) {
+    pen.beginPath();
+    for (const [a, b, c] of triangles) {
+      const left = (b[0] - a[0]) * (c[1] - a[1]) > (b[1] - a[1]) * (c[0] - a[0]);
+      pen.moveTo(...a); pen.lineTo(...(left ? b : c)); pen.lineTo(...(left ? c : b)); pen.closePath();
+    }
+    pen.fill();
   }
 
   // The number of the place, of x y z each, that is nearest to another.

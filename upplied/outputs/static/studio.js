@@ -222,8 +222,8 @@
       const at = (code) => [0, 1, 2].map((axis) => ((code >> axis) & 1 ? high[axis] : low[axis]));
       for (const code of [0, 1, 3, 2, 0, 4, 5, 7, 6, 4, null, 1, 5, null, 3, 7, null, 2, 6, null]) ["x", "y", "z"].forEach((name, axis) => line[name].push(code === null ? null : at(code)[axis]));
     }
-    if (every.length || state.boxes.length) scene.overlay("boxes", line, { mode: "lines", line: { color: upplied.colour("--red"), width: 4 } });
-    else scene.overlay("boxes", { x: [null], y: [null], z: [null] }, { mode: "lines", line: { color: upplied.colour("--red"), width: 4 } });
+    if (!every.length) for (const name of ["x", "y", "z"]) line[name].push(null);
+    scene.overlay("boxes", line, { mode: "lines", line: { color: upplied.colour("--red"), width: 4 } });
   }
 
   // One question at a time, and only the answer to the last one counts.

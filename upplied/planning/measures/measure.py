@@ -201,10 +201,18 @@ def inspected_measures(found: Shown, planned: Views, takes: Sequence[Take]) -> d
 
 
 def surface_states(found: Shown) -> SurfaceStates:
-    """What became of each sample of the target: other, shown, missed or unattainable."""
-    wanted = (found.inspected.need > 0) | (found.attention > 0.5)
-    state = np.where(wanted, 2, 0)
-    state[found.never] = 3
-    state[wanted & found.as_well] = 1
-    cloud = found.inspected.cloud
+    """What became of each sample of the target: other, shown, missed or unattainable.
+
+    Of what is missed as much area counts as the share of the need that is missed, the densest need first:
+    a rim that hardly matters to the coverage does not look like a hole in it.
+    """
+    need, cloud = found.inspected.need, found.inspected.cloud
+    shown = found.as_well & ((need > 0) | (found.attention > 0.5))
+    lost = np.flatnonzero((need > 0) & ~found.as_well)
+    lost = lost[np.argsort(-need[lost] / cloud.areas[lost], kind="stable")]
+    painted = np.cumsum(cloud.areas[lost])
+    missed = lost[painted * need[shown].sum() <= need[lost].sum() * cloud.areas[shown].sum()]
+    state = np.zeros(len(need), np.int64)
+    state[shown] = 1
+    state[missed] = np.where(found.never[missed], 3, 2)
     return SurfaceStates(cloud.points, state, cloud.normals)
