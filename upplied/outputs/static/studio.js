@@ -266,7 +266,7 @@
   }
 
   function showZones(rows) {
-    zones.replaceChildren(rows.length ? element("ul", {}, rows.map((each) => element("li", {}, element("b", {}, each.zone + ": " + each.status), " " + format(each.pct, 1, " %") + (each.why ? ", " + each.why : "")))) : element("p", { class: "note" }, "No zones are required."));
+    zones.replaceChildren(rows.length ? element("ul", {}, rows.map((each) => element("li", {}, element("b", {}, each.zone + ": " + each.status), " " + format(each.pct, 1, " % shown") + (each.why ? ", " + each.why : "")))) : element("p", { class: "note" }, "No zones are required."));
   }
 
   // --- what is done -----------------------------------------------------------------------------
