@@ -114,15 +114,25 @@
     const at = ([x, y]) => [pen.wide / 2 + scale * (x - (left + right) / 2), pen.high / 2 - scale * (y - (bottom + top) / 2)];
     pen.fillStyle = pen.skin;
     const triangles = unpack(structure.triangles), places = vertices.map(at);
-    if (triangles.length) area(pen, Array.from({ length: triangles.length / 3 }, (_, i) => [0, 1, 2].map((k) => places[triangles[3 * i + k]])));
-    else for (const [x, y] of places) pen.fillRect(x, y, 1.5, 1.5);
+    // Surfaces seen from above and from below apart: drawn as one, they would cancel each other out.
+    for (const side of [1, -1]) {
+      pen.beginPath();
+      for (let i = 0; i < triangles.length; i += 3) {
+        const [a, b, c] = [0, 1, 2].map((k) => places[triangles[i + k]]);
+        if (side * across(a, b, c) <= 0) continue;
+        pen.moveTo(...a); pen.lineTo(...b); pen.lineTo(...c);
+      }
+      pen.fill();
+    }
+    if (!triangles.length) for (const [x, y] of places) pen.fillRect(x, y, 1.5, 1.5);
     const views = pictured(flown, track.viewpoints);
     pen.globalAlpha = Math.max(0.05, Math.min(0.3, 6 / Math.max(views.length, 1)));
     pen.fillStyle = "#e69f00";
     for (const view of views) {
-      const eye = at(flat(view.xyz));
-      const [a, b, c, d] = upplied.corners(view.xyz, view.quat, data.demonstration.camera, track.path.standoff[nearest(track.path.xyz, view.xyz)]).map((corner) => at(flat(corner)));
-      area(pen, [[eye, a, b], [eye, b, c], [eye, c, d], [eye, d, a], [a, b, c], [a, c, d]]);
+      const shown = upplied.corners(view.xyz, view.quat, data.demonstration.camera, track.path.standoff[nearest(track.path.xyz, view.xyz)]);
+      pen.beginPath();
+      hull([view.xyz, ...shown].map((corner) => at(flat(corner)))).forEach((corner) => pen.lineTo(...corner));
+      pen.fill();
     }
     pen.globalAlpha = 1;
     for (const [low, high] of mission.keep_out || []) line(pen, [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]], [low[0], low[1]]].map((p) => at(flat(p))), "#b3261e", 2);
@@ -153,14 +163,17 @@
     return [...new Set(photos.map((place) => viewpoints[nearest(places, place)]))];
   }
 
-  // The area of triangles: all turn the same way, or some would cancel others out.
-  function area(pen, triangles) {
-    pen.beginPath();
-    for (const [a, b, c] of triangles) {
-      const left = (b[0] - a[0]) * (c[1] - a[1]) > (b[1] - a[1]) * (c[0] - a[0]);
-      pen.moveTo(...a); pen.lineTo(...(left ? b : c)); pen.lineTo(...(left ? c : b)); pen.closePath();
-    }
-    pen.fill();
+  // Twice the area of the triangle of three points; negative where they turn the other way.
+  const across = (a, b, c) => (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+
+  // The corners of the smallest convex area round some points, in order: along its lower side, and back.
+  function hull(points) {
+    const side = (sorted) => sorted.reduce((line, point) => {
+      while (line.length > 1 && across(line[line.length - 2], line[line.length - 1], point) <= 0) line.pop();
+      return [...line, point];
+    }, []);
+    const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
+    return [...side(sorted), ...side(sorted.reverse())];
   }
 
   // The number of the place, of x y z each, that is nearest to another.
