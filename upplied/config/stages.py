@@ -225,7 +225,7 @@ class OptimiseSettings:
     rounds: int = 3  # of ray casting
     iterations: int = 25  # of the solver in each round
     # Weight of required surface relative to inspected surface of the same area.
-    required: float = 10.0
+    required: float = 5.0
     samples: int = 2400  # that represent the surface, two thirds of them on inspected surface
 
 
