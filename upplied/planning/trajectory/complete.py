@@ -125,7 +125,7 @@ def _with_passes(
             longer = _longer(beside, most_s, alone_s, timer, safe, longer)
             if longer is None:
                 return None
-            request = problem.along(longer.path, longer.origin, longer.added)
+            request = problem.along(longer.path, longer.origin, longer.added, best.path)
             result = optimise(request, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
             if result.shown - best.shown < _WORTHWHILE:
                 return None

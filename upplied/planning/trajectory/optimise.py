@@ -61,13 +61,18 @@ class Problem(Record):
     aside_rad: Floats  # (M,) of the expert's optical axis from what was inspected; NaN where none was seen
     level: bool = False  # the path stays in its plane
 
-    def along(self, path: Flown, origin: Ints, added: Bools) -> Problem:
-        """The same asked of a path with stations added to its own; `origin` is the one each belongs to."""
+    def along(self, path: Flown, origin: Ints, added: Bools, best: Flown) -> Problem:
+        """The same asked of a path with stations added to its own; `origin` is the one each belongs to.
+
+        It starts from there, and with its own stations where they are best without those that are added.
+        """
         own, fov_deg = np.flatnonzero(~added), self.view.fov_deg
-        shape = self.demonstrated
+        shape, led = self.demonstrated, [np.array(part) for part in (path.positions, path.yaw, path.pitch)]
+        for part, there in zip(led, (best.positions, best.yaw, best.pitch), strict=True):
+            part[own] = there[origin[own]]
         return replace(
             self,
-            starts=[Start(path, path)],
+            starts=[Start(path, path), Start(path, Flown(led[0], np.unwrap(led[1]), led[2]))],
             demonstrated=replace(shape, station=own if shape.station is None else own[shape.station]),
             view=self.view if fov_deg is None else replace(self.view, fov_deg=fov_deg[origin]),
             standoff=replace(self.standoff, station=own[self.standoff.station]),
