@@ -193,7 +193,7 @@
     list.setAttribute("aria-activedescendant", "viewpoint-" + at);
     const row = document.getElementById("viewpoint-" + at);
     if (row) list.scrollTop = Math.max(Math.min(list.scrollTop, row.offsetTop - list.offsetTop), row.offsetTop + row.offsetHeight - list.offsetTop - list.clientHeight);
-    for (const [name, , input] of fields) if (document.activeElement !== input) input.value = Number((name === "yaw_deg" ? turned(state.viewpoints[at][name]) : state.viewpoints[at][name]).toFixed(3));
+    for (const [name, , input] of fields) if (document.activeElement !== input) input.value = Number((name === "yaw_deg" ? turned(state.viewpoints[at][name]) : state.viewpoints[at][name]).toFixed(name.endsWith("deg") ? 2 : 3));
     follow();
   }
   // One drawing at a time: the last viewpoint that was chosen counts.
