@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
@@ -15,6 +15,7 @@ app = App(
     name="findings", help="Place findings on structures, see them again, and find the same place elsewhere."
 )
 LISTED = LABELS["findings"]
+State = Literal["open", "watched", "repaired", "dismissed"]
 SPARE = ("note", "severity", "by")
 ByOption = Annotated[str, Parameter(help="Your name, stored with the finding.")]
 NoteOption = Annotated[str, Parameter(help="Note, stored with the finding.")]
@@ -131,7 +132,7 @@ def list_findings(
     *,
     structure: OnlyStructure = None,
     kind: OnlyKind = None,
-    state: Annotated[str | None, Parameter(help="open, watched, repaired or dismissed.")] = None,
+    state: Annotated[State | None, Parameter(help="Only findings in this state.")] = None,
     class_name: Annotated[str | None, Parameter("--class", help="Only findings of this class.")] = None,
     reference: Annotated[
         str, Parameter(help="Structure on which all places are shown: one map for a kind.")
@@ -167,9 +168,9 @@ def list_findings(
 
 @app.command(name="set")
 def set_state(
-    finding: FindingArgument, state: str, /, *, by: ByOption, note: NoteOption = "", where: Where = HERE
+    finding: FindingArgument, state: State, /, *, by: ByOption, note: NoteOption = "", where: Where = HERE
 ) -> int:
-    """Change the state of a finding to open, watched, repaired or dismissed; its history stays."""
+    """Change the state of a finding; its history stays."""
     row = where.opened().set_finding(finding, state, by, note)
     say(f"finding {row['finding_id']} is {state}")
     return 0
