@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from upplied.catalog import Catalog
-from upplied.catalog.verbs.findings import check_texts
+from upplied.catalog.verbs.findings import check_text
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError
@@ -33,6 +33,7 @@ _MOST_OUTLINE = 64
 _WAYS = sphere(64)
 _CLEARLY = 0.05  # share of rays, by which more escape from one side than from the other
 _PHOTO = {"photo": "name", "photo_path": "path", "photo_sha256": "sha256"}  # columns of findings and photos
+_MOST_M = 1e6  # of a stated coordinate
 _OFF_SURFACE = 0.02  # of the diagonal, that a stated place may be off the surface
 
 
@@ -74,15 +75,17 @@ class Placing:
         """
         columns = {"class": mark.class_name, "severity": mark.severity, "note": mark.note, "state": "open"}
         columns |= {"file": mark.file, "file_sha256": mark.file_sha256}
-        row = columns | (self._stated(mark) if mark.place is not None else self._seen(mark))
-        check_texts(row)
-        return row
+        for name in ("photo", "structure", "flight"):
+            check_text(mark.what, name, getattr(mark, name))
+        for name, text in columns.items():
+            check_text(mark.what, name, text)
+        return columns | (self._stated(mark) if mark.place is not None else self._seen(mark))
 
     def _stated(self, mark: Mark) -> dict[str, Any]:
         assert mark.place is not None
         structure = self._structure(mark.structure)
         stated = np.array(mark.place, float)[None]
-        if not np.isfinite(stated).all():
+        if not (np.abs(stated) < _MOST_M).all():
             raise RefusedError(
                 mark.what, f"is at {mark.place}", "three coordinates, m, frame of the structure"
             )

@@ -236,11 +236,13 @@ def registered(catalog: Catalog, photo: str, flight_id: str = "") -> dict[str, A
         rows = rows[rows["flight_id"] == flight_id]
     if len(rows) > 1 and Path(photo).is_file():
         rows = rows[rows["sha256"] == hashlib.sha256(read_regular(photo, MOST_BYTES)).hexdigest()]
-    rows = rows.drop_duplicates(["flight_id", "sha256"], keep="last")
     fault, remedy = "belongs to no known flight", "register it: upplied findings photos FLIGHT FOLDER"
     if len(rows) > 1:
-        several = ", ".join(each[:12] for each in rows["flight_id"])
-        fault, remedy = f"is of several flights: {several}", "name the flight: --flight ID"
+        flights = rows["flight_id"].unique()
+        names = ", ".join(name[:12] if len(name) == 64 else name for name in flights)
+        fault, remedy = f"is of several flights: {names}", "name the flight: --flight ID"
+        if len(flights) == 1:
+            fault, remedy = f"names {len(rows)} photos of {flights[0]}", "name it with its folder"
     if len(rows) != 1:
         raise RefusedError(f"photo {name}", fault, "a photo of one flight, registered", remedy)
     return {str(key): value for key, value in rows.iloc[0].items()}

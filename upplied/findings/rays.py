@@ -60,7 +60,12 @@ def rays_of(camera: Camera, pixels: Floats) -> Floats:
 
 def pixels_of(camera: Camera, position: Floats, quat_xyzw: Floats, points: Floats) -> Floats:
     """Pixels (N, 2) of points (N, 3), m, in a photo from a pose; NaN of what its lens does not show."""
-    ahead, left, up = ((points - position) @ matrices(quat_xyzw)).T
+    return pixels_towards(camera, (points - position) @ matrices(quat_xyzw))
+
+
+def pixels_towards(camera: Camera, directions: Floats) -> Floats:
+    """Pixels (N, 2) of directions (N, 3), camera frame, of any length; NaN of what its lens does not show."""
+    ahead, left, up = directions.T
     lens = camera.lens
     with np.errstate(divide="ignore", invalid="ignore"):
         if lens is not None and lens.model == "fisheye":

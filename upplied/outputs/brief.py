@@ -19,7 +19,7 @@ from upplied.outputs.draw.sheet import Panel, sheet_png
 from upplied.outputs.draw.views import View, fitted
 from upplied.outputs.labels import LABELS
 from upplied.outputs.mission_options import MissionOptions
-from upplied.outputs.missions.gate import DRAFT
+from upplied.outputs.missions.gate import CUSTODY, DRAFT
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.transits import ground_z_m
 from upplied.outputs.pairs import number
@@ -50,12 +50,13 @@ def brief_html(
     warnings : sequence of str
         Warnings of the plan.
     zones : sequence of str
-        Result for each required zone.
+        Result for each required zone, and the heads of the catalog.
     photos : sequence of (str, bytes)
         Captions and PNGs of findings to inspect again.
     """
     lines = [_line(mission) for mission in missions]
     notes = list(missions[0].notes)
+    custody = [note for note in zones if note.startswith(CUSTODY)]
     overruled = [note for note in notes if note.startswith(("OVERRULED", DRAFT))]
     title = f"{row['demonstration_id']} on {row['target_id']}"
     body = [
@@ -72,9 +73,9 @@ def brief_html(
         "</div></div>",
         _sorties(missions),
         _photos(photos),
-        _listed("Required zones", zones),
+        _listed("Required zones", [note for note in zones if note not in custody]),
         _listed("Warnings", warnings),
-        _listed("Assumptions and checks", [note for note in notes if note not in overruled]),
+        _listed("Assumptions and checks", [*(note for note in notes if note not in overruled), *custody]),
     ]
     return pages.paper_page(title, "brief.css", "\n".join(body))
 
