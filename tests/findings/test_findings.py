@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,6 +29,7 @@ from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
 from upplied.findings.adding import Placing, add_marks, escaping, on_surface
 from upplied.findings.campaign import due_jobs, plan_campaign, plan_job, selected_findings
 from upplied.findings.carried import Carrying
+from upplied.findings.crops import sharpness
 from upplied.findings.looks import Spot, looks_at_spot, looks_frame, spot_at, spot_of
 from upplied.findings.marks import Mark, box_corners, read_marks
 from upplied.findings.photos import flight_of, register_photos
@@ -732,3 +734,61 @@ def test_the_command_places_lists_and_changes(filled, capsys, tmp_path):
     assert "d.csv, line 2" in (errors := capsys.readouterr().err) and "P7.png" in errors
     assert main(["looks", "cube-v1", *map(str, MARK), *where]) == 0 and "P2.png" in capsys.readouterr().out
     assert main(["findings", "add", "--by", "Ada", *where]) == 2
+
+
+def test_a_look_that_the_errors_of_its_pose_may_undo_is_doubtful_and_says_by_what(filled):
+    catalog, _, name = filled
+    spot = spot_of(row_of(catalog, name))
+    sure = looks_frame(looks_at_spot(catalog, replace(spot, error_m=0.0)))
+    vague = looks_frame(looks_at_spot(catalog, replace(spot, error_m=9.0)))
+    assert (sure["doubt"] == "").sum() > (vague["doubt"] == "").sum() == 1
+    assert vague.iloc[0]["photo"] == "P2.png" and vague.iloc[0]["probability"] == 1.0  # the mark is in it
+    doubtful = vague[vague["doubt"] != ""]
+    assert set(doubtful["doubt"]) <= {"edge of the picture", "incidence", "range", "occlusion"}
+    assert doubtful["probability"].between(0.03, 0.95).all()
+    inside = sure.set_index("photo")["in_picture_pct"] == 100  # the place and what is about it
+    assert (sure.set_index("photo").loc[inside, "doubt"] == "").all()
+    # Its own error alone: in half of the cases a place at the rim of a picture is in it.
+    aside = np.linspace(0, 6, 601)
+    rim_y = np.interp(1600.0, [pixel_of(0.0, np.array([0.0, y, 4.0]))[0] for y in aside], aside)
+    rim = np.array([HIGH[0], rim_y, 4.0])
+    looks = looks_frame(looks_at_spot(catalog, replace(spot, place=rim, error_m=0.0, photo=("", 0.0))))
+    first = looks.set_index("photo").loc["P0.png"]
+    assert first["doubt"] == "edge of the picture" and 0.3 < first["probability"] < 0.7
+
+
+def test_a_photo_that_is_registered_again_counts_once_and_names_twice_are_refused(filled, tmp_path):
+    catalog = open_catalog(shutil.copytree(filled[0].location, tmp_path / "catalog"))
+    photos = shutil.copytree(filled[1] / "photos", tmp_path / "card" / "photos")
+    times, flight = filled[1] / "times.csv", flight_of(catalog, "past")
+    assert register_photos(catalog, flight, photos, times)[0] == 5  # moved: the same photos
+    assert set(catalog.flight_photos()["path"]) == {str(path.resolve()) for path in photos.glob("*.png")}
+    Image.new("RGB", (1600, 1190)).save(photos / "P2.png")  # developed again
+    assert register_photos(catalog, flight, photos, times)[0] == 1
+    assert len(catalog.flight_photos()) == 5
+    mark = Mark("it", "P2.png", square(10.0, 0.1))
+    assert add_marks(catalog, [mark], "Ada").new == 1
+    other = shutil.copytree(photos, tmp_path / "card" / "other")
+    Image.new("RGB", (1600, 1190), "white").save(other / "P2.png")
+    assert register_photos(catalog, flight, other, times)[0] == 5  # the others are moved
+    again = replace(mark, pixels=square(10.0, 0.2))
+    assert "names 2 photos of past" in add_marks(catalog, [again], "Ada").refused[0]
+    assert add_marks(catalog, [replace(again, photo=str(other / "P2.png"))], "Ada").new == 1
+
+
+def test_marks_of_a_file_are_of_the_flight_of_the_command_where_they_name_none(filled, tmp_path, capsys):
+    marks = tmp_path / "marks.csv"
+    x, y = pixel_of(5.0, MARK)
+    marks.write_text(f"photo,x_px,y_px,class\nP1.png,{x},{y},chip\n")
+    where = ("--by", "Ada", "--catalog", filled[0].location)
+    assert main(["findings", "add", str(marks), "--flight", "gone", *where]) == 1
+    assert "flight gone: is not in the catalog" in capsys.readouterr().err
+    assert main(["findings", "add", str(marks), "--flight", "past", *where]) == 0
+
+
+def test_the_edge_of_a_photo_is_no_sharpness():
+    even = np.full((40, 40, 3), 120, np.uint8)
+    even[::2] = 124
+    cut = even.copy()
+    cut[:, 20:] = 0
+    assert sharpness(cut) == pytest.approx(sharpness(even), rel=0.1)

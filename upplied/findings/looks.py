@@ -24,7 +24,7 @@ from upplied.findings.place import Errors, drawn_poses
 from upplied.findings.rays import focal_of, footprint_m, frustum_of, pixels_of, pixels_towards, size_px
 from upplied.geometry.poses import interpolate, matrices
 from upplied.geometry.scene import Scene, scene_of
-from upplied.planning.visibility.moments import motion_of, rates
+from upplied.planning.visibility.moments import rates
 from upplied.planning.visibility.observations import TRULY, stations
 from upplied.records import Camera, Floats, Ints, Record, Trajectory
 
@@ -122,7 +122,8 @@ def looks_at_spot(
         poses = flight.at(own["t_s"].to_numpy()) if len(own) else stations(flight.path)
         rows, looks = own.to_dict("records"), list[Look]()
         for at in _towards(flight, poses, spot):
-            look = _look(flight, spot, scene, float(poses.t_s[at]), rows[at] if rows else {}, attitude_deg)
+            photo = rows[at] if rows else {}
+            look = _look(flight, spot, scene, poses.take(np.array([at])), photo, attitude_deg)
             looks += [] if look is None else [look]
             if looks and not rows and not looks[-1].row["doubt"]:
                 break
@@ -174,10 +175,11 @@ def looks_frame(looks: Sequence[Look]) -> pd.DataFrame:
 
 
 def _look(
-    flight: Flown, spot: Spot, scene: Scene, t_s: float, photo: dict[Any, Any], attitude_deg: float
+    flight: Flown, spot: Spot, scene: Scene, pose: Trajectory, photo: dict[Any, Any], attitude_deg: float
 ) -> Look | None:
-    """How a photo that looks towards a spot shows it; None where it does not."""
-    pose, camera = flight.at(np.array([t_s])), flight.seen_by(t_s)
+    """How a photo from one pose that looks towards a spot shows it; None where it does not."""
+    t_s = float(pose.t_s[0])
+    camera = flight.camera if pose.fov_deg is None else flight.camera.zoomed(pose.fov_deg)[0]
     if any(size := size_of_photo(photo)):
         camera = with_size(camera, *size, f"photo {photo['name']}")
     position, quat = pose.positions[0], pose.quat_xyzw[0]
@@ -186,11 +188,11 @@ def _look(
     if spot.photo == (flight.flight_id, t_s):  # the mark itself is in it
         errors = Errors(0.0, 0.0)
     chance, reason = _chance(camera, position, matrices(quat), spot, scene, errors)
-    if chance < _PERHAPS:
+    pixels = pixels_of(camera, position, quat, np.vstack([spot.place, spot.corners]))
+    if chance < _PERHAPS or not np.isfinite(pixels[1:]).any():
         return None
     ray = spot.place - position
     distance = float(np.linalg.norm(ray))
-    pixels = pixels_of(camera, position, quat, np.vstack([spot.place, spot.corners]))
     limits = np.array(size_px(camera), float)
     inside = np.all((pixels >= 0) & (pixels <= limits), axis=1)
     low, high = (np.clip(reach(pixels, axis=0), 0, limits) for reach in (np.nanmin, np.nanmax))
@@ -219,7 +221,9 @@ def _blur_px(flight: Flown, camera: Camera, ray: Floats, distance: float, t_s: f
     if flight.stills:
         return float("nan")
     velocity, turn = rates(interpolate(flight.path, t_s + np.array([-_AROUND_S, 0.0, _AROUND_S])))
-    speed = motion_of(ray, distance, velocity[1], turn[1])
+    along = ray / distance  # as `moments.motion_of` has it; here no compiled code is loaded
+    across = (velocity[1] - (velocity[1] @ along) * along) / distance
+    speed = float(np.linalg.norm(np.cross(turn[1], along) + across))
     return speed * (camera.exposure_s or _EXPOSURE_S) * focal_of(camera)[0]
 
 

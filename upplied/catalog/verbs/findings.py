@@ -115,7 +115,7 @@ class Finding(Adding):
         Of what was registered of a file, or of its name and bytes in another folder, the newest row counts.
         """
         rows = self.by_commit("flight_photos", flight_id=flight_id, target_id=structure)
-        for same in (["path"], ["name", "sha256"]):
+        for same in (["name", "sha256"], ["path"]):
             rows = rows.drop_duplicates(["flight_id", *same], keep="last")
         return rows.reset_index(drop=True)
 
