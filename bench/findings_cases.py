@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 from random_members import random_member
@@ -25,6 +26,7 @@ KINDS = {"airliner": "fuselage", "wind_turbine": "tower", "ship": "hull", "box":
 CAMERA = Camera(70.0, 55.0, 1.0, 60.0, 4000, 2973)
 ERRORS = Errors(pose_m=0.3, attitude_deg=0.4, pixel_px=1.0)
 NOISE_M = 0.02  # of scans, one sigma along the normal
+_LARGE_M = 120.0  # of what a ring within the camera's range goes round
 _FREE = 0.02  # share of the directions before a place that lead outside, from which on a photo can show it
 
 
@@ -41,8 +43,9 @@ def real_meshes(seed: int, count: int) -> list[Structure]:
         print("real meshes left out: --real 0, or UPPLIED_REAL_DATA names no folder", flush=True)
         return []
     names = sorted(f"{path.parent.name}/{path.stem}" for path in (folder / "meshes").glob("[a-z]*/*.ply"))
-    order = np.random.default_rng(seed).permutation(len(names))[:count]
-    return [real_structure(folder, names[at]) for at in order]
+    order = np.random.default_rng(seed).permutation(len(names))
+    every = (real_structure(folder, names[at]) for at in order)
+    return list(islice((one for one in every if one.diagonal_m < _LARGE_M), count))
 
 
 def grounds(seed: int, real: int) -> Iterator[tuple[str, Structure, Structure]]:
@@ -72,7 +75,7 @@ def scan_of(structure: Structure, rng: np.random.Generator) -> Structure:
 
 def path_round(structure: Structure) -> Trajectory:
     """An inspection of the structure by a simulated pilot; round what has none, a ring."""
-    if structure.kind in KINDS:
+    if "-random-" in structure.structure_id:
         return fly(structure, KINDS[structure.kind], seed=1).trajectory
     low, high = structure.vertices.min(axis=0), structure.vertices.max(axis=0)
     angle, middle = np.linspace(0, 2 * np.pi, 400), (low + high) / 2

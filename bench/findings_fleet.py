@@ -156,7 +156,7 @@ def queries(seed: int, folder: Path | None, members: int = 200, each: int = 50) 
     """CPU of questions over a large fleet: the first time, and once what is carried is remembered."""
     structures = [random_member("box", seed + 500 + at).structure for at in range(members)]
     catalog = open_catalog(folder or tempfile.mkdtemp(prefix="findings-"))
-    if not (Path(catalog.root) / "catalog.json").exists():
+    if not (Path(catalog.location) / "catalog.json").exists():
         _fill(catalog, structures, each, seed)
     spots = spots_on(structures[0], 2, np.random.default_rng(seed))
     began, carrying = time.process_time(), Carrying(catalog)

@@ -10,6 +10,7 @@ from findings_cases import CAMERA, ERRORS, catalog_of, demonstration_of, grounds
 from scipy.spatial.transform import Rotation
 
 from upplied.config import digest
+from upplied.findings.adding import on_surface
 from upplied.findings.looks import Spot, looks_at_spot
 from upplied.findings.place import _WITHIN_3D
 from upplied.findings.rays import pixels_of
@@ -44,7 +45,9 @@ def looks(seed: int, real: int) -> None:
                      "name": f"{at}", "path": f"{at}", "sha256": digest(at), "t_s": float(t)}
                     for at, t in enumerate(times)]  # fmt: skip
             catalog.add_flight_photos(rows)
-            for spot, truly in zip(spots, shown, strict=True):
+            places, normals = on_surface(scene_of(known), np.array([spot.place for spot in spots]))
+            near = [replace(spot, place=places[at], normal=normals[at]) for at, spot in enumerate(spots)]
+            for spot, truly in zip(near, shown, strict=True):
                 listed = {int(look.row["photo"]): look.row for look in looks_at_spot(catalog, spot)}
                 sure = {at for at, row in listed.items() if not row["doubt"]}
                 likely = {at for at, row in listed.items() if row["probability"] >= 0.5}
@@ -52,7 +55,7 @@ def looks(seed: int, real: int) -> None:
                     _count(totals, key, sure, truly, set(listed) - sure)
                 _count(totals, f"{poses}, without the third state", likely, truly, set())
                 if flown is logged:
-                    by_rays = set(rendered(scene, interpolate(logged, times), spot))
+                    by_rays = set(rendered(scene_of(known), interpolate(logged, times), spot))
                     _count(totals, "rays from told poses", by_rays, truly, set())
                     reasons.update(listed[at]["doubt"] or "certain" for at in likely - truly)
                     reasons.update(
@@ -60,9 +63,10 @@ def looks(seed: int, real: int) -> None:
                     )
     for key in dict.fromkeys(name.split(":")[0] for name in totals):
         hit, sure, missed, doubtful, right = (totals[f"{key}:{name}"] for name in _COUNTS)
-        print(f"looks {key:38}F1 {2 * hit / max(hit + sure + missed, 1):.4f}, certain {sure}, of them right "
-              f"{100 * hit / max(sure, 1):.2f} %, missed without a word {missed}, "
-              f"doubtful {doubtful} ({100 * doubtful / max(sure + doubtful, 1):.0f} %, {right} shown)")  # fmt: skip
+        share, right_pct = (100 * a / max(b, 1) for a, b in ((doubtful, sure + doubtful), (hit, sure)))
+        print(f"looks {key:38}F1 {2 * hit / max(hit + sure + missed, 1):.4f}, certain {sure}, right "
+              f"{right_pct:.2f} %, missed without a word {missed}, "
+              f"doubtful {doubtful} ({share:.0f} %, {right} shown)", flush=True)  # fmt: skip
     print(f"looks wrong by told poses if there were no doubt: {dict(reasons)}")
 
 

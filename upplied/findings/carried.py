@@ -180,7 +180,8 @@ class Carrying:
         reference, settings = self.reference(self.kinds[target_id]), self._settings_of(target_id)
         on_map, first = self.everywhere([spot], [reference, target_id])
         carried = self.carried(reference, target_id)
-        mine = int(carried.own_part[about(on_map.spots, carried).samples[0, 0]])
+        near = about(on_map.spots, carried.point, carried.normal, carried.step_m)
+        mine = int(carried.own_part[near.samples[0, 0]])
         with one_thread():
             pair = self._pair(reference, target_id, settings)[0]
         fit, results = pair.surface, [first]

@@ -21,7 +21,7 @@ from upplied.errors import SettingsError
 from upplied.findings.adding import on_surface, outline_of
 from upplied.findings.photos import Flown, flights_round, size_of_photo, with_size
 from upplied.findings.place import Errors, drawn_poses
-from upplied.findings.rays import focal_of, footprint_m, frustum_of, pixels_of, pixels_towards, size_px
+from upplied.findings.rays import focal_of, footprint_m, pixels_of, pixels_towards, size_px, widest_rad
 from upplied.geometry.poses import interpolate, matrices
 from upplied.geometry.scene import Scene, scene_of
 from upplied.planning.visibility.moments import rates
@@ -35,7 +35,7 @@ _LEAST_M = 0.25  # radius about a place without extent, that its box shows
 _CIRCLE = np.linspace(0, 2 * np.pi, 16, endpoint=False)
 _DRAWS = np.random.default_rng(0).normal(size=(64, 6))  # of a pose that may be off
 _SURE, _PERHAPS = 0.95, 0.03  # share of the draws that show a place: certainly, and not at all below
-_MARGIN_DEG = 5.0  # about the picture, within which a place may be in it
+_MARGIN_DEG, _FARTHER = 5.0, 1.2  # about the picture and its range, within which a place may be in it
 _REASONS = ("edge of the picture", "incidence", "range", "occlusion")
 
 COLUMNS = (
@@ -137,15 +137,14 @@ def _towards(flight: Flown, poses: Trajectory, spot: Spot) -> Ints:
     """The poses whose pictures, or what is beside them, a spot may be in; the finest first."""
     ray = spot.place - poses.positions
     away = np.linalg.norm(ray, axis=1)
-    facing, camera = -(ray @ spot.normal) / away, frustum_of(flight.camera)
+    facing = -(ray @ spot.normal) / away
     ahead = np.einsum("ni,ni->n", ray, matrices(poses.quat_xyzw)[:, :, 0]) / away
-    fov = [[camera.hfov_deg, camera.vfov_deg]] if poses.fov_deg is None else poses.fov_deg
-    across, down = np.radians(np.minimum(np.max(fov, axis=0), 179.0) / 2)
-    aside = np.degrees(np.arctan(np.hypot(np.tan(across), np.tan(down)))) + _MARGIN_DEG
-    may = (facing > np.cos(np.radians(TRULY.max_incidence_deg + _MARGIN_DEG))) & (
-        away < 1.2 * camera.max_range_m
-    )
-    may &= (ahead > np.cos(np.radians(aside))) | (camera.hfov_deg > 175)
+    widest = poses.fov_deg if poses.fov_deg is None else poses.fov_deg.max(axis=0)
+    camera = flight.camera if widest is None else flight.camera.zoomed(widest[None])[0]
+    margin = np.radians(_MARGIN_DEG)
+    may = np.arccos(np.clip(ahead, -1, 1)) < widest_rad(camera) + margin
+    may &= facing > np.cos(np.radians(TRULY.max_incidence_deg) + margin)
+    may &= away < _FARTHER * camera.max_range_m
     order = np.argsort(away / np.maximum(facing, 1e-6), kind="stable")
     return np.asarray(order[may[order]], np.int64)
 
@@ -164,7 +163,8 @@ def _chance(
     shown = inside & frontal & near
     free = ~shown
     if shown.mean() >= _PERHAPS:
-        free[shown] = ~scene.occluded(positions[shown], np.broadcast_to(spot.place, (int(shown.sum()), 3)))
+        above = spot.place + scene.error_m * spot.normal  # what a scan has about a place may lie before it
+        free[shown] = ~scene.occluded(positions[shown], np.tile(above, (int(shown.sum()), 1)))
     fails = [float((~one).mean()) for one in (inside, frontal, near, free)]
     return float((shown & free).mean()), _REASONS[int(np.argmax(fails))]
 

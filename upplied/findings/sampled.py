@@ -84,22 +84,17 @@ class CarriedGroup(Record):
     def near(self, spots: Floats, members: Ints) -> Near:
         """The samples about spots (K, 6) on some members (M,), one after the other, (M K,)."""
         count, one = len(self.carried.point) // len(self.members), self.carried
-        near = samples_about(np.nan_to_num(spots), one.point[:count], one.normal[:count], one.step_m)
+        near = about(spots, one.point[:count], one.normal[:count], one.step_m)
         samples = (near.samples + count * members[:, None, None]).reshape(-1, near.samples.shape[1])
         return Near(samples, *(np.tile(each, (len(members), 1)) for each in (near.weight, near.away_m)))
 
 
-def about(spots: Floats, carried: Carried) -> Near:
+def about(spots: Floats, points: Floats, normals: Floats, step_m: float) -> Near:
     """The samples about spots, places with normals (N, 6); the first is on their side of a thin plate.
 
-    Of those that have no place they are any.
+    Of spots that have no place they are any.
     """
-    spots, points, normals = np.nan_to_num(spots), carried.point, carried.normal
-    return samples_about(spots, points, normals, carried.step_m)
-
-
-def samples_about(spots: Floats, points: Floats, normals: Floats, step_m: float) -> Near:
-    """The same of samples by their points (M, 3), m, and normals, that far apart."""
+    spots = np.nan_to_num(spots)
     nearest = _tree(with_normals(points, normals, 2 * step_m)).query(
         with_normals(spots[:, :3], spots[:, 3:], 2 * step_m)
     )[1]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from upplied.config import Settings
-from upplied.findings.sampled import Carried, samples_about
+from upplied.findings.sampled import Carried, about
 from upplied.planning.correspondence.certainty import certainty
 from upplied.planning.correspondence.coherent_point_drift import Patch
 from upplied.planning.correspondence.correspondences import facing_nearest
@@ -63,20 +63,15 @@ def carried_samples(pair: Pair, source: Structure, target: Structure, settings: 
     ways = np.linalg.norm(off, axis=2)
     # Where nothing faces as a sample does it has no place: that no way is known is no agreement.
     ways[np.isnan(ways[:, _CONES]).all(axis=1), _CONES.start] = np.inf
-    near = samples_about(np.hstack([point, normal]), point, normal, step)
+    near = about(np.hstack([point, normal]), point, normal, step)
     apart = point[near.samples] - point[:, None]
     uneven = place[near.samples] - place[:, None] - np.einsum("nij,nkj->nki", linear[label], apart)
     uneven = np.where(near.weight > 0, np.nan_to_num(np.linalg.norm(uneven, axis=2)), 0.0).max(axis=1)
     ways = np.nan_to_num(ways, posinf=np.inf)
     evidence = np.column_stack([*(ways[:, group].max(axis=1) for group in _GROUPS), uneven])
-    error = size * stated_error(np.minimum(evidence / size, _MOST))
+    error = size * (_WEIGHTS[0] + np.minimum(evidence / size, _MOST) @ np.array(_WEIGHTS[1:]))
     part = np.where(none, -1, labels_of(fit.target)[match.target_index])
     return Carried(point, normal, label, part, place, towards, error, label, linear, _sure(pair), step)
-
-
-def stated_error(evidence: Floats) -> Floats:
-    """The error (N,) that holds in 95 % of cases by evidence (N, 5) against places, in shares of a size."""
-    return np.asarray(_WEIGHTS[0] + evidence @ np.array(_WEIGHTS[1:]), float)
 
 
 def _ways_of_carrying(pair: Pair) -> Floats:
