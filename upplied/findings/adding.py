@@ -108,7 +108,10 @@ class Placing:
             when = f"is of {t_s:g} s, the flight took {float(flight.path.t_s[-1]):.1f} s"
             raise RefusedError(mark.what, when, "a time of the flight", "count from its first pose")
         size = size_of_photo(photo, mark.size_px)
-        camera = with_size(flight.seen_by(t_s), *size, f"{mark.what}, photo {mark.photo or f'of {t_s:g} s'}")
+        pose = flight.at(np.array([t_s]))
+        camera = with_size(
+            flight.zoomed(pose.fov_deg), *size, f"{mark.what}, photo {mark.photo or f'of {t_s:g} s'}"
+        )
         limits = np.array(size_px(camera))
         corners = mark.corners * _enlarged(mark, limits)
         if not len(corners) or (corners < 0).any() or (corners > limits).any():
@@ -118,7 +121,6 @@ class Placing:
             rule, remedy = "within what the lens shows", "check the distortion in the camera's calibration"
             raise RefusedError(mark.what, "lies where the model of its lens shows nothing", rule, remedy)
         structure = self._structure(flight.target_id)
-        pose = flight.at(np.array([t_s]))
         stated = flight.pose_error_m if self.pose_m is None else self.pose_m
         pose_m = self.errors.pose_m if math.isnan(stated) else stated
         mesh_m = self.errors.mesh_m or surface_error_m(structure)

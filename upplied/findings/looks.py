@@ -26,7 +26,7 @@ from upplied.geometry.poses import interpolate, matrices
 from upplied.geometry.scene import Scene, scene_of
 from upplied.planning.visibility.moments import rates
 from upplied.planning.visibility.observations import TRULY, stations
-from upplied.records import Camera, Floats, Ints, Record, Trajectory
+from upplied.records import Bools, Camera, Floats, Ints, Record, Trajectory
 
 FLOWN = ("demonstration", "flown")  # kinds of flights that a vehicle flew
 _EXPOSURE_S = InspectionSettings().exposure_s
@@ -121,7 +121,10 @@ def looks_at_spot(
         own = photos[photos["flight_id"] == flight.flight_id]
         poses = flight.at(own["t_s"].to_numpy()) if len(own) else stations(flight.path)
         rows, looks = own.to_dict("records"), list[Look]()
-        for at in _towards(flight, poses, spot):
+        towards = _towards(flight, poses, spot)
+        if not rows:  # of many moments those alone that nothing hides
+            towards = towards[~_hidden(scene, poses.positions[towards], spot)]
+        for at in towards:
             photo = rows[at] if rows else {}
             look = _look(flight, spot, scene, poses.take(np.array([at])), photo, attitude_deg)
             looks += [] if look is None else [look]
@@ -139,8 +142,7 @@ def _towards(flight: Flown, poses: Trajectory, spot: Spot) -> Ints:
     away = np.linalg.norm(ray, axis=1)
     facing = -(ray @ spot.normal) / away
     ahead = np.einsum("ni,ni->n", ray, matrices(poses.quat_xyzw)[:, :, 0]) / away
-    widest = poses.fov_deg if poses.fov_deg is None else poses.fov_deg.max(axis=0)
-    camera = flight.camera if widest is None else flight.camera.zoomed(widest[None])[0]
+    camera = flight.zoomed(None if poses.fov_deg is None else poses.fov_deg.max(axis=0, keepdims=True))
     margin = np.radians(_MARGIN_DEG)
     may = np.arccos(np.clip(ahead, -1, 1)) < widest_rad(camera) + margin
     may &= facing > np.cos(np.radians(TRULY.max_incidence_deg) + margin)
@@ -163,10 +165,14 @@ def _chance(
     shown = inside & frontal & near
     free = ~shown
     if shown.mean() >= _PERHAPS:
-        above = spot.place + scene.error_m * spot.normal  # what a scan has about a place may lie before it
-        free[shown] = ~scene.occluded(positions[shown], np.tile(above, (int(shown.sum()), 1)))
+        free[shown] = ~_hidden(scene, positions[shown], spot)
     fails = [float((~one).mean()) for one in (inside, frontal, near, free)]
     return float((shown & free).mean()), _REASONS[int(np.argmax(fails))]
+
+
+def _hidden(scene: Scene, positions: Floats, spot: Spot) -> Bools:
+    """Whether something hides a spot from positions (N, 3), m; what a scan has about it may lie before it."""
+    return scene.occluded(positions, np.tile(spot.place + scene.error_m * spot.normal, (len(positions), 1)))
 
 
 def looks_frame(looks: Sequence[Look]) -> pd.DataFrame:
@@ -179,7 +185,7 @@ def _look(
 ) -> Look | None:
     """How a photo from one pose that looks towards a spot shows it; None where it does not."""
     t_s = float(pose.t_s[0])
-    camera = flight.camera if pose.fov_deg is None else flight.camera.zoomed(pose.fov_deg)[0]
+    camera = flight.zoomed(pose.fov_deg)
     if any(size := size_of_photo(photo)):
         camera = with_size(camera, *size, f"photo {photo['name']}")
     position, quat = pose.positions[0], pose.quat_xyzw[0]

@@ -53,10 +53,9 @@ class Flown(Record):
         """The poses at some times."""
         return interpolate(self.path, np.asarray(t_s, float))
 
-    def seen_by(self, t_s: float) -> Camera:
-        """The camera at a time, where it zooms."""
-        zoom = self.at(np.array([t_s])).fov_deg
-        return self.camera if zoom is None else self.camera.zoomed(zoom)[0]
+    def zoomed(self, fov_deg: Floats | None) -> Camera:
+        """The camera at the first of some fields of view (N, 2), deg, where it zooms."""
+        return self.camera if fov_deg is None else self.camera.zoomed(fov_deg)[0]
 
 
 def flights_round(catalog: Catalog, structure_id: str, kinds: Collection[str]) -> Iterator[Flown]:
