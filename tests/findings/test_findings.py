@@ -789,3 +789,16 @@ def test_the_edge_of_a_photo_is_no_sharpness():
     cut = even.copy()
     cut[:, 20:] = 0
     assert sharpness(cut) == pytest.approx(sharpness(even), rel=0.1)
+
+
+def test_the_normal_of_a_place_on_a_noisy_scan_is_that_of_its_side():
+    rng = np.random.default_rng(5)
+    points, triangle = points_on_triangles(CUBE, 40_000, rng)
+    corners = CUBE.vertices[CUBE.triangles[triangle]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    noisy = points + rng.normal(0, 0.02, (len(points), 1)) * normals
+    cloud = replace(CUBE, vertices=noisy, triangles=np.empty((0, 3), np.int64), normals=normals)
+    some = rng.choice(len(points), 60, replace=False)
+    _, found = on_surface(scene_of(cloud), points[some])
+    assert (np.einsum("ni,ni->n", found, normals[some]) > 0.95).mean() > 0.95  # some lie on an edge

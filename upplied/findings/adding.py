@@ -217,14 +217,15 @@ def on_surface(scene: Scene, places: Floats) -> tuple[Floats, Floats]:
     """
     points, _ = scene.closest(places)
     rows, size = np.arange(len(points)), float(np.linalg.norm(np.subtract(*scene.box)))
-    step = 1e-3 * size
+    step = max(1e-3 * size, 2 * scene.error_m)
     ways = sphere(26)
     origins = (points[:, None] + step * ways).reshape(-1, 3)
     reach, _, normals = scene.cast(origins, np.tile(-ways, (len(points), 1)))
     reach, normals = reach.reshape(len(points), -1), normals.reshape(len(points), -1, 3)
     # What is met where the place is, as frontally as can be.
     facing = np.abs(np.einsum("nwi,wi->nw", normals, ways))
-    normal = normals[rows, np.where(np.abs(reach - step) < 0.2 * step, facing, -1.0).argmax(axis=1)]
+    there = np.abs(reach - step) < 0.2 * step + scene.error_m
+    normal = normals[rows, np.where(there, facing, -1.0).argmax(axis=1)]
     free = np.stack([escaping(scene, points, side * normal, size) for side in (1, -1)])
     beside = np.einsum("ni,ni->n", places - points, normal)
     side = np.where(np.abs(beside) > 1e-6 * size, np.sign(beside), 1.0)

@@ -34,7 +34,6 @@ _AROUND_S = 0.1  # before and after a photo, over which its motion is taken
 _LEAST_M = 0.25  # radius about a place without extent, that its box shows
 _CIRCLE = np.linspace(0, 2 * np.pi, 16, endpoint=False)
 _DRAWS = np.random.default_rng(0).normal(size=(64, 6))  # of a pose that may be off
-_LIFTS = np.linspace(0, 1, len(_DRAWS))  # see `_hidden`
 _SURE, _PERHAPS = 0.95, 0.03  # share of the draws that show a place: certainly, and not at all below
 _MARGIN_DEG, _FARTHER = 5.0, 1.2  # about the picture and its range, within which a place may be in it
 _REASONS = ("edge of the picture", "incidence", "range", "occlusion")
@@ -124,8 +123,7 @@ def looks_at_spot(
         rows, looks = own.to_dict("records"), list[Look]()
         towards = _towards(flight, poses, spot)
         if not rows:  # of many moments those alone that nothing hides
-            hidden = _hidden(scene, poses.positions[towards], spot, np.ones(len(towards)))
-            towards = towards[~hidden]
+            towards = towards[~_hidden(scene, poses.positions[towards], spot)]
         for at in towards:
             photo = rows[at] if rows else {}
             look = _look(flight, spot, scene, poses.take(np.array([at])), photo, attitude_deg)
@@ -167,19 +165,14 @@ def _chance(
     shown = inside & frontal & near
     free = ~shown
     if shown.mean() >= _PERHAPS:
-        free[shown] = ~_hidden(scene, positions[shown], spot, _LIFTS[shown])
+        free[shown] = ~_hidden(scene, positions[shown], spot)
     fails = [float((~one).mean()) for one in (inside, frontal, near, free)]
     return float((shown & free).mean()), _REASONS[int(np.argmax(fails))]
 
 
-def _hidden(scene: Scene, positions: Floats, spot: Spot, lift: Floats) -> Bools:
-    """Whether something hides a spot from positions (N, 3), m.
-
-    What a scan has about the spot may lie before it by its noise, and at an edge by a share `lift` (N,) of
-    the radius of its discs.
-    """
-    above = (scene.error_m + scene.grain_m * lift)[:, None] * spot.normal
-    return scene.occluded(positions, spot.place + above)
+def _hidden(scene: Scene, positions: Floats, spot: Spot) -> Bools:
+    """Whether something hides a spot from positions (N, 3), m; what a scan has about it may lie before it."""
+    return scene.occluded(positions, np.tile(spot.place + scene.error_m * spot.normal, (len(positions), 1)))
 
 
 def looks_frame(looks: Sequence[Look]) -> pd.DataFrame:
