@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -39,7 +40,9 @@ def add(
     *,
     by: ByOption,
     photo: PhotoOption = "",
-    flight: Annotated[str, Parameter(help="ID of the flight or demonstration.")] = "",
+    flight: Annotated[
+        str, Parameter(help="ID of the flight or demonstration of the marks that name none.")
+    ] = "",
     time: TimeOption = None,
     pixel: PixelOption = None,
     box: BoxOption = None,
@@ -72,7 +75,7 @@ def add(
             "a finding", "has no mark, or several", "one of FILE, --pixel, --box, --outline, --at"
         )
     if file is not None:
-        marks = read_marks(file)
+        marks = [replace(mark, flight=mark.flight or flight) for mark in read_marks(file)]
     else:
         try:
             corners = corners_of(outline.split()) if outline else ()
