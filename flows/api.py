@@ -1,7 +1,6 @@
-"""Prefect's server behind the guard that stands before our own pages too.
+"""Prefect's server behind the guard that stands before our own pages too; ``upplied serve`` starts it.
 
-Started by ``upplied serve``, with the factory `create_app`. Without the guard every page that a browser
-of this machine opens could ask the server to run something.
+Without it every page that a browser of this machine opens could ask the server to run something.
 """
 
 from __future__ import annotations

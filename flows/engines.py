@@ -1,7 +1,4 @@
-"""Where targets are planned: on this machine, on the machines of a work pool, or on a Dask or Ray cluster.
-
-All of it is somebody else's engine. What is kept is the same, byte for byte, whichever plans it.
-"""
+"""Where targets are planned: this machine, a work pool, Dask or Ray; what is kept is the same."""
 
 from __future__ import annotations
 

@@ -15,10 +15,7 @@ from .environment import ROOTS, home
 
 
 def check_roots(**locations: str | Sequence[str]) -> None:
-    """Refuse what lies elsewhere; where nothing was declared, a call from Python may go anywhere.
-
-    A location, or several, stand by the name of the parameter; empty is nothing.
-    """
+    """Refuse locations, by parameter, outside the roots; where none is declared all may be used."""
     roots = declared_roots()
     for name, given in locations.items():
         for location in filter(None, [given] if isinstance(given, str) else given):

@@ -31,10 +31,7 @@ class ServerError(Exception):
 
 
 class Server:
-    """A running server: the environment its clients need, and how to wait for it.
-
-    It is refused where the port is taken, or another service works in the same folder.
-    """
+    """A running server and its clients' environment; refused where port or folder is another service's."""
 
     def __init__(self, folder: Path, port: int = 0) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -111,10 +108,7 @@ def answers(api_url: str) -> bool:
 
 @contextmanager
 def private_server(folder: Path, port: int = 0) -> Iterator[Server]:
-    """Run a server as long as the block lasts; it starts while the caller goes on.
-
-    The folder is that of its database, password and log; port 0 takes a free one of 127.0.0.1.
-    """
+    """Run a server in a folder as long as the block lasts; port 0 takes a free one of 127.0.0.1."""
     server = Server(folder, port)
     try:
         yield server
@@ -131,8 +125,7 @@ def start(
 ) -> subprocess.Popen[bytes]:
     """Start a module of Python's, in a process group of its own; on Linux it ends when this one is killed.
 
-    The files of `holding` stay open, and so locked, as long as the process lives. `umask` is that of what it
-    writes; -1: as ours.
+    The files of `holding` stay open, and so locked, as long as it lives; `umask` -1: as ours.
     """
     return subprocess.Popen(
         [sys.executable, "-m", *words],
@@ -175,9 +168,8 @@ def stop(
 ) -> None:
     """End a process we started together with all that came of it: politely first.
 
-    A worker's runs are sessions of their own, which no signal to its group reaches; one that cannot tell a
-    server how it ended would try for minutes. Those of a process that has ended are told by `known`, as
-    `offspring` saw them before.
+    A worker's runs are sessions of their own, which no signal to its group reaches; `known` are those of
+    one that ended.
     """
     seen = {*known}
     for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):

@@ -1,8 +1,7 @@
 """The catalog: what is kept of structures, demonstrations and plans, and the way in and out.
 
-A commit is whole or it is not there. The rows of `waypoints` and `poses` are committed before the
-row that names them, and that row says by which commit they came, so nobody ever reads a trajectory
-without its points, or with the points of a writer that was stopped half-way.
+A commit is whole or not there; rows of steps stand before the row that names them and their commit, so
+nobody reads a trajectory without its points, or with those of a writer that was stopped half-way.
 """
 
 from __future__ import annotations

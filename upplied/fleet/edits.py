@@ -55,15 +55,7 @@ def viewpoint_of(row: Mapping[str, Any]) -> Viewpoint:
 
 
 def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> str:
-    """Read a changed file and keep the plan that follows, judged anew, as a draft; its id.
-
-    Raises
-    ------
-    InputError
-        If the file is not one of that plan, or changes nothing.
-    RefusedError
-        If what is asked for cannot be flown safely.
-    """
+    """Read a changed file (`read_edit`) and keep the plan that follows as a draft (`keep_edit`); its id."""
     by, editing = author(by, str(path)), Editing(catalog, transfer_id)
     try:
         document = json.loads(read_regular(Path(path), _MOST_BYTES).decode("utf-8"))
@@ -78,13 +70,7 @@ def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> 
 def read_edit(
     what: str, document: Mapping[str, Any], editing: Editing, base: Base
 ) -> tuple[Edit, AirspaceLimits]:
-    """What differs from a plan in the viewpoints, boxes and clearance that a file, or a page, says.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-    """
+    """What differs from a plan in the viewpoints, boxes and clearance that a file, or a page, says."""
     count, after = len(base.viewpoints), {}
     try:
         for row in document["viewpoints"]:
@@ -126,12 +112,7 @@ def keep_edit(
 ) -> str:
     """Keep a plan as it was changed as a draft, and the change as such; the id of the draft.
 
-    Raises
-    ------
-    InputError
-        If nothing is changed.
-    RefusedError
-        If what is asked for cannot be flown safely.
+    One that changes nothing is an `InputError`, one that cannot be flown safely is refused.
     """
     words = ", ".join(filter(None, [edit.words, airspace.words, "planned again" if base.airspace else ""]))
     if not words:
@@ -178,11 +159,9 @@ def standing_edit(catalog: Catalog, demonstration_id: str, target_id: str) -> Ro
 
 
 def carry_edits(catalog: Catalog) -> list[str]:
-    """Take the changes that people made over to newer drafts; what a person should see of it, in words.
+    """Take the changes that people made over to newer drafts of `recommended`; what a person should see.
 
-    The newest draft of `recommended` of a pair that somebody changed before is followed by one with that
-    change; where it cannot be taken over, wholly or in part, that is told and kept. To call it again changes
-    nothing.
+    What cannot be taken over is told and kept. To call it again changes nothing.
     """
     edits = catalog.edits()
     if not len(edits):

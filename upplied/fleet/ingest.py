@@ -1,8 +1,4 @@
-"""Files into the catalog: a bad one stops itself alone, an unchanged one is left as it is.
-
-What is unchanged is known by its bytes and is not parsed again. The rest is read in worker
-processes: a file that crashes a reader costs itself alone, and many are read at a time.
-"""
+"""Files into the catalog: a bad one stops itself alone, an unchanged one, by its bytes, is left as it is."""
 
 from __future__ import annotations
 
@@ -190,13 +186,7 @@ def placements_of(structures: pd.DataFrame) -> dict[str, Placement]:
 
 
 def find_logs(logs: Iterable[str | Path]) -> list[Path]:
-    """The flights that are named, or lie in the folders that are named; files that cannot be read among them.
-
-    Raises
-    ------
-    InputError
-        If a name does not exist, or there is no flight at all.
-    """
+    """The flights that are named, or lie in named folders, unreadable ones too; none is an error."""
     return [one.path for one in _surveyed(logs) if one.status in _LISTED]
 
 
@@ -221,8 +211,8 @@ _SIZES = ["size_x_m", "size_y_m", "size_z_m"]
 class _Stored:
     """What the catalog knows of its structures, by id.
 
-    The words of a row are those of its entry, and what was found on the way. Which entry gave which words is
-    noted in the cache; where that is lost, a row is as its entry says if its words begin so.
+    Which entry gave a row's words is noted in the cache; else a row is as its entry says if its words begin
+    so.
     """
 
     content: Mapping[str, tuple[str, ...]]  # hash, site and notes

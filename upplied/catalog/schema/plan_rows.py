@@ -52,19 +52,9 @@ def transfer_id(key: str) -> str:
 def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
     """The row of `transfers`, without the commit that adds it.
 
-    Parameters
-    ----------
-    key : str
-        Hash of everything the plan depends on.
-    plan : Plan
-    provenance : mapping
-        Any of `PROVENANCE`. `settings` is the `Settings` used (those of the preset where it is not
-        said), `planned_at` an aware datetime (now where it is not said), `siblings` their ids and hashes.
-
-    Raises
-    ------
-    CatalogError
-        If the provenance has a name that is not kept.
+    `key` is the hash of all that the plan depends on. The provenance has any of `PROVENANCE`: `settings`
+    (else those of the preset), `planned_at` (else now), `siblings` by id and hash; another name is a
+    `CatalogError`.
     """
     unknown = sorted(set(provenance) - set(PROVENANCE))
     if unknown:

@@ -23,9 +23,9 @@ def step_table(
     paths: Sequence[tuple[str, Trajectory | Demonstration]],
     columns: Mapping[str, Sequence[Any]],
 ) -> pa.Table:
-    """Rows of a table of steps without their commit: paths, each with the id of its owner, and more columns.
+    """Rows of a table of steps without their commit: paths with their owners' ids, and more columns of each.
 
-    Of those there is an array for each path. Fields of view are those of a camera that zooms, else null.
+    Fields of view are those of a camera that zooms, else null.
     """
     if not paths:
         return table.schema.empty_table()
@@ -108,9 +108,8 @@ def _sha256_of(parts: Sequence[Any]) -> str:
 def unlike(
     name: str, steps: pa.Table, stated: Mapping[tuple[str, str], tuple[int, str]]
 ) -> Iterator[tuple[str, str]]:
-    """Owners whose steps are not those that their rows say, each with what is wrong, in words.
+    """Owners whose ordered steps (`poses` or `waypoints`) are not those their rows say, and what is wrong.
 
-    The steps (`poses` or `waypoints`) are ordered by owner and sequence, of each owner all that are stored;
     `stated` is how many the row of each owner (id and commit) says, and their hash.
     """
     key = TABLES[name].names[0]

@@ -1,8 +1,6 @@
 """Settings that belong to kinds and structures: set once, inherited, and part of a plan's key.
 
-What a run asks for comes over what a structure says, that over what its kind says, that over the preset. They
-are for the plans that are to be flown (`recommended`); plans for comparison keep the settings of their
-presets.
+A run's come over a structure's, those over its kind's, those over the preset; only for `recommended`.
 """
 
 from __future__ import annotations

@@ -31,11 +31,7 @@ def seals(catalog: Reading, transfer_ids: Collection[str]) -> dict[str, str]:
 
 
 def alterations(catalog: Reading, transfer_ids: Collection[str], now: Standing) -> dict[str, str]:
-    """Why plans are not what was released, in words; nothing of those that are, or that nobody released.
-
-    Their waypoints and rows are read again and compared with what the release says, and the release with
-    its own hash.
-    """
+    """Why plans are not what was released, in words: waypoints, rows and releases are compared again."""
     released = {plan: now.why[plan] for plan in transfer_ids if now.of(plan) == "released"}
     if not released:
         return {}
@@ -72,10 +68,7 @@ FOREIGN_PLAN = ("it was imported and not measured here", "what is flown was judg
 
 
 def chain_heads(catalog: Reading) -> dict[str, str]:
-    """The hash of the last row of each table whose rows follow each other; none where there is no row.
-
-    Whoever keeps these can tell later that nothing before them was changed or taken away.
-    """
+    """The hash of the last row of each table whose rows follow each other: it proves those before it."""
     chained = {name: table.whole() for name, table in catalog.tables.items() if table.declared.is_chained}
     heads = {name: head_of(rows) for name, rows in chained.items() if len(rows)}
     return {name: sha256 for name, sha256 in heads.items() if sha256}

@@ -1,8 +1,7 @@
-"""What people decide about plans, and what the check of a changed structure finds.
+"""What people decide about plans, and what the check of a changed structure finds: rows that are added.
 
-Every decision is a row that is added; which plan is in force follows from the rows (`standing`). Two who
-release at once are told apart by the order of their commits: each release names the last decision that it
-knew of, so the second does not count, and whoever made it is told.
+Each release names the last decision that it knew of; of two at once the second commit does not count
+(`standing`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
-"""Published tables of many files: plans and steps by kind, and by target in as many files as keep each small.
+"""Published tables of many small files: plans and steps by kind, and by target, each named by what it holds.
 
-A file is named by what it holds. What a changed file has in common with the one before it is taken from
-there, so that a change costs what changed, and not the fleet.
+What a changed file has in common with the one before is taken from there: a change costs what changed.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """Questions to the catalog, answered with pandas.
 
-Rows are only ever appended. What is current, and how the catalog stood at an earlier moment, are
-therefore questions over the rows themselves: the newest per name, among those added until then. Newest
-is what the latest commit brought; the clocks of those who wrote are not asked.
+Rows are only appended: what is current is the newest per name of those added until then, newest by commit.
 """
 
 from __future__ import annotations
@@ -87,10 +85,7 @@ def matching(
 def completed(
     table: StoredTable, plans: pd.DataFrame, wanted: list[str], of: int, version: int | None = None
 ) -> pa.Table:
-    """The `wanted` columns of these rows (with `NAMED`), in their order; texts that repeat are kept once.
-
-    `of` is how many rows there are to choose from, in this version of the table.
-    """
+    """The `wanted` columns of these rows (with `NAMED`), in their order, of a version that has `of` rows."""
     where = None
     if len(plans) < max(_FEW * of, _FEW_ROWS):
         where = pc.field("transfer_id").isin(pa.array(plans["transfer_id"].tolist(), pa.string()))
@@ -122,11 +117,7 @@ def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
 
 
 def steps(table: StoredTable, row: Row) -> pa.Table:
-    """The waypoints or poses that one row owns, in order.
-
-    It is an error if they are not as many as the row says, or not those whose hash it keeps: one changed bit
-    is another flight.
-    """
+    """The waypoints or poses that one row owns, in order; if not of its count and hash, an error."""
     declared = table.declared
     name, count = declared.names[0], row[f"n_{declared.name}"]
     if not count:
