@@ -89,8 +89,9 @@ def here(
     catalog: str, jobs: Sequence[fleet.Job], resources: Resources, run_id: str, engine: str = "local"
 ) -> fleet.Result:
     """Tasks in threads feed the worker processes of this machine."""
-    of, store = resources.of_fleet(), open_catalog(catalog)
-    run = fleet.Run(store, jobs, run_id, of, engine=engine, plan=campaign.plan_job)
+    limits = fleet.Limits(resources.timeout_s, resources.memory_gib)
+    own = fleet.Resources(resources.workers, limits)
+    run = fleet.Run(open_catalog(catalog), jobs, run_id, own, engine=engine, plan=campaign.plan_job)
     tasks.RUNS[run_id] = run
     named = [
         {"name": fleet.shard_name(shard), "run_id": run_id, "shard": number}

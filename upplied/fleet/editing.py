@@ -21,14 +21,7 @@ from upplied.planning.airspace.roadmap import Roadmap, roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.samples import surface_samples
-from upplied.proof.carried_edit import (
-    StoredEdit,
-    combined,
-    edit_from_json,
-    matched_edit,
-    restored,
-    stored_edit,
-)
+from upplied.proof.carried_edit import StoredEdit, edit_from_json, matched_edit, restored
 from upplied.proof.edit import AirspaceLimits, Edit, Viewpoint, edited, viewpoints_of
 from upplied.records import Bools, Cloud, Floats, Plan, Structure, Trajectory
 from upplied.simulate import measure_flown
@@ -129,10 +122,6 @@ class Editing:
             return *self.replanned(change.airspace, change), ()
         edit, lost = matched_edit(change, self.stored.viewpoints)
         return self.stored, edit, lost
-
-    def to_keep(self, base: Base, edit: Edit, airspace: AirspaceLimits) -> StoredEdit:
-        """A change by its places, to be carried over to plans made later."""
-        return combined(self.earlier, stored_edit(base.viewpoints, edit, airspace, base.airspace is not None))
 
     @cached_property
     def scene(self) -> Scene:

@@ -21,7 +21,7 @@ from upplied.fleet.editing import Base, Editing, boxes_of
 from upplied.fleet.gaps import derived_from
 from upplied.inputs.files import read_regular
 from upplied.outputs.files import replace_file
-from upplied.proof.carried_edit import edit_from_json, edit_json
+from upplied.proof.carried_edit import combined, edit_from_json, edit_json, stored_edit
 from upplied.proof.edit import AirspaceLimits, Edit, Viewpoint, edit_of
 from upplied.provenance import method
 
@@ -137,7 +137,8 @@ def keep_edit(
     origin = f"{whose}, from {editing.transfer_id}"
     provenance = derived_from(editing.recipe, row["target_sha256"]) | {"planned_on": origin}
     provenance["siblings"] = [(one.structure_id, one.sha256) for one in editing.recipe.siblings]
-    text = edit_json(editing.to_keep(base, edit, airspace))
+    change = stored_edit(base.viewpoints, edit, airspace, base.airspace is not None)
+    text = edit_json(combined(editing.earlier, change))  # by its places, for plans made later
     # The change first: if this process is stopped now, the next night carries it over.
     catalog.add_edit(_edit_row(row, id_of(key), text, words, by.strip(), note, carried_from, "; ".join(lost)))
     catalog.add_plans([(key, draft, provenance)])

@@ -32,15 +32,11 @@ from upplied.records import Placement, Structure
 _LISTED = ("flight", "refused")  # of the files of a survey, those that may be flights
 
 
-def _silent(ingested: Ingested) -> None:
-    """Nobody watches."""
-
-
 def ingest_structures(
     catalog: Catalog,
     manifest: str | Path,
     workers: int = 0,
-    progress: Progress = _silent,
+    progress: Progress = lambda ingested: None,
     prune: bool = False,
     rules: RuleOptions | None = None,
 ) -> list[Ingested]:
@@ -75,7 +71,7 @@ def ingest_structures(
 
 
 def _added(
-    catalog: Catalog, entries: list[StructureEntry], workers: int, progress: Progress
+    catalog: Catalog, entries: list[StructureEntry], workers: int, progress: Progress = lambda ingested: None
 ) -> tuple[list[Ingested], set[str]]:
     """What became of the structures of these entries, and the ids that were known before."""
     table = catalog.create().structures()
@@ -94,7 +90,7 @@ def ingest_demonstrations(
     catalog: Catalog,
     logs: Iterable[str | Path],
     workers: int = 0,
-    progress: Progress = _silent,
+    progress: Progress = lambda ingested: None,
     options: LogOptions | None = None,
     dry_run: bool = False,
 ) -> list[Ingested]:
@@ -137,7 +133,7 @@ def ingest_demonstrations(
         if options.strict:  # flights with warnings are judged again
             table = table[table["verdict"] != "warned"]
         known = {row.demonstration_id: (row.sha256,) for row in table.itertuples()}
-        add_structures = lambda entries: _added(home, entries, workers, _silent)[0]  # noqa: E731
+        add_structures = lambda entries: _added(home, entries, workers)[0]  # noqa: E731
         entries, structures, facts = facts_of(entries, options, add_structures)
         flights = {str(one.path): one for one in entries if one.is_flight}
         places = {name: _place(home) for name in facts}

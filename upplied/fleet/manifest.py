@@ -48,8 +48,7 @@ def read_shard(location: str, name: str) -> list[Job]:
     try:
         plain = json.loads(store.read(name))
         settings = {sha256: settings_of(text) for sha256, text in plain["settings"].items()}
-        jobs = [{key: tuples(value) for key, value in job.items()} for job in plain["jobs"]]
-        return [Job(**{**job, "settings": settings[job["settings"]]}) for job in jobs]
+        return [Job(**{**job, "settings": settings[job["settings"]]}) for job in tuples(plain["jobs"])]
     except (OSError, pa.ArrowException, KeyError, TypeError, ValueError) as error:
         raise CatalogError(store.path(name), f"cannot be read: {error}") from None
 

@@ -151,8 +151,7 @@ class _Worker:
                 self._stop()  # it died while it had nothing to do
                 continue
             try:
-                value: Value = self._job.result()
-                return value
+                return self._job.result()
             except BrokenProcessPool:
                 self._stop()  # it died before it began this job, which is not the culprit
             except ProcessExpired as death:

@@ -106,6 +106,7 @@ def waypoint_table(plans: Mapping[str, Plan]) -> pa.Table:
 def plan_of(row: Row, waypoints: pa.Table) -> Plan:
     """The plan of a row and its waypoints in order, without the states of the surface."""
     planned, texts = row["n_waypoints"] > 0, Row((name, row[name] or "") for name in _TEXTS)
+    counterparts = json.loads(row["counterparts"] or "[]")  # null in rows of before there was such a column
     return Plan(
         **texts,
         trajectory=trajectory_of(waypoints) if planned else None,
@@ -113,20 +114,16 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
         added=added_of(waypoints) if planned else None,
         registration=_registration_of(row["registration_json"]),
         measures=Measures(**{item.name: _number(row[item.name]) for item in fields(Measures)}),
-        counterparts=_counterparts(row["counterparts"]),
+        counterparts=tuple(Counterpart(**_known(Counterpart, tuples(one))) for one in counterparts),
         warnings=tuple(json.loads(row["warnings"] or "[]")),
         flyable=bool(row["flyable"]),
     )
 
 
-def _counterparts(text: str | None) -> tuple[Counterpart, ...]:
-    """What a row keeps of the inspected parts; none in rows of before there was such a column."""
-    rows = [_known(Counterpart, one) for one in json.loads(text or "[]")]
-    return tuple(Counterpart(**{name: tuples(value) for name, value in one.items()}) for one in rows)
-
-
 def tuples(value: Any) -> Any:
     """A value of JSON with tuples for its lists."""
+    if isinstance(value, dict):
+        return {name: tuples(item) for name, item in value.items()}
     return tuple(map(tuples, value)) if isinstance(value, list) else value
 
 

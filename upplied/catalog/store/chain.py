@@ -112,8 +112,7 @@ def _texts(rows: pa.Table) -> list[bytes]:
     if not parts:
         return [b""] * len(rows)
     joined = pc.binary_join_element_wise(*parts, pa.scalar("\n", _TEXT), null_handling="skip")
-    texts: list[bytes] = joined.cast(pa.large_binary()).to_pylist()
-    return texts
+    return joined.cast(pa.large_binary()).to_pylist()
 
 
 def _text(values: pa.Array) -> pa.Array:

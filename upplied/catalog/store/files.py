@@ -191,8 +191,8 @@ T = TypeVar("T")
 _SETTINGS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_REGION")
 
 
-def explained(what: str, act: Callable[[], T], *passed: type[Exception]) -> T:
-    """Do it; what the storage raises becomes an error that people read."""
+def explained(what: str, act: Callable[[], T], *passed: type[Exception], doing: str = "") -> T:
+    """Do it; what the storage raises becomes an error that people read, of what it was `doing`."""
     try:
         return act()
     except passed:
@@ -202,7 +202,8 @@ def explained(what: str, act: Callable[[], T], *passed: type[Exception]) -> T:
     except SchemaMismatchError as error:
         raise CatalogError(what, f"has other columns: {_brief(error)}", "", "use a newer version") from None
     except (DeltaError, OSError, pa.ArrowException) as error:
-        raise CatalogError(what, _brief(error), "", remedy_of(what, str(error))) from None
+        fault = f"cannot be {doing}: {_brief(error)}" if doing else _brief(error)
+        raise CatalogError(what, fault, "", remedy_of(what, str(error))) from None
 
 
 def _brief(error: Exception) -> str:

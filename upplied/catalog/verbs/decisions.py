@@ -194,7 +194,7 @@ class Deciding(OwnSettings):
             if len(text) > _LONGEST:
                 fault = f"has {len(text)} letters"
                 raise SettingsError(f"{what} of a decision", fault, f"at most {_LONGEST}")
-        who, name = author(by, "a decision"), self.new_commit_id()
+        who, name, plan = author(by, "a decision"), self.new_commit_id(), row["transfer_id"]
         of_plan = ("transfer_id", "demonstration_id", "target_id", "purpose")
         decision = {key: row[key] or "" for key in of_plan} | {
             "decision_id": name,
@@ -202,7 +202,7 @@ class Deciding(OwnSettings):
             "by": who,
             "note": note,
             "plan_sha256": row["waypoints_sha256"],
-            "plan_row_sha256": custody.seals(self, [row["transfer_id"]])[row["transfer_id"]],
+            "plan_row_sha256": custody.stored_plans(self, [plan])[1][plan],
             "code_version": code_version(),
             **about,
         }
