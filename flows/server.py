@@ -38,6 +38,7 @@ class Server:
         self._alone = alone(folder)
         port = port or free_port()
         if listening(port):  # it would be taken for ours
+            self._alone.close()
             raise ServerError(f"Something listens on port {port} already. Stop it, or set UPPLIED_PORT.")
         self.api_url = f"http://127.0.0.1:{port}/api"
         self.password = sign_in(folder, self.api_url)
