@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from upplied.catalog.schema.tables import TABLES, Table
+from upplied.errors import CatalogError
 from upplied.records import Bools, Demonstration, Floats, Ints, Photos, Trajectory
 
 _POSITION = ("x_m", "y_m", "z_m")
@@ -149,6 +150,14 @@ def unlike(
             more = None if added is None else _if_any(added[own])
             if _sha256_of([*poses, zoom, more]) != stated[owner][1]:
                 yield owner[0], "the steps do not match the hash in their row"
+
+
+def checked(name: str, steps: pa.Table, stated: Mapping[tuple[str, str], tuple[int, str]]) -> pa.Table:
+    """Ordered steps; where they are `unlike` what the rows of their owners say, an error."""
+    for owner, wrong in unlike(name, steps, stated):
+        remedy = "take the damaged files (upplied catalog verify) from a backup; nothing was written"
+        raise CatalogError(f"{name} of {owner}", wrong, "", remedy)
+    return steps
 
 
 def run_starts(rows: pa.Table, names: tuple[str, ...]) -> Ints:

@@ -16,7 +16,7 @@ from datetime import UTC, datetime, timedelta
 
 import pyarrow as pa
 
-from upplied.catalog.store.files import FileStore, remedy_of
+from upplied.catalog.store.files import FileStore, explained, remedy_of
 from upplied.errors import CatalogError
 
 _FILE = "catalog.json"
@@ -56,11 +56,8 @@ class Identity:
         """The name of the catalog, which is drawn now where there is none."""
         if not self.id:
             about = {"format": _FORMAT, "id": uuid.uuid4().hex, "made_at": datetime.now(UTC).isoformat()}
-            try:
-                self.files.create(_FILE, _text(about).encode())
-            except _TRIED as error:
-                remedy = "free space, or ask for the right to write there; nothing was changed"
-                raise CatalogError(self.files.root, f"cannot be written: {error}", "", remedy) from None
+            content = _text(about).encode()
+            explained(self.files.root, lambda: self.files.create(_FILE, content), doing="written")
             self._id = self._read()
         return self._id or ""
 

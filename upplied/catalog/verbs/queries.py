@@ -18,7 +18,7 @@ import pyarrow.dataset as ds
 
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.schema.steps import unlike
+from upplied.catalog.schema.steps import checked
 from upplied.catalog.store.data_files import decoded
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs.ordering import NEWEST
@@ -124,12 +124,8 @@ def steps(table: StoredTable, row: Row) -> pa.Table:
         return declared.schema.empty_table()
     own = (pc.field("commit_id") == row["commit_id"]) & (pc.field(name) == row[name])
     own_steps = table.read(own, commits=[row["commit_id"]])
-    own_steps = own_steps.take(pc.sort_indices(own_steps["seq"]))
     stated = {(row[name], row["commit_id"]): (count, row[f"{declared.name}_sha256"])}
-    for _, wrong in unlike(declared.name, own_steps, stated):
-        what, remedy = f"{declared.name} of {row[name]}", "take the damaged files from a backup"
-        raise CatalogError(what, wrong, "", remedy)
-    return own_steps
+    return checked(declared.name, own_steps.take(pc.sort_indices(own_steps["seq"])), stated)
 
 
 def versions(
