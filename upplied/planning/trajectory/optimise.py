@@ -33,6 +33,8 @@ _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and la
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _COMFORTABLE = 2.5  # safety distances, at which to come nearer costs nothing yet
 _CORRECTIONS = 12  # that L-BFGS keeps
+_FURTHER = 3  # rounds at most, while the path still comes too near
+_NEAR_M2 = 1e-3  # mean square of the lack of safety distance, that pushing the path out mends without loss
 _LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
 
 
@@ -159,7 +161,7 @@ class _Search(Record):
         ]
 
         def price(off: Floats) -> Floats:
-            return np.asarray(shape_weight * ((off @ shape.standing.T / shape.unit_m) ** 2).sum(axis=1))
+            return np.asarray(shape_weight / shape.unit_m**2 * (off**2).sum(axis=1))
 
         return cls(problem, weights, state, first, samples, need, lasting, price)
 
@@ -185,7 +187,10 @@ class _Search(Record):
         """The best of the rounds, and what it is worth."""
         problem, weights, state = self.problem, self.weights, self.state
         variables, results = self.first, []
-        for number, width in enumerate(np.geomspace(_WIDEST, _NARROWEST, weights.rounds)):
+        widths = np.geomspace(_WIDEST, _NARROWEST, weights.rounds)
+        for number, width in enumerate([*widths, *widths[-1:].repeat(_FURTHER)]):
+            if number >= weights.rounds and self.near(variables) < _NEAR_M2:
+                break
             path = state.flown(variables)
             if number == weights.rounds // 2:  # what small moves can show is shown by now
                 turn = weights.turning / problem.turned_rad
@@ -247,7 +252,7 @@ def _state(problem: Problem, start: Start, weights: OptimiseSettings) -> State:
     """As many control points as the path has stand-offs and the camera radians, times their density."""
     controls = round(_progress(problem, start.safe) / weights.spacing)
     controls = int(np.clip(controls, 4, max(len(start.safe) // 2, 4)))
-    unit_m = np.full(3, float(problem.demonstrated.unit_m.max()))
+    unit_m = np.full(3, problem.demonstrated.unit_m)
     if problem.level:
         unit_m[2] = 0.0
     return State.of(start.mapped, unit_m, controls)
