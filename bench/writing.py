@@ -12,6 +12,7 @@ import gc
 import hashlib
 import json
 import multiprocessing
+import os
 import resource
 import tempfile
 import time
@@ -32,17 +33,15 @@ def fill(place: str, first: int, last: int, step: int) -> None:
     """Commit every `step`-th batch; print what it took, as JSON."""
     catalog = open_catalog(place)
     settings = settings_for("recommended")
-    times, work = [], []
+    commits = []
     for batch in range(first, last, step):
         plans = [planned(number, settings) for number in range(batch * BATCH, (batch + 1) * BATCH)]
         began, cpu = time.perf_counter(), time.thread_time()
         catalog.add_plans(plans)
-        times.append(time.perf_counter() - began)
-        work.append(time.thread_time() - cpu)
+        commits.append((time.perf_counter() - began, time.thread_time() - cpu))
     del catalog
-    Path(place, f"writer-{first}.json").write_text(
-        json.dumps({"longest": max(times), "dearest": max(work), **spent()})
-    )
+    about = {"longest": max(commits), "dearest": max(cpu for _, cpu in commits), **spent()}
+    Path(place, f"writer-{first}.json").write_text(json.dumps(about))
 
 
 def planned(number: int, settings, again: int = 0) -> tuple[str, Plan, dict]:
@@ -138,13 +137,16 @@ def write(catalog: Catalog, commits: int, writers: int, empty: float) -> None:
         process.start()
     for process in processes:
         process.join()
-    took = time.perf_counter() - began
+    took, busy = time.perf_counter() - began, os.getloadavg()[0]
     root = Path(catalog.location)
     results = [json.loads(path.read_text()) for path in root.glob("writer-*.json")]
+    longest = max(one["longest"] for one in results)
     rows = {
         "CPU, s": sum(one["cpu"] for one in results),
         "wall, s": took,
-        "longest commit, s": max(one["longest"] for one in results),
+        "processes that were busy": busy,
+        "longest commit, s": longest[0],
+        "longest commit, CPU-s": longest[1],
         "dearest commit, CPU-s": max(one["dearest"] for one in results),
         "peak memory of a writer, MB": max(one["mb"] for one in results),
         "written, MB": size_mb(root) - empty,

@@ -53,13 +53,8 @@ class AppriseNotice(blocks.AbstractAppriseNotificationBlock):
 def tell(url: str, every_run: bool = False) -> str:
     """Tell an address of the runs that fail, are lost or leave failures behind, in place of the one before.
 
-    The address is a webhook, one of Slack, or one of Apprise's; empty tells nobody any more. With `every_run`
-    it is told of runs that went well, too. Returns what was set up, in words.
-
-    Raises
-    ------
-    SettingsError
-        If nothing can be sent to that address; whoever was told before still is.
+    A webhook, one of Slack, or one of Apprise's (else a `SettingsError`); empty tells nobody any more. With
+    `every_run` also of runs that went well. Returns what was set up, in words.
     """
     block = _block(url) if url else None
     names = (*TROUBLE, "Completed") if every_run else TROUBLE
@@ -132,10 +127,7 @@ def zombies(silence_s: int = SILENCE_S) -> AutomationCore:
 
 
 def apply(automation: AutomationCore) -> None:
-    """Put an automation in place of others of its name; the same one stays.
-
-    With it stays what it has heard: of the runs that a power cut ended, no server will hear again.
-    """
+    """Put an automation in place of others of its name; the same one stays, with what it has heard."""
     with get_client(sync_client=True) as client:
         for older in client.read_automations_by_name(automation.name):
             if (older.trigger, older.actions) == (automation.trigger, automation.actions):

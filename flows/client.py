@@ -23,14 +23,10 @@ class NotAccepted(Exception):
 
 
 def run_now(parameters: Sequence[str], watch: bool, say: Callable[[str], None]) -> bool:
-    """Submit transfer-fleet with parameters as NAME=VALUE (JSON), and `watch` it to its end.
+    """Submit transfer-fleet with parameters as NAME=VALUE (JSON), and `watch` it; whether all went well.
 
-    Each line for the person goes to `say`. Returns whether all went well, as far as it was waited for.
-
-    Raises
-    ------
-    NotAccepted
-        If the server refuses the run or does not know the deployment.
+    Each line for the person goes to `say`. `NotAccepted` where the server refuses the run or knows no such
+    deployment.
     """
     given = dict(map(_parameter, parameters))
     try:

@@ -1,7 +1,4 @@
-"""Work pools, deployments, and what Prefect does by itself, onto the server of the environment.
-
-``python -m upplied.flows.deploying prefect.yaml`` does so in one process; again is as once.
-"""
+"""Work pools, deployments and automations onto the environment's server, by ``python -m``."""
 
 from __future__ import annotations
 

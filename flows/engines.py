@@ -1,7 +1,4 @@
-"""Where targets are planned: on this machine, on the machines of a work pool, or on a Dask or Ray cluster.
-
-All of it is somebody else's engine. What is kept is the same, byte for byte, whichever plans it.
-"""
+"""Where targets are planned: this machine, a work pool, Dask or Ray; what is kept is the same."""
 
 from __future__ import annotations
 
@@ -92,8 +89,9 @@ def here(
     catalog: str, jobs: Sequence[fleet.Job], resources: Resources, run_id: str, engine: str = "local"
 ) -> fleet.Result:
     """Tasks in threads feed the worker processes of this machine."""
-    of, store = resources.of_fleet(), open_catalog(catalog)
-    run = fleet.Run(store, jobs, run_id, of, engine=engine, plan=campaign.plan_job)
+    limits = fleet.Limits(resources.timeout_s, resources.memory_gib)
+    own = fleet.Resources(resources.workers, limits)
+    run = fleet.Run(open_catalog(catalog), jobs, run_id, own, engine=engine, plan=campaign.plan_job)
     tasks.RUNS[run_id] = run
     named = [
         {"name": fleet.shard_name(shard), "run_id": run_id, "shard": number}

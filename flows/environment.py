@@ -35,20 +35,14 @@ def carried(name: str) -> Path:
 
 
 def environment(folder: Path, api_url: str) -> dict[str, str]:
-    """This process's environment for Prefect processes of ours.
-
-    The folder is that of Prefect's own database and settings, whose profile says the password (`sign_in`).
-    """
+    """This process's environment for Prefect processes of ours; `folder` is Prefect's own (`sign_in`)."""
     variables = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
     ours = {"PREFECT_HOME": str(folder), "PREFECT_API_URL": api_url, "UPPLIED_HOME": str(home())}
     return variables | SETTINGS | ours
 
 
 def sign_in(folder: Path, api_url: str) -> str:
-    """``name:password`` of the server of this folder, made once, in a profile that only its owner can read.
-
-    Prefect's own commands, workers and flows read it from there wherever PREFECT_HOME is that folder.
-    """
+    """``name:password`` of this folder's server, made once, in a profile that only its owner can read."""
     path = folder / "profiles.toml"
     private(folder)
     profiles = _profiles(path)

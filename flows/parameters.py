@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from upplied import fleet
 from upplied.config import Preset, Settings
 from upplied.inputs.passport.rules import RULES as FLIGHT_RULES
 from upplied.inputs.passport.settings import PassportSettings
@@ -86,10 +85,6 @@ class Resources(BaseModel):
         le=1,
         description="Share of shards that the engine may lose before the run fails; the run plans them.",
     )
-
-    def of_fleet(self) -> fleet.Resources:
-        """The same for `upplied.fleet`."""
-        return fleet.Resources(self.workers, fleet.Limits(self.timeout_s, self.memory_gib))
 
 
 ALL_CORES = Resources()

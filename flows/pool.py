@@ -1,8 +1,4 @@
-"""Shards as runs of the deployment `plan-shard`: Prefect's work pool hands them to machines.
-
-The machines share the catalog and nothing else. What comes of a shard is read from the catalog, not
-from Prefect.
-"""
+"""Shards as runs of the deployment `plan-shard` on machines that share the catalog, and nothing else."""
 
 from __future__ import annotations
 
@@ -38,11 +34,7 @@ def machines() -> int:
 
 
 def shard_targets(targets: int, count: int) -> int:
-    """Targets of a shard where so many machines take so many in all.
-
-    Some shards a machine, so that all end at about the same time; but of 64 targets at least, unless that
-    leaves a machine without any, since a shard starts a process with planners of its own.
-    """
+    """Targets of a shard: some shards a machine, so that all end together, of 64 targets at least."""
     each = max(1, min(SHARDS_EACH, targets // (count * SHARD_TARGETS)))
     return math.ceil(targets / (count * each))
 

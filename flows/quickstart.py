@@ -28,7 +28,10 @@ def main() -> int:
     console.print("[bold]1/4[/] A sample fleet and a private Prefect server")
     try:
         with private_server(home() / ".cache" / "quickstart-prefect") as server:
-            write_samples()
+            from upplied.outputs.sample_fleet import write_sample_fleet  # while the server starts
+
+            with progress("meshes and logs", None) as advance:
+                write_sample_fleet(home() / SAMPLES, lambda _: advance())
             server.wait()
             code = subprocess.run(
                 [sys.executable, "-m", "upplied.flows.quickstart", "--flows"],
@@ -42,14 +45,6 @@ def main() -> int:
     if code in (0, 1):
         console.print(f"Done in {time.monotonic() - began:.0f} s.")
     return code
-
-
-def write_samples() -> None:
-    """Meshes, manifest and logs of the sample fleet."""
-    from upplied.outputs.sample_fleet import write_sample_fleet
-
-    with progress("meshes and logs", None) as advance:
-        write_sample_fleet(home() / SAMPLES, lambda _: advance())
 
 
 def run_flows() -> int:

@@ -15,11 +15,8 @@ from .environment import ROOTS, home
 
 
 def check_roots(**locations: str | Sequence[str]) -> None:
-    """Refuse what lies elsewhere; where nothing was declared, a call from Python may go anywhere.
-
-    A location, or several, stand by the name of the parameter; empty is nothing.
-    """
-    roots = declared_roots()
+    """Refuse locations, by parameter, outside the roots; where none is declared all may be used."""
+    roots = named_roots() or ([str(home())] if runtime.deployment.id else [])  # a deployment has its folder
     for name, given in locations.items():
         for location in filter(None, [given] if isinstance(given, str) else given):
             if roots and not any(_within(location, root) for root in roots):
@@ -27,11 +24,6 @@ def check_roots(**locations: str | Sequence[str]) -> None:
                 rule = f"one of {', '.join(roots)}, or under it"
                 remedy = f"declare it where the fleet is served: upplied serve --root, or {ROOTS}"
                 raise SettingsError(f"{name} {location!r}", fault, rule, remedy)
-
-
-def declared_roots() -> list[str]:
-    """The roots; a deployment's run has its own folder at least, a call from Python none."""
-    return named_roots() or ([str(home())] if runtime.deployment.id else [])
 
 
 def named_roots() -> list[str]:

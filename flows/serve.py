@@ -1,7 +1,6 @@
 """`upplied serve`: Prefect's server with the deployments, a worker and the fleet's pages, until Ctrl-C.
 
-Meant for a desk. What has to run for months is started by systemd or compose, a part each (`only`), which
-know how to start a part again: docs/operating.md has the units.
+For a desk; systemd or compose start the parts (`only`) for months (docs/operating.md).
 """
 
 from __future__ import annotations
@@ -34,8 +33,7 @@ POOL = "local"  # of the runs that a part of the service works on
 def serve(port: int, roots: Sequence[str] = ()) -> int:
     """Start what a fleet needs, in the order it needs it, and stop it again in the reverse.
 
-    The server is on a port of 127.0.0.1, the pages on the next one, or on any where that is taken; `roots`
-    are folders and object-store URIs that runs may use besides this folder.
+    The pages are on the next port, or on any where that is taken; runs may use `roots` besides this folder.
     """
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # through the same exits as Ctrl-C
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by what a script started with &
@@ -130,15 +128,9 @@ def deploy(variables: dict[str, str]) -> None:
 
 
 def attend(processes: Mapping[str, subprocess.Popen[bytes]], log: Path, runs: list[psutil.Process]) -> None:
-    """Wait until one of the processes, by name, ends; the others are stopped by whoever started them.
+    """Wait until one of the processes, by name, ends: a `ServerError`; whoever started the others stops them.
 
-    `log` is the server's; `runs` receives the processes that the worker started, which cannot be found once
-    it was killed.
-
-    Raises
-    ------
-    ServerError
-        When one has ended.
+    `runs` receives what the worker started, which cannot be found once it was killed.
     """
     while True:
         for name, process in processes.items():

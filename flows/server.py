@@ -14,7 +14,7 @@ import urllib.request
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, TypeVar
+from typing import IO, Any, TypeVar
 
 import psutil
 
@@ -31,16 +31,14 @@ class ServerError(Exception):
 
 
 class Server:
-    """A running server: the environment its clients need, and how to wait for it.
-
-    It is refused where the port is taken, or another service works in the same folder.
-    """
+    """A running server and its clients' environment; refused where port or folder is another service's."""
 
     def __init__(self, folder: Path, port: int = 0) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._alone = alone(folder)
         port = port or free_port()
         if listening(port):  # it would be taken for ours
+            self._alone.close()
             raise ServerError(f"Something listens on port {port} already. Stop it, or set UPPLIED_PORT.")
         self.api_url = f"http://127.0.0.1:{port}/api"
         self.password = sign_in(folder, self.api_url)
@@ -76,8 +74,20 @@ def waited_for(act: Callable[[], T], every_s: float = 1.0) -> T:
 
 def command(port: int, host: str = "127.0.0.1") -> tuple[str, ...]:
     """What runs the server: Prefect's application behind our guard."""
-    app = ("--factory", f"{__package__}.api:create_app")
+    app = ("--factory", f"{__package__}.server:create_app")
     return ("uvicorn", *app, "--host", host, "--port", str(port), "--log-level", "warning", "--no-access-log")
+
+
+def create_app() -> Any:
+    """Prefect's application behind the guard of our own pages: else any page could have it run something."""
+    from prefect.server.api import server
+
+    from upplied.web.guard import Guard, allowed_names
+
+    from . import automations  # noqa: F401  the server sends by our own kind of block, too
+
+    # Around it and not in it: its own services ask the same application, by a name of theirs.
+    return Guard(server.create_app(final=True), allowed_names())
 
 
 def address(port: int) -> dict[str, str]:
@@ -111,10 +121,7 @@ def answers(api_url: str) -> bool:
 
 @contextmanager
 def private_server(folder: Path, port: int = 0) -> Iterator[Server]:
-    """Run a server as long as the block lasts; it starts while the caller goes on.
-
-    The folder is that of its database, password and log; port 0 takes a free one of 127.0.0.1.
-    """
+    """Run a server in a folder as long as the block lasts; port 0 takes a free one of 127.0.0.1."""
     server = Server(folder, port)
     try:
         yield server
@@ -131,8 +138,7 @@ def start(
 ) -> subprocess.Popen[bytes]:
     """Start a module of Python's, in a process group of its own; on Linux it ends when this one is killed.
 
-    The files of `holding` stay open, and so locked, as long as the process lives. `umask` is that of what it
-    writes; -1: as ours.
+    The files of `holding` stay open, and so locked, as long as it lives; `umask` -1: as ours.
     """
     return subprocess.Popen(
         [sys.executable, "-m", *words],
@@ -175,9 +181,8 @@ def stop(
 ) -> None:
     """End a process we started together with all that came of it: politely first.
 
-    A worker's runs are sessions of their own, which no signal to its group reaches; one that cannot tell a
-    server how it ended would try for minutes. Those of a process that has ended are told by `known`, as
-    `offspring` saw them before.
+    A worker's runs are sessions of their own, which no signal to its group reaches; `known` are those of
+    one that ended.
     """
     seen = {*known}
     for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):

@@ -40,8 +40,7 @@ def errors_in_words(flow: Callable[P, State]) -> Callable[P, State]:
 def planned(summary: str, outcome: Planned, problems: Sequence[str], most_lost: float) -> State:
     """The state of a run that planned: failed where all of it failed, or the engine lost more than its share.
 
-    `summary` are counts in a line, `problems` what went wrong besides: files that were not read, pages that
-    were not drawn; `most_lost` is the share of shards that the engine may lose.
+    `problems` went wrong besides; `most_lost` is the share of shards that the engine may lose.
     """
     failures = [f"{job}: {reason}" for job, status, reason in outcome.result.troubles if status == "failed"]
     message = ". ".join(filter(None, (summary, outcome.loss)))

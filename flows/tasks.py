@@ -1,7 +1,6 @@
 """Functions of the library as tasks of Prefect's, and what is made of what as its assets.
 
-Data lives in the catalog and its cache. Prefect keeps no results of ours (`NO_CACHE`), and its task
-table is not the record of what is done: the catalog is.
+Prefect keeps no results of ours (`NO_CACHE`): the catalog is the record of what is done.
 """
 
 from __future__ import annotations

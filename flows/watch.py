@@ -1,9 +1,7 @@
 """`upplied watch FOLDER`: tell Prefect of every log that lands in a folder, once it has come whole.
 
-The event ``upplied.log.landed`` starts the deployment ``ingest-demonstrations`` with that log, and its
-end starts ``transfer-fleet`` (the triggers are in prefect.yaml). With ``--flights`` it is
-``upplied.flight.landed``, which starts ``ingest-flights``. Anything else may emit the same
-event, with the payload ``{"logs": [path, ...]}``.
+The event ``upplied.log.landed`` (``upplied.flight.landed`` with ``--flights``) starts the ingest by a
+trigger in prefect.yaml. Anything else may emit it, with the payload ``{"logs": [path, ...]}``.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The catalog: what is kept of structures, demonstrations and plans, and the way in and out.
 
-A commit is whole or it is not there. The rows of `waypoints` and `poses` are committed before the
-row that names them, and that row says by which commit they came, so nobody ever reads a trajectory
-without its points, or with the points of a writer that was stopped half-way.
+A commit is whole or not there; rows of steps stand before the row that names them and their commit, so
+nobody reads a trajectory without its points, or with those of a writer that was stopped half-way.
 """
 
 from __future__ import annotations
@@ -129,13 +128,11 @@ class Catalog(Deciding):
 
     def faces_labelled(self, structure: Structure, sha256: str, label: str) -> Bools:
         """Which faces (T,) of a structure have a label of those that are kept under a hash."""
-        faces: Bools = self.contents["labels"].get(sha256).faces(structure, label)
-        return faces
+        return self.contents["labels"].get(sha256).faces(structure, label)
 
     def flown(self, flight_sha256: str) -> Trajectory:
         """The path of one flight, by the hash in its row."""
-        path: Trajectory = self.contents["flown"].get(flight_sha256)
-        return path
+        return self.contents["flown"].get(flight_sha256)
 
     def photos(self, transfer_id: str) -> pd.DataFrame:
         """The photos of a plan, one a row in the order of flight; none of a plan from a film.

@@ -1,7 +1,4 @@
-"""The jobs of a fleet without any engine: ingest, decide, transfer, publish.
-
-The command line calls these functions directly; the flows call the same ones from Prefect's tasks.
-"""
+"""The jobs of a fleet without any engine, for command and flows: ingest, decide, transfer, publish."""
 
 # ruff: noqa: F401
 from __future__ import annotations

@@ -43,11 +43,7 @@ class RuleOptions:
 
 
 class Admission:
-    """What a new structure is compared with: the catalog, and those that come with it.
-
-    Structures of a kind that the catalog does not know yet are compared with each other, so the
-    order in which they come does not matter; without a catalog only those are compared.
-    """
+    """What a new structure is compared with: the catalog; where its kind is new, those that come with it."""
 
     def __init__(self, catalog: Catalog | None) -> None:
         self._catalog, self._shapes = catalog, None if catalog is None else Shapes(catalog)

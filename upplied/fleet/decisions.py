@@ -1,8 +1,7 @@
 """What has to be planned, and why: the pairs whose inputs the catalog has no plan for.
 
-A plan is named by the hash of everything it depends on (`upplied.planning.plan.transfer_key`), so
-a pair is up to date exactly when the catalog holds a plan of that name. Nothing else is compared;
-the other columns only serve to say in words what changed.
+A plan is named by the hash of all that it depends on (`planning.plan.transfer_key`); the rest only says
+what changed.
 """
 
 from __future__ import annotations
@@ -35,11 +34,7 @@ _SIZE = ["size_x_m", "size_y_m", "size_z_m"]
 
 
 class SiblingsOf:
-    """The siblings of each structure of a catalog, by its table of structures alone.
-
-    A structure of which it was never asked whether its pieces tell its parts is a scan if it is a cloud, and
-    if it is a mesh one that may know: planning asks it again.
-    """
+    """The siblings of structures; of those nobody asked, a cloud is a scan and a mesh may know its parts."""
 
     def __init__(self, structures: pd.DataFrame) -> None:
         table = structures.sort_values("structure_id")
@@ -146,16 +141,12 @@ class Decision:
 
 
 def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decision:
-    """Which plans are missing.
-
-    Every demonstration goes to every other structure of the kind it was flown on, or to the targets
-    that the plan_request names; a target that is the demonstration's own structure must be named.
+    """Which plans are missing: demonstrations to all other structures of their kind, or to the named targets.
 
     Raises
     ------
     InputError
-        If the plan_request names a demonstration or target that the catalog does not hold, or a target of
-        another kind.
+        If the plan_request names what the catalog does not hold, or a target of another kind.
     """
     plan_request = plan_request or PlanRequest()
     table = catalog.structures()

@@ -21,14 +21,7 @@ from upplied.planning.airspace.roadmap import Roadmap, roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.samples import surface_samples
-from upplied.proof.carried_edit import (
-    StoredEdit,
-    combined,
-    edit_from_json,
-    matched_edit,
-    restored,
-    stored_edit,
-)
+from upplied.proof.carried_edit import StoredEdit, edit_from_json, matched_edit, restored
 from upplied.proof.edit import AirspaceLimits, Edit, Viewpoint, edited, viewpoints_of
 from upplied.records import Bools, Cloud, Floats, Plan, Structure, Trajectory
 from upplied.simulate import measure_flown
@@ -61,13 +54,7 @@ class JudgedEdit:
 
 
 class Editing:
-    """One plan, with all that judging it anew needs held at hand, so that it takes well under a second.
-
-    Raises
-    ------
-    RefusedError
-        If the plan has no viewpoints.
-    """
+    """One plan, with all that judging it anew needs at hand; one without viewpoints is refused."""
 
     def __init__(self, catalog: Catalog, transfer_id: str) -> None:
         self._catalog, self.recipe = catalog, recipe(catalog, transfer_id)
@@ -96,13 +83,7 @@ class Editing:
         return max(self.usual_m, self.earlier.airspace.clearance_m or 0.0, airspace.clearance_m or 0.0)
 
     def judged(self, base: Base, edit: Edit, airspace: AirspaceLimits) -> JudgedEdit:
-        """The plan as it was changed, with the measures that every plan has.
-
-        Raises
-        ------
-        RefusedError
-            If what is asked for cannot be flown: a viewpoint where nobody may be, or no safe way to it.
-        """
+        """The plan as it was changed, with its measures; refused where a viewpoint cannot be flown to."""
         path, flags = flown_path(base.plan)
         graph = self._roadmap(airspace, path)
         if edit == Edit() and not graph.airspace.broken(path.positions).any():
@@ -122,13 +103,7 @@ class Editing:
         return JudgedEdit(plan, tuple(broken), short if shown < least else "")
 
     def replanned(self, airspace: AirspaceLimits, fixed: StoredEdit) -> tuple[Base, Edit]:
-        """The plan made anew in an airspace, with fixed viewpoints put back, and these by its numbers.
-
-        Raises
-        ------
-        RefusedError
-            If there is no such plan.
-        """
+        """The plan made anew in an airspace, with fixed viewpoints put back, and these by its numbers."""
         settings, target = self.recipe.settings, self._forbidding(airspace)
         if self.clearance_m(airspace) > self.usual_m:
             route = replace(settings.route, clearance_m=self.clearance_m(airspace))
@@ -142,18 +117,11 @@ class Editing:
         return Base(replace(plan, is_viewpoint=flags), airspace), edit
 
     def carried(self, change: StoredEdit) -> tuple[Base, Edit, tuple[str, ...]]:
-        """A change of another plan on this one: planned anew where that one was, else as it is.
-
-        Returns what it is of, the change by its numbers, and what of it has no place there, in words.
-        """
+        """A change of another plan on this one: its base, the change by numbers, and what has no place."""
         if change.replanned:
             return *self.replanned(change.airspace, change), ()
         edit, lost = matched_edit(change, self.stored.viewpoints)
         return self.stored, edit, lost
-
-    def to_keep(self, base: Base, edit: Edit, airspace: AirspaceLimits) -> StoredEdit:
-        """A change by its places, to be carried over to plans made later."""
-        return combined(self.earlier, stored_edit(base.viewpoints, edit, airspace, base.airspace is not None))
 
     @cached_property
     def scene(self) -> Scene:
@@ -198,13 +166,7 @@ def _added(path: Trajectory, base: Base) -> Bools | None:
 
 
 def flown_path(plan: Plan) -> tuple[Trajectory, Bools]:
-    """The path of a plan, and which of its poses are viewpoints.
-
-    Raises
-    ------
-    RefusedError
-        If it has none.
-    """
+    """The path of a plan, and which of its poses are viewpoints; one without any is refused."""
     if plan.trajectory is None or plan.is_viewpoint is None or not plan.is_viewpoint.any():
         raise RefusedError(f"a plan of {plan.target_id}", f"has no viewpoints: it is {plan.status}")
     return plan.trajectory, plan.is_viewpoint

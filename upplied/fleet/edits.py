@@ -21,7 +21,7 @@ from upplied.fleet.editing import Base, Editing, boxes_of
 from upplied.fleet.gaps import derived_from
 from upplied.inputs.files import read_regular
 from upplied.outputs.files import replace_file
-from upplied.proof.carried_edit import edit_from_json, edit_json
+from upplied.proof.carried_edit import combined, edit_from_json, edit_json, stored_edit
 from upplied.proof.edit import AirspaceLimits, Edit, Viewpoint, edit_of
 from upplied.provenance import method
 
@@ -55,15 +55,7 @@ def viewpoint_of(row: Mapping[str, Any]) -> Viewpoint:
 
 
 def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> str:
-    """Read a changed file and keep the plan that follows, judged anew, as a draft; its id.
-
-    Raises
-    ------
-    InputError
-        If the file is not one of that plan, or changes nothing.
-    RefusedError
-        If what is asked for cannot be flown safely.
-    """
+    """Read a changed file (`read_edit`) and keep the plan that follows as a draft (`keep_edit`); its id."""
     by, editing = author(by, str(path)), Editing(catalog, transfer_id)
     try:
         document = json.loads(read_regular(Path(path), _MOST_BYTES).decode("utf-8"))
@@ -78,13 +70,7 @@ def edit_plan(catalog: Catalog, transfer_id: str, path: str | Path, by: str) -> 
 def read_edit(
     what: str, document: Mapping[str, Any], editing: Editing, base: Base
 ) -> tuple[Edit, AirspaceLimits]:
-    """What differs from a plan in the viewpoints, boxes and clearance that a file, or a page, says.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-    """
+    """What differs from a plan in the viewpoints, boxes and clearance that a file, or a page, says."""
     count, after = len(base.viewpoints), {}
     try:
         for row in document["viewpoints"]:
@@ -126,12 +112,7 @@ def keep_edit(
 ) -> str:
     """Keep a plan as it was changed as a draft, and the change as such; the id of the draft.
 
-    Raises
-    ------
-    InputError
-        If nothing is changed.
-    RefusedError
-        If what is asked for cannot be flown safely.
+    One that changes nothing is an `InputError`, one that cannot be flown safely is refused.
     """
     words = ", ".join(filter(None, [edit.words, airspace.words, "planned again" if base.airspace else ""]))
     if not words:
@@ -156,7 +137,8 @@ def keep_edit(
     origin = f"{whose}, from {editing.transfer_id}"
     provenance = derived_from(editing.recipe, row["target_sha256"]) | {"planned_on": origin}
     provenance["siblings"] = [(one.structure_id, one.sha256) for one in editing.recipe.siblings]
-    text = edit_json(editing.to_keep(base, edit, airspace))
+    change = stored_edit(base.viewpoints, edit, airspace, base.airspace is not None)
+    text = edit_json(combined(editing.earlier, change))  # by its places, for plans made later
     # The change first: if this process is stopped now, the next night carries it over.
     catalog.add_edit(_edit_row(row, id_of(key), text, words, by.strip(), note, carried_from, "; ".join(lost)))
     catalog.add_plans([(key, draft, provenance)])
@@ -178,11 +160,9 @@ def standing_edit(catalog: Catalog, demonstration_id: str, target_id: str) -> Ro
 
 
 def carry_edits(catalog: Catalog) -> list[str]:
-    """Take the changes that people made over to newer drafts; what a person should see of it, in words.
+    """Take the changes that people made over to newer drafts of `recommended`; what a person should see.
 
-    The newest draft of `recommended` of a pair that somebody changed before is followed by one with that
-    change; where it cannot be taken over, wholly or in part, that is told and kept. To call it again changes
-    nothing.
+    What cannot be taken over is told and kept. To call it again changes nothing.
     """
     edits = catalog.edits()
     if not len(edits):

@@ -160,8 +160,8 @@ def judged_on_plan(
 ) -> tuple[Row, Cloud, AsFlown]:
     """What every flight says of itself, by the columns of `flights`, the surface it was judged on, and how.
 
-    The row is the plan's, `on` the flight on it, the scene what stood there. The camera is the flight's, else
-    the demonstration's; `photo_s` (F,), s, are the times of its photos from the first pose.
+    The row is the plan's, `on` the flight on it; `photo_s` (F,), s, are the times of its photos from the
+    first pose.
     """
     target, plan = catalog.structure(row["target_id"]), catalog.plan(row["transfer_id"])
     planned_with = catalog.demonstration(row["demonstration_id"]).camera

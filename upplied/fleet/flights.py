@@ -88,10 +88,7 @@ def fly_drafts(catalog: Catalog, keys: Iterable[str]) -> list[str]:
 def simulated_row(
     catalog: Catalog, flight_id: str, row: Row, path: Trajectory, columns: Mapping[str, Any]
 ) -> Row:
-    """The row of a simulated flight: as of one that was flown, and its log lies on its plan as it is.
-
-    `row` is the plan's, `columns` are wind, seed and measures.
-    """
+    """The row of a simulated flight of a plan (`row`), with its wind, seed and measures (`columns`)."""
     plan, target = catalog.plan(row["transfer_id"]), catalog.structure(row["target_id"])
     assert plan.trajectory is not None
     scene = scene_for(target, plan.supposed)

@@ -31,13 +31,7 @@ _PLACES = 300  # of the plan, that the ways may lead by
 
 
 def plan_gap(catalog: Catalog, start: str) -> str:
-    """Plan the flight that shows what a flight left out of what its plan shows and zones ask for; its id.
-
-    Raises
-    ------
-    RefusedError
-        If the flight left nothing out, or no safe flight shows it.
-    """
+    """Plan the flight that shows what a flight left out, of its plan and of zones; its id, or a refusal."""
     row = catalog.flight(start)
     flight_id = str(row["flight_id"])
     if not row["looks_sha256"]:

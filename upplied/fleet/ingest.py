@@ -1,8 +1,4 @@
-"""Files into the catalog: a bad one stops itself alone, an unchanged one is left as it is.
-
-What is unchanged is known by its bytes and is not parsed again. The rest is read in worker
-processes: a file that crashes a reader costs itself alone, and many are read at a time.
-"""
+"""Files into the catalog: a bad one stops itself alone, an unchanged one, by its bytes, is left as it is."""
 
 from __future__ import annotations
 
@@ -36,15 +32,11 @@ from upplied.records import Placement, Structure
 _LISTED = ("flight", "refused")  # of the files of a survey, those that may be flights
 
 
-def _silent(ingested: Ingested) -> None:
-    """Nobody watches."""
-
-
 def ingest_structures(
     catalog: Catalog,
     manifest: str | Path,
     workers: int = 0,
-    progress: Progress = _silent,
+    progress: Progress = lambda ingested: None,
     prune: bool = False,
     rules: RuleOptions | None = None,
 ) -> list[Ingested]:
@@ -79,7 +71,7 @@ def ingest_structures(
 
 
 def _added(
-    catalog: Catalog, entries: list[StructureEntry], workers: int, progress: Progress
+    catalog: Catalog, entries: list[StructureEntry], workers: int, progress: Progress = lambda ingested: None
 ) -> tuple[list[Ingested], set[str]]:
     """What became of the structures of these entries, and the ids that were known before."""
     table = catalog.create().structures()
@@ -98,7 +90,7 @@ def ingest_demonstrations(
     catalog: Catalog,
     logs: Iterable[str | Path],
     workers: int = 0,
-    progress: Progress = _silent,
+    progress: Progress = lambda ingested: None,
     options: LogOptions | None = None,
     dry_run: bool = False,
 ) -> list[Ingested]:
@@ -141,7 +133,7 @@ def ingest_demonstrations(
         if options.strict:  # flights with warnings are judged again
             table = table[table["verdict"] != "warned"]
         known = {row.demonstration_id: (row.sha256,) for row in table.itertuples()}
-        add_structures = lambda entries: _added(home, entries, workers, _silent)[0]  # noqa: E731
+        add_structures = lambda entries: _added(home, entries, workers)[0]  # noqa: E731
         entries, structures, facts = facts_of(entries, options, add_structures)
         flights = {str(one.path): one for one in entries if one.is_flight}
         places = {name: _place(home) for name in facts}
@@ -190,13 +182,7 @@ def placements_of(structures: pd.DataFrame) -> dict[str, Placement]:
 
 
 def find_logs(logs: Iterable[str | Path]) -> list[Path]:
-    """The flights that are named, or lie in the folders that are named; files that cannot be read among them.
-
-    Raises
-    ------
-    InputError
-        If a name does not exist, or there is no flight at all.
-    """
+    """The flights that are named, or lie in named folders, unreadable ones too; none is an error."""
     return [one.path for one in _surveyed(logs) if one.status in _LISTED]
 
 
@@ -221,8 +207,8 @@ _SIZES = ["size_x_m", "size_y_m", "size_z_m"]
 class _Stored:
     """What the catalog knows of its structures, by id.
 
-    The words of a row are those of its entry, and what was found on the way. Which entry gave which words is
-    noted in the cache; where that is lost, a row is as its entry says if its words begin so.
+    Which entry gave a row's words is noted in the cache; else a row is as its entry says if its words begin
+    so.
     """
 
     content: Mapping[str, tuple[str, ...]]  # hash, site and notes

@@ -1,8 +1,4 @@
-"""Files read in a worker process, and what questions will ask of them found out with them.
-
-So a structure that was just taken in is compared with thousands of others in a moment: the question
-needs neither its mesh nor the flights over the others again.
-"""
+"""Files read in a worker process, and what questions will ask of them found out with them."""
 
 from __future__ import annotations
 
@@ -54,14 +50,8 @@ def learnt_flight(
 ) -> Demonstration:
     """The demonstration of one file with its passport; what it saw is remembered.
 
-    The catalog is at `place` (location and cache), or where `places` says of this file; `facts` of single
-    files stand instead of `options`.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is a project whose structure is not known well enough, or breaks a rule that is
-        not overruled; or if its structure is not in the catalog.
+    The catalog is at `place` (location and cache), or where `places` says; `facts` of single files stand
+    for `options`. An `InputError` where the file, its passport or its structure is not good enough.
     """
     own = facts.get(str(path), options)
     if str(path) not in facts and path.is_file() and kind_of(path) in KINDS:
@@ -108,8 +98,8 @@ def facts_of(
 ) -> tuple[list[FileKind], list[Ingested], dict[str, LogOptions]]:
     """The structures of projects that name none, stored by `add`, and the facts of the flights round them.
 
-    Returns the files of the survey again (photos in the folder of such a project are part of it), what became
-    of each structure, and the facts by the file of the cameras.
+    Returns the files (photos of such a project are part of it), what became of each structure, and facts by
+    file.
     """
     projects: dict[str, Project] = {}
     for one in filter(is_project, files):

@@ -1,10 +1,6 @@
-"""The shards of a run, written beside its catalog: a machine is told where they lie, and reads its own.
+"""The shards of a run, as JSON beside its catalog, and who works on each.
 
-Beside each shard lies who works on it: an engine that gives a lost worker's work to another one does not
-say so, and the run reads it here.
-
-Parameters of a run of Prefect's are bounded (512 KiB), and the jobs of a large fleet are not. One file to a
-shard holds them as JSON; settings that several have are stored once.
+An engine that gives a lost worker's work to another one does not say so, and the run reads it here.
 """
 
 from __future__ import annotations
@@ -32,13 +28,7 @@ _SUFFIX = ".jobs"
 
 
 def write_shards(catalog: Catalog, run_id: str, shards: Sequence[Shard]) -> list[str]:
-    """Write the jobs of each shard; returns their names, as `read_shard` takes them.
-
-    Raises
-    ------
-    CatalogError
-        If the catalog's place cannot be written.
-    """
+    """Write the jobs of each shard; returns their names, as `read_shard` takes them."""
     store = _store(catalog)
     names = [f"{check_id(run_id, 'run')}/{number:05}{_SUFFIX}" for number in range(len(shards))]
     try:
@@ -50,13 +40,7 @@ def write_shards(catalog: Catalog, run_id: str, shards: Sequence[Shard]) -> list
 
 
 def read_shard(location: str, name: str) -> list[Job]:
-    """The jobs of one shard.
-
-    Raises
-    ------
-    CatalogError
-        If it is not there, or is not what was written.
-    """
+    """The jobs of one shard; one that is not there, or is not what was written, is an error."""
     run_id, _, number = name.partition("/")
     check_id(run_id, "run")
     check_id(number.removesuffix(_SUFFIX), "shard")
@@ -64,8 +48,7 @@ def read_shard(location: str, name: str) -> list[Job]:
     try:
         plain = json.loads(store.read(name))
         settings = {sha256: settings_of(text) for sha256, text in plain["settings"].items()}
-        jobs = [{key: tuples(value) for key, value in job.items()} for job in plain["jobs"]]
-        return [Job(**{**job, "settings": settings[job["settings"]]}) for job in jobs]
+        return [Job(**{**job, "settings": settings[job["settings"]]}) for job in tuples(plain["jobs"])]
     except (OSError, pa.ArrowException, KeyError, TypeError, ValueError) as error:
         raise CatalogError(store.path(name), f"cannot be read: {error}") from None
 

@@ -1,8 +1,6 @@
 """A structure against the others of its kind: its size, its unit, the way it stands, and its form.
 
-What no file tells of itself, its like tell: an airliner a thousand times as large as every other is in
-millimetres, one that fits the others only on its side has another axis up. Shapes are compared by
-their features (`upplied.recommend.features`), free of scale; nothing is registered.
+Shapes are compared by their features (`upplied.recommend.features`), free of scale; nothing is registered.
 """
 
 from __future__ import annotations
@@ -63,9 +61,8 @@ def judged(
 ) -> tuple[Verdict, ...]:
     """The rules that a structure breaks among others of its kind and of other kinds, itself not among them.
 
-    `axes` are the file's that were declared up and forward, for the words of a remedy; of one that is
-    `symmetric` no heading can be told; of one that is `sized` the real size was declared, and is asked
-    elsewhere.
+    `axes` are the file's declared up and forward; a `symmetric` one has no heading; of a `sized` one the
+    size was declared.
     """
     kin = [other for other in others if other.kind == new.kind]
     if not kin:
@@ -107,10 +104,7 @@ def _size(new: Member, kin: Sequence[Member], unlike: Floats, bounds: StructureS
 
 
 def _confirmed(new: Member, kin: Sequence[Member], unlike: Floats, bounds: StructureSettings) -> bool:
-    """Whether another of its kind is of its form, and of its size: of a mixed kind nothing else tells.
-
-    Where the sizes of a kind span less than a foot and a metre differ, one in another unit is beyond them.
-    """
+    """Whether another of its kind has its form and size, or all sizes differ by less than two units."""
     sizes = np.array([one.size_m for one in kin])
     if len(kin) > 1 and sizes.max() / sizes.min() < _MIXED:
         return True

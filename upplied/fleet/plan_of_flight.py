@@ -43,12 +43,7 @@ class Laid:
 def plan_of_flight(catalog: Catalog, log: str, transfer_id: str, options: LogOptions) -> Laid:
     """Read a log and lay it on the plan that was flown.
 
-    Raises
-    ------
-    InputError
-        If the log cannot be read, or is of another structure than the plan that is named.
-    RefusedError
-        If it lies on no plan, on another one than is named, or is what was planned or simulated.
+    Refused where it lies on none, on another than is named, or is what was planned or simulated.
     """
     laid = _laid(catalog, log, transfer_id, options)
     _check_mission(catalog, log, laid)
@@ -147,10 +142,7 @@ def _best(catalog: Catalog, log: str, tried: list[tuple[Row, Demonstration]]) ->
 
 
 def _plans(catalog: Catalog, flown: Demonstration) -> list[Row]:
-    """The plans of a structure that a flight may be of.
-
-    Those in force now or when it was flown, else the newest; none that was made after it.
-    """
+    """Plans of a structure, in force now or when it was flown, else newest; made before the flight."""
     moment = moment_of(int(flown.t_ns[0]))
     structure = flown.structure_id
     force = catalog.in_force(structure=structure)

@@ -118,10 +118,7 @@ def without_path(job: Job, status: str, reason: str) -> Plan:
 
 
 class Recent:
-    """A memo before another: what it holds, such as what all targets of a source need, is not read again.
-
-    It holds arrays of `max_bytes`; the records unused for longest go first.
-    """
+    """A memo before another, of at most `max_bytes`: what all targets of a source need is read once."""
 
     def __init__(self, memo: Memo, max_bytes: int = 128 << 20) -> None:
         self._memo, self._max_bytes = memo, max_bytes
@@ -155,13 +152,8 @@ def required_surface(
 ) -> tuple[RequiredSurface | None, tuple[str, ...]]:
     """What plans of a structure are to show first, and the zones that cannot be planned for, in words.
 
-    The zones are named as `required.zones` of the settings has it (empty: none); the memo remembers how
-    structures correspond, for zones that are carried.
-
-    Raises
-    ------
-    CatalogError
-        If zones of that name are not known.
+    The zones are named as `required.zones` of the settings has it (empty: none); unknown ones are a
+    `CatalogError`.
     """
     if not name:
         return None, ()

@@ -33,24 +33,11 @@ RULES = {
 def promote_flight(
     catalog: Catalog, start: str, by: str, name: str = "", force: Collection[str] = ()
 ) -> Demonstration:
-    """Keep a flight as a demonstration of the structure that it was flown round.
+    """Keep a flight, by how its id begins, as a demonstration of the structure that it was flown round.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    start : str
-        How the flight's id begins.
-    by : str
-        Who says that it is good.
-    name : str
-        Of the demonstration; empty: that of the plan's, the structure and the day.
-    force : collection of str
-        Rules that are overruled, of `RULES`; the demonstration's notes say so.
-
-    Raises
-    ------
-    RefusedError
-        If the flight breaks a rule that is not overruled, or there is a demonstration of that name.
+    `by` says that it is good; `force` names `RULES` that are overruled, which its notes say. Refused where
+    another is broken, or there is a demonstration of that `name` (empty: the plan's, the structure and the
+    day).
     """
     if unknown := sorted(set(force) - set(RULES)):
         raise SettingsError(f"rule {unknown[0]!r}", "is unknown", f"one of {', '.join(RULES)}")

@@ -45,10 +45,7 @@ def each(
     workers: int,
     same: Callable[[Item], Ingested | None] = lambda item: None,
 ) -> Iterator[tuple[str, Read | Ingested | str]]:
-    """Name and record of each file, in order; where there is no record, the reason.
-
-    A file that is the `same` as before is not read; whatever hinders that look, the reader tells.
-    """
+    """Name and record of each file, in order, or why there is none; one that is the `same` is not read."""
     count = max(1, min(workers or cores(), len(items)))
     with Workers(count) as pool, ThreadPoolExecutor(count) as threads:
 

@@ -1,8 +1,7 @@
 """Plans in force whose structure changed, judged again on it; what is not safe is recalled.
 
-Safe means the rules of the gate that concern the place: clearance, keep-out boxes, fence, ceiling, ground. A
-plan that cannot be judged is not known to be safe. What it shows of the changed structure is measured as
-well and told; a plan that shows less stays in force, since only a person knows whether that is enough.
+Safe means the gate's rules of the place; what cannot be judged is not safe. A plan that shows less than
+before stays in force and is told: only a person knows whether that is enough.
 """
 
 from __future__ import annotations
@@ -43,10 +42,7 @@ class Rechecked:
 
 
 def recheck(catalog: Catalog, limits: Limits | None = None) -> list[Rechecked]:
-    """Judge every plan in force whose structure changed since it was last judged; decisions are kept.
-
-    The limits are the time and memory of judging one plan.
-    """
+    """Judge every plan in force whose structure changed since it was last judged; decisions are kept."""
     force = catalog.in_force()
     changed = force[force["target_changed"]] if len(force) else force
     if not len(changed):
@@ -85,9 +81,8 @@ def _judged(workers: Workers, location: str, row: Row) -> Rechecked:
 def judge_again(location: str, transfer_id: str) -> tuple[list[str], float | str, str]:
     """In a worker: the rules that a plan breaks at its structure as it now is, and what it shows there.
 
-    Returns the broken rules in words; the share of what was inspected that is shown as well, %, or why
-    that cannot be measured; and the hash of what of the structure was never scanned, which is kept: that of
-    the structure as it was where it is not found out anew.
+    Returns these in words; the share of what was inspected that is shown, %, or why that cannot be
+    measured; and the hash of what of the structure was never scanned.
     """
     catalog = open_catalog(location)
     basis = recipe(catalog, transfer_id)

@@ -1,7 +1,6 @@
 """One run over the fleet: jobs in shards, shards to guarded workers, outcomes to the catalog.
 
-From a task of an engine to a plan it is three calls: `Run.plan` of a shard, `Workers.run` of a job, and
-`plan_job` in the worker process.
+Three calls: `Run.plan` of a shard, `Workers.run` of a job, and `plan_job` in the worker process.
 """
 
 from __future__ import annotations
@@ -159,13 +158,7 @@ def _beside(location: str, limits: Limits) -> Workers:
 
 
 def attempt(workers: Workers, job: Job, plan: PlanJob = plan_job) -> Outcome:
-    """Plan one job and wait for it; whatever happens to it, an outcome comes back.
-
-    Raises
-    ------
-    WorkersClosed
-        If the workers were closed meanwhile.
-    """
+    """Plan one job and wait for it; whatever happens, an outcome comes back, unless workers are closed."""
     began = time.monotonic()
     try:
         return workers.run(plan, job)
@@ -211,10 +204,7 @@ EVERY_S = 10.0  # a killed run loses no more than this much work
 
 
 class Keeper:
-    """Collects outcomes from any thread and commits them together.
-
-    With every row stand the run, and the engine with the name of its worker (``dask:10.0.0.7:40123``).
-    """
+    """Collects outcomes from any thread and commits them together, with the run and the engine's worker."""
 
     def __init__(self, catalog: Catalog, run_id: str, engine: str = "local") -> None:
         self._catalog, self._run_id, self._engine = catalog, run_id, engine

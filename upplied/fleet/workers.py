@@ -1,8 +1,8 @@
 """Processes that outlive what runs in them: a hang, a native crash or a full memory costs one job.
 
-The processes are those of `pebble`, one pool of a single process to a worker: it tells which job a process
-had begun when it died, and stops one past its time. Around it stands what our jobs need: one thread each,
-an address space of their own size, nothing of the caller's script, and an end with the parent.
+One pool of `pebble`'s of a single process to a worker: of several, a killed process may hold the lock of
+all. Around it stands what our jobs need: one thread each, an address space of their own size, and an end
+with the parent.
 """
 
 from __future__ import annotations
@@ -151,8 +151,7 @@ class _Worker:
                 self._stop()  # it died while it had nothing to do
                 continue
             try:
-                value: Value = self._job.result()
-                return value
+                return self._job.result()
             except BrokenProcessPool:
                 self._stop()  # it died before it began this job, which is not the culprit
             except ProcessExpired as death:
@@ -215,9 +214,8 @@ class _Context(context.SpawnContext):
 def _bare_child() -> Iterator[None]:
     """What a child that is started within inherits: one thread a library, and not the caller's script.
 
-    Libraries read the environment while they load. A spawned process would run the main script again, of
-    which our jobs need nothing. A worker of Dask is a daemon, which multiprocessing forbids children; ours
-    end with their parent by themselves.
+    Libraries read the environment while they load. A worker of Dask is a daemon, which multiprocessing
+    forbids children; ours end with their parent by themselves.
     """
     with _environment:
         before = {name: os.environ.pop(name, None) for name in ONE_THREAD}

@@ -46,10 +46,7 @@ class Zone:
 def missed_zones(
     catalog: Catalog, row: Row, target: Structure, camera: Camera
 ) -> tuple[list[Zone], tuple[str, ...]]:
-    """The zones of a structure that a flight (its row), and all that were really flown, did not show.
-
-    Returns what is missing, and the zones that name no surface here, in words.
-    """
+    """What of zones a flight (its row) and all others did not show; and zones without surface, in words."""
     asking = _asking(catalog, row, target, camera)
     if asking is None:
         return [], ()

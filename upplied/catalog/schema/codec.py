@@ -1,8 +1,7 @@
-"""Any record of arrays and scalars as one Parquet file, and back.
+"""Any record of arrays and scalars as a Parquet file of one row, and back.
 
-One row. Each array is a column: numbers as a list, truth values as packed bits, with the shape in
-the field's metadata. What is not an array stands as JSON in the file's metadata, beside the hash of
-the whole content, so that a changed byte is noticed.
+Each array is a column, with its shape in the field's metadata; the rest is JSON in the file's metadata,
+beside the hash of the whole content.
 """
 
 from __future__ import annotations
@@ -64,13 +63,7 @@ def is_as_written(content: bytes) -> bool:
 
 
 def decode(content: bytes, record_type: type[R], sha256: str | None = None, name: str = "") -> R:
-    """The record of bytes from `encode`, with the hash (`sha256_of`) and the name that these must have.
-
-    Raises
-    ------
-    CatalogError
-        If the bytes are not such a file, are damaged, or hold another record or type of record.
-    """
+    """The record of bytes from `encode`, of this hash and name; all else is a `CatalogError`."""
     try:
         with pq.ParquetFile(pa.BufferReader(content)) as file:
             table = file.read(use_threads=False)

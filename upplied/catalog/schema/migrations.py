@@ -42,14 +42,7 @@ def missing(table: Table, names: Collection[str]) -> list[str]:
 
 
 def upgraded(table: Table, rows: pa.Table) -> pa.Table:
-    """Rows of this or an earlier schema, with the columns that they lacked.
-
-    Parameters
-    ----------
-    table : Table
-    rows : Table
-        In some of the declared columns, null where an older program did not know them.
-    """
+    """Rows of this or an earlier schema, null where a program knew no such column, with what they lacked."""
     for at, field in enumerate(rows.schema):
         column = rows.column(at)
         if not column.null_count:

@@ -52,19 +52,9 @@ def transfer_id(key: str) -> str:
 def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
     """The row of `transfers`, without the commit that adds it.
 
-    Parameters
-    ----------
-    key : str
-        Hash of everything the plan depends on.
-    plan : Plan
-    provenance : mapping
-        Any of `PROVENANCE`. `settings` is the `Settings` used (those of the preset where it is not
-        said), `planned_at` an aware datetime (now where it is not said), `siblings` their ids and hashes.
-
-    Raises
-    ------
-    CatalogError
-        If the provenance has a name that is not kept.
+    `key` is the hash of all that the plan depends on. The provenance has any of `PROVENANCE`: `settings`
+    (else those of the preset), `planned_at` (else now), `siblings` by id and hash; another name is a
+    `CatalogError`.
     """
     unknown = sorted(set(provenance) - set(PROVENANCE))
     if unknown:
@@ -116,6 +106,7 @@ def waypoint_table(plans: Mapping[str, Plan]) -> pa.Table:
 def plan_of(row: Row, waypoints: pa.Table) -> Plan:
     """The plan of a row and its waypoints in order, without the states of the surface."""
     planned, texts = row["n_waypoints"] > 0, Row((name, row[name] or "") for name in _TEXTS)
+    counterparts = json.loads(row["counterparts"] or "[]")  # null in rows of before there was such a column
     return Plan(
         **texts,
         trajectory=trajectory_of(waypoints) if planned else None,
@@ -123,20 +114,16 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
         added=added_of(waypoints) if planned else None,
         registration=_registration_of(row["registration_json"]),
         measures=Measures(**{item.name: _number(row[item.name]) for item in fields(Measures)}),
-        counterparts=_counterparts(row["counterparts"]),
+        counterparts=tuple(Counterpart(**_known(Counterpart, tuples(one))) for one in counterparts),
         warnings=tuple(json.loads(row["warnings"] or "[]")),
         flyable=bool(row["flyable"]),
     )
 
 
-def _counterparts(text: str | None) -> tuple[Counterpart, ...]:
-    """What a row keeps of the inspected parts; none in rows of before there was such a column."""
-    rows = [_known(Counterpart, one) for one in json.loads(text or "[]")]
-    return tuple(Counterpart(**{name: tuples(value) for name, value in one.items()}) for one in rows)
-
-
 def tuples(value: Any) -> Any:
     """A value of JSON with tuples for its lists."""
+    if isinstance(value, dict):
+        return {name: tuples(item) for name, item in value.items()}
     return tuple(map(tuples, value)) if isinstance(value, list) else value
 
 

@@ -176,8 +176,7 @@ def table_of(table: Table, rows: list[Row]) -> pa.Table:
 
 def rows_of(table: pa.Table) -> list[Row]:
     """An Arrow table as rows."""
-    rows: list[Row] = table.to_pylist()
-    return rows
+    return table.to_pylist()
 
 
 def says_same(table: Table, stored: Row, given: Row) -> bool:

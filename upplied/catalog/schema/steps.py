@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from upplied.catalog.schema.tables import TABLES, Table
+from upplied.errors import CatalogError
 from upplied.records import Bools, Demonstration, Floats, Ints, Photos, Trajectory
 
 _POSITION = ("x_m", "y_m", "z_m")
@@ -23,9 +24,9 @@ def step_table(
     paths: Sequence[tuple[str, Trajectory | Demonstration]],
     columns: Mapping[str, Sequence[Any]],
 ) -> pa.Table:
-    """Rows of a table of steps without their commit: paths, each with the id of its owner, and more columns.
+    """Rows of a table of steps without their commit: paths with their owners' ids, and more columns of each.
 
-    Of those there is an array for each path. Fields of view are those of a camera that zooms, else null.
+    Fields of view are those of a camera that zooms, else null.
     """
     if not paths:
         return table.schema.empty_table()
@@ -108,9 +109,8 @@ def _sha256_of(parts: Sequence[Any]) -> str:
 def unlike(
     name: str, steps: pa.Table, stated: Mapping[tuple[str, str], tuple[int, str]]
 ) -> Iterator[tuple[str, str]]:
-    """Owners whose steps are not those that their rows say, each with what is wrong, in words.
+    """Owners whose ordered steps (`poses` or `waypoints`) are not those their rows say, and what is wrong.
 
-    The steps (`poses` or `waypoints`) are ordered by owner and sequence, of each owner all that are stored;
     `stated` is how many the row of each owner (id and commit) says, and their hash.
     """
     key = TABLES[name].names[0]
@@ -150,6 +150,14 @@ def unlike(
             more = None if added is None else _if_any(added[own])
             if _sha256_of([*poses, zoom, more]) != stated[owner][1]:
                 yield owner[0], "the steps do not match the hash in their row"
+
+
+def checked(name: str, steps: pa.Table, stated: Mapping[tuple[str, str], tuple[int, str]]) -> pa.Table:
+    """Ordered steps; where they are `unlike` what the rows of their owners say, an error."""
+    for owner, wrong in unlike(name, steps, stated):
+        remedy = "take the damaged files (upplied catalog verify) from a backup; nothing was written"
+        raise CatalogError(f"{name} of {owner}", wrong, "", remedy)
+    return steps
 
 
 def run_starts(rows: pa.Table, names: tuple[str, ...]) -> Ints:

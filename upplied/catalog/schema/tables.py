@@ -1,11 +1,7 @@
 """The tables of the catalog, declared once in ``tables.csv`` and ``columns.csv``: key, type, unit, meaning.
 
-The stored tables, the published Parquet, the checks of `verify` and the data dictionary
-``catalog/README.md`` all follow from there. `dictionary` writes it. A row without a type is the column of
-that name as the last table above has it.
-
-Columns may be added, and older catalogs then read as missing values; how older programs fare, and when the
-schema version is raised, is told in `upplied.catalog.schema.migrations`.
+Stored tables, published Parquet, checks and data dictionary follow from there. A row without a type is the
+column of that name as the last table above has it. Columns may be added: see `migrations`.
 """
 
 from __future__ import annotations

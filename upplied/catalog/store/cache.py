@@ -1,8 +1,7 @@
 """The memo: any record of arrays and scalars as one Parquet file, found by stage and key.
 
-The caller puts everything a result depends on into the key: input bytes, parameters and the version
-of the algorithm. A file carries its stage and key and the hash of its content; one that does not match
-is not believed but computed again. Losing the cache loses time, nothing else.
+The key holds all that a result depends on. A file that does not match its stage, key and hash is computed
+again; losing the cache loses time, nothing else.
 """
 
 from __future__ import annotations
@@ -45,10 +44,7 @@ class Cache:
         return record
 
     def get(self, stage: str, record_type: type[R], key: str, nameless: bool = False) -> R | None:
-        """The remembered record, or None where there is none that can be believed.
-
-        One that is `nameless` was written by version 0.1.0, which kept no key with it.
-        """
+        """The remembered record; None where none can be believed. Version 0.1.0 wrote `nameless` ones."""
         path = self.path(stage, key)
         try:
             content = path.read_bytes()

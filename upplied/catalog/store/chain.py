@@ -1,9 +1,8 @@
 """Rows with their hashes: each of its own content and, in the tables of one place, of the row before it.
 
-A hash is of the names and values of all fields, the same on every machine. A field that is null or an empty
-text has no part in it: columns that came later leave older hashes as they are. Numbers count by their bits.
-Who knows the hash of the last row (`head_of`) can tell later that no row before it was changed, taken away or
-put in: it is printed where people keep it.
+Fields by name and value, the same on every machine; null and empty ones count for nothing, so columns that
+came later leave older hashes as they are. Who noted the last hash (`head_of`) can tell that no row was
+changed since.
 """
 
 from __future__ import annotations
@@ -23,10 +22,7 @@ _ROWS = 4096  # hashed at a time: a row of plans takes kilobytes
 
 
 def sealed(rows: pa.Table, stored: pa.Table | None) -> pa.Table:
-    """Rows that are about to be committed, complete but for their hashes, with these.
-
-    `stored` are all that are there, where rows follow each other.
-    """
+    """Rows about to be committed, with their hashes; `stored` are all, where rows follow each other."""
     if _HASH not in rows.column_names:
         return rows
     hashes = content_hashes(rows)
@@ -39,10 +35,7 @@ def sealed(rows: pa.Table, stored: pa.Table | None) -> pa.Table:
 
 
 def head_of(stored: pa.Table) -> str:
-    """The hash that the next row follows; empty where there is no row.
-
-    Rows of before there were hashes count as one: by the hash of all of theirs.
-    """
+    """The hash that the next row follows; empty without rows. Rows without hashes count as one."""
     followed = set(stored[_BEFORE].to_pylist())
     hashes = zip(stored[_HASH].to_pylist(), stored["commit_version"].to_pylist(), strict=True)
     last = [(version, name) for name, version in hashes if name and name not in followed]
@@ -56,10 +49,7 @@ def _root_of(stored: pa.Table) -> str:
 
 
 def breaks(table: Table, parts: Iterable[pa.Table]) -> Iterator[tuple[str, str]]:
-    """Rows that are not those that were written, or do not follow each other: which, and what is wrong.
-
-    `parts` are all rows with all their columns, some at a time.
-    """
+    """Rows, some at a time, that are not as written or do not follow each other: which, and what is wrong."""
     chain: list[pa.Table] = []
     for part in parts:
         yield from changed_rows(table, part)
@@ -122,8 +112,7 @@ def _texts(rows: pa.Table) -> list[bytes]:
     if not parts:
         return [b""] * len(rows)
     joined = pc.binary_join_element_wise(*parts, pa.scalar("\n", _TEXT), null_handling="skip")
-    texts: list[bytes] = joined.cast(pa.large_binary()).to_pylist()
-    return texts
+    return joined.cast(pa.large_binary()).to_pylist()
 
 
 def _text(values: pa.Array) -> pa.Array:

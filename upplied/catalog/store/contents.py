@@ -11,10 +11,9 @@ from functools import lru_cache
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
-import pyarrow as pa
 
 from upplied.catalog.schema.codec import decode, encode, sha256_of
-from upplied.catalog.store.files import FileStore, remedy_of
+from upplied.catalog.store.files import FileStore, explained
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import (
     Bools,
@@ -173,25 +172,20 @@ class ContentStore(Generic[R]):
         sha256 = sha256_of(record)
         if sha256 in self._stored:
             return sha256
-        try:
-            if not self.files.touched(file_name(sha256)):
-                self.files.write(file_name(sha256), encode(record))
-        except (OSError, pa.ArrowException) as error:
-            remedy = "free space, or ask for the right to write there; nothing was changed"
-            raise CatalogError(self.path(sha256), f"cannot be written: {error}", "", remedy) from None
+        name, path = file_name(sha256), self.path(sha256)
+        if not explained(path, lambda: self.files.touched(name), doing="written"):
+            explained(path, lambda: self.files.write(name, encode(record)), doing="written")
         self._stored.add(sha256)
         return sha256
 
     def get(self, sha256: str) -> R:
         """The record of a hash; one that is not there, or is damaged, is an error."""
         path = self.path(sha256)
+        content = explained(path, lambda: self.files.read(file_name(sha256)), doing="read")
         try:
-            record: R = decode(self.files.read(file_name(sha256)), self.about.record_type, sha256)
-        except (OSError, pa.ArrowException) as error:
-            raise CatalogError(path, f"cannot be read: {error}", "", remedy_of(path, str(error))) from None
+            return decode(content, self.about.record_type, sha256)
         except CatalogError:
             raise CatalogError(path, "is damaged", "", self.about.remedy) from None
-        return record
 
     def path(self, sha256: str) -> str:
         """Where a record lies."""

@@ -1,7 +1,4 @@
-"""Data files of tables: written here and not by delta-rs, on the disk before a commit names them.
-
-(An error of the disk comes back as an error; delta-rs 1.6 prints a panic besides.)
-"""
+"""Data files, written here (delta-rs panics on a full disk) before a commit names them."""
 
 from __future__ import annotations
 
@@ -39,10 +36,9 @@ def new_file(files: FileStore, rows: pa.Table, sought: Sequence[str]) -> AddActi
 
 
 def statistics(rows: pa.Table) -> str:
-    """What readers may skip a file by: the range of each column, and its nulls.
+    """What readers may skip a file by: the range of each column, and its nulls; long texts have no range.
 
-    Long texts have no range; moments are stated to the millisecond, so theirs is a little wider. A column
-    that is filtered by must have one (ids are short enough): pyarrow takes a missing range for nulls.
+    A column that is filtered by must have one: pyarrow takes a missing range for nulls.
     """
     low, high = {}, {}
     for name in rows.column_names:
@@ -59,10 +55,7 @@ def statistics(rows: pa.Table) -> str:
 
 
 def encoded(rows: pa.Table) -> pa.Table:
-    """Rows with their texts as dictionaries, but for those that name a row each.
-
-    Copied: a column as it was read keeps ten times its bytes in memory, those it was decoded in.
-    """
+    """Rows with repeated texts as dictionaries; copied, since columns as read keep ten times their bytes."""
     for at, field in enumerate(rows.schema):
         if pa.types.is_string(field.type) and field.name not in _NAMES:
             rows = rows.set_column(at, field.name, rows.column(at).dictionary_encode())

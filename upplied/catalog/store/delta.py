@@ -1,7 +1,4 @@
-"""One Delta table: whole commits or none, many writers, and readers that see one moment.
-
-Rows are only ever appended, so writers never contradict each other.
-"""
+"""One Delta table: whole commits of rows, only appended, many writers, and readers that see one moment."""
 
 from __future__ import annotations
 
@@ -45,10 +42,7 @@ class StoredTable(OpenTable):
     def dataset(
         self, version: int | None = None, commits: Collection[str] | None = None
     ) -> ds.Dataset | None:
-        """The rows as of the newest commit, or of an older version; None where nothing was committed.
-
-        Where only some `commits` are asked for, rows of others may be left out.
-        """
+        """The rows of a version, else the newest; None without any. Of `commits` alone, others may lack."""
         if version is not None:
             return self._older(version)
         with self._lock:
@@ -144,8 +138,8 @@ class StoredTable(OpenTable):
     def named(self, names: pa.Array) -> pa.Array:
         """Those of some names of rows, of the first column, that are stored; each data file is read once.
 
-        (A dataset states the range of every column of every file, which costs more than all the rest where a
-        table is written: names of plans are hashes, so that no file is spared by its range.)
+        (A dataset states the range of every column of every file, which costs more than all the rest of a
+        commit.)
         """
         with self._lock:
             delta = self._refreshed()
@@ -161,10 +155,7 @@ class StoredTable(OpenTable):
             return parquet.read(self.declared.names[:1], use_threads=False)[0]
 
     def append(self, rows: pa.Table) -> int:
-        """Commit rows, all or none; returns the version that has them when they are there to stay.
-
-        Where the table has the columns, they get the number of their commit and its time.
-        """
+        """Commit rows, numbered and timed, all or none; returns the version that has them, there to stay."""
         if not self._columns_added:
             self._insist(self._ready)
             self._columns_added = True
@@ -183,8 +174,8 @@ class StoredTable(OpenTable):
     def _append_next(self, rows: pa.Table) -> int:
         """Commit rows as the next in order; where another writer was faster, they are numbered anew.
 
-        All who number rows advance one transaction of the table, its time in microseconds, so that of
-        two who took the same number one fails.
+        All writers advance one transaction of the table, its time in microseconds: of two with one number
+        one fails.
         """
         with self._lock:
             delta = self._refreshed()
@@ -227,18 +218,11 @@ class StoredTable(OpenTable):
         return hashes if pc.any(pc.greater(hashes[0], "")).as_py() else self._complete(rows.to_table())
 
     def rows_of(self, delta: DeltaTable) -> ds.Dataset:
-        """The rows of one version, read by pyarrow itself.
-
-        Through delta-rs's own file system one process in seven aborted at its exit, since pyarrow's
-        threads may outlive the interpreter that it calls back into.
-        """
+        """The rows of a version; with delta-rs's own file system one process in seven aborted at its exit."""
         return delta.to_pyarrow_dataset(filesystem=self._files.filesystem())
 
     def rows_in(self, delta: DeltaTable, names: list[str]) -> ds.Dataset:
-        """The rows of some data files of a version, a newer program's columns among them.
-
-        (The dataset of all files states the range of every column of every file, which costs far more.)
-        """
+        """The rows of some data files of a version, without the ranges that a whole dataset costs."""
         return ds.dataset(names, pa.schema(delta.schema().to_arrow()), "parquet", self._files.filesystem())
 
     def _older(self, version: int) -> ds.Dataset | None:

@@ -24,10 +24,7 @@ _CONTENT = "upplied.content"  # property of a table that stands for a file
 
 
 class FileStore:
-    """Files under one root that are written once and then only read.
-
-    The root is a folder, or the URI of an object store, whose credentials come from the environment.
-    """
+    """Files under one root, a folder or an object store's URI, that are written once and then only read."""
 
     def __init__(self, root: str) -> None:
         self.root = root.rstrip("/")
@@ -103,8 +100,8 @@ class FileStore:
     def _first(self, name: str, content: bytes) -> bytes:
         """What the first of several who create a file in an object store would write.
 
-        Pyarrow always replaces what is there. Delta-rs puts the first entry of a log on condition that there
-        is none: who makes a table that holds the content has made the file, and the others read it there.
+        Pyarrow always replaces what is there; delta-rs puts the first entry of a log on condition that
+        there is none.
         """
         uri = self.path(name + _FIRST)
         try:
@@ -135,11 +132,7 @@ class FileStore:
 
 
 def replace_file(path: Path, content: bytes, lasting: bool = True) -> None:
-    """Write a file so that readers see the old bytes or the new ones, never a part.
-
-    The bytes go to a hidden file beside it, to the disk, and then under the name in one step. Where it
-    need not be `lasting`, nobody waits for the disk; after a power cut the file may then be empty.
-    """
+    """Write a file; readers see the old bytes or the new. Unless `lasting`, a power cut may empty it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.draft")
     try:
@@ -198,8 +191,8 @@ T = TypeVar("T")
 _SETTINGS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_REGION")
 
 
-def explained(what: str, act: Callable[[], T], *passed: type[Exception]) -> T:
-    """Do it; what the storage raises becomes an error that people read."""
+def explained(what: str, act: Callable[[], T], *passed: type[Exception], doing: str = "") -> T:
+    """Do it; what the storage raises becomes an error that people read, of what it was `doing`."""
     try:
         return act()
     except passed:
@@ -209,7 +202,8 @@ def explained(what: str, act: Callable[[], T], *passed: type[Exception]) -> T:
     except SchemaMismatchError as error:
         raise CatalogError(what, f"has other columns: {_brief(error)}", "", "use a newer version") from None
     except (DeltaError, OSError, pa.ArrowException) as error:
-        raise CatalogError(what, _brief(error), "", remedy_of(what, str(error))) from None
+        fault = f"cannot be {doing}: {_brief(error)}" if doing else _brief(error)
+        raise CatalogError(what, fault, "", remedy_of(what, str(error))) from None
 
 
 def _brief(error: Exception) -> str:

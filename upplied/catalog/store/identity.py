@@ -1,8 +1,7 @@
 """What tells that a place is a catalog, which one, and how far its tables had come.
 
-``catalog.json`` beside the tables holds the name that was drawn when the catalog was made, and its own hash.
-``heads/`` holds a file ``<table>-<version>`` for the newest commit of each table that somebody saw, with the
-hash of its entry: a log that ends before it has lost its newest entries.
+``catalog.json`` holds the name that was drawn when it was made; ``heads/<table>-<version>`` the newest
+commit that somebody saw, with the hash of its entry: a log that ends before it has lost its newest entries.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from datetime import UTC, datetime, timedelta
 
 import pyarrow as pa
 
-from upplied.catalog.store.files import FileStore, remedy_of
+from upplied.catalog.store.files import FileStore, explained, remedy_of
 from upplied.errors import CatalogError
 
 _FILE = "catalog.json"
@@ -29,10 +28,7 @@ _ASKED_AGAIN_S = 600.0  # an object store: each look costs two requests
 
 
 class Identity:
-    """Whether a catalog is at a place, a folder or object-store URI, and which one.
-
-    Catalogs of version 0.1.0 have no identity, and are known by one of their `tables`.
-    """
+    """Which catalog is at a place; one of version 0.1.0 has no identity, and is known by its `tables`."""
 
     def __init__(self, root: str, tables: Sequence[str]) -> None:
         self.files = FileStore(root)
@@ -60,11 +56,8 @@ class Identity:
         """The name of the catalog, which is drawn now where there is none."""
         if not self.id:
             about = {"format": _FORMAT, "id": uuid.uuid4().hex, "made_at": datetime.now(UTC).isoformat()}
-            try:
-                self.files.create(_FILE, _text(about).encode())
-            except _TRIED as error:
-                remedy = "free space, or ask for the right to write there; nothing was changed"
-                raise CatalogError(self.files.root, f"cannot be written: {error}", "", remedy) from None
+            content = _text(about).encode()
+            explained(self.files.root, lambda: self.files.create(_FILE, content), doing="written")
             self._id = self._read()
         return self._id or ""
 
@@ -137,11 +130,7 @@ class Heads:
 
 
 class Clock:
-    """What time it is at the root of a catalog, whatever the clock of this machine says.
-
-    Machines that fill one catalog disagree about the time. The place itself does not: a file that is
-    written there is stamped by one clock, that of the disk's machine or of the object store.
-    """
+    """The time at the root of a catalog, by the stamps of files written there: machines disagree."""
 
     def __init__(self, root: str) -> None:
         self._files = FileStore(f"{root.rstrip('/')}/heads")

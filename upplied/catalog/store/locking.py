@@ -16,10 +16,7 @@ _TURN_S = 5.0  # of a writer that holds its turn for longer nobody waits: it was
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock; it ends with the process that holds it, however that ends.
-
-    Where there are no locks (Windows, some disks) it counts as held: generations still tell which is newer.
-    """
+    """Hold the folder's lock until the process ends or leaves; where there are no locks it counts as held."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / ".lock").touch()
@@ -36,9 +33,9 @@ def locked(folder: Path) -> Iterator[None]:
 def turn(path: Path) -> Iterator[None]:
     """Wait for the others who do the same, for some seconds at most; a courtesy, which nothing depends on.
 
-    Nobody overtakes: the first who waits holds a second lock until it has the first, and whoever comes back
-    for another turn needs that second lock too. The kernel wakes them, so that a loaded machine, on which a
-    look now and then would mostly find the turn taken, makes nobody wait longer than the others work.
+    Nobody overtakes: the first who waits holds a second lock, which whoever comes back for another turn
+    needs too. The kernel wakes them: looks now and then would mostly find the turn taken on a loaded
+    machine.
     """
     with _waited(_TURN_S, path.with_suffix(".next"), path):
         yield
@@ -46,10 +43,10 @@ def turn(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _waited(patience_s: float, *paths: Path) -> Iterator[bool]:
-    """Wait for the last of some locks, each of which is held until the next one is; whether it is held.
+    """Wait for the last of some locks, each held until the next one is; whether it is held.
 
-    A thread waits in the kernel, which knows no patience; whoever gives up leaves it behind, and it lets the
-    next one in as soon as it would have had its turn.
+    A thread waits in the kernel, which knows no patience; whoever gives up leaves it behind to pass the
+    lock on.
     """
     handles, closing = list[int](), threading.Lock()
     ended, left = threading.Event(), threading.Event()

@@ -1,7 +1,6 @@
-"""Hashes of the entries of a table's log: each entry states those that no entry before it states.
+"""Hashes of a log's entries: each entry states those that none before it states, the newest `identity.Heads`.
 
-The newest ones are stated beside the log (`identity.Heads`). Two writers may commit on the same version; the
-next one then states both. Checkpoints count as entries.
+Of two writers who commit on the same version the next one states both. Checkpoints count as entries.
 """
 
 from __future__ import annotations
@@ -65,10 +64,7 @@ def rows_added(log: FileStore) -> int:
 
 
 def changed_entries(log: FileStore, newest: str) -> Iterator[tuple[str, str]]:
-    """Entries that are not as they were stated, each with what is wrong, in words.
-
-    `newest` is what is stated beside the log of its newest entries, as JSON; empty where nothing is.
-    """
+    """Entries that are not as stated, and what is wrong; `newest` is what stands beside the log, as JSON."""
     contents = {name: log.read(name) for name in log.names() if _NAME.fullmatch(name)}
     stated: list[tuple[str, str]] = []
     try:

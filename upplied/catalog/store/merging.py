@@ -1,7 +1,6 @@
-"""Small data files into large ones, with the rows that are asked for together lying together.
+"""Small data files into large ones, ordered so that what is read together lies together.
 
-Not delta-rs's own compaction: that one mixes the rows of the files it reads at the same time, so
-that one trajectory lies in many row groups.
+Delta-rs's own compaction mixes the rows of its files: one trajectory then lies in many row groups.
 """
 
 from __future__ import annotations
@@ -45,9 +44,9 @@ def merge(table: StoredTable, size_bytes: int) -> int:
 def tidy(table: StoredTable, version: int) -> None:
     """Merge small files of a table now and then, beside those who write it; questions stay quick.
 
-    Whoever makes every sixteenth commit does so, in a thread that only the end of the process waits for. Only
-    files of about the same size are merged, so that a row is written again as often as its file can grow
-    sixteenfold, and not with every merge. What hinders it is no matter of the rows that were added.
+    Every sixteenth commit does so, in a thread that only the end of the process waits for, and for files of
+    about one size, so that a row is written again only as its file grows sixteenfold. What hinders it is no
+    matter of the rows.
     """
     if version % _MANY == 0:
         threading.Thread(target=_tidied, args=(table.beside(),), name=f"tidy {table.declared.name}").start()
@@ -64,8 +63,8 @@ def _tidied(table: StoredTable) -> None:
 def _merged(table: StoredTable, delta: DeltaTable, chosen: list[File]) -> int:
     """Merge some files; how many.
 
-    Delta-rs does not see that two of our removals contradict each other. It does see that both
-    advance the same transaction: the second one fails, and is done again on what is there then.
+    Delta-rs does not see that two removals contradict each other, but that both advance one transaction:
+    one fails.
     """
     if len(chosen) < 2:
         return 0

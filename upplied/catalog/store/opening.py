@@ -1,7 +1,6 @@
 """A Delta table that is open: made where there is none, as far as it once came, in a schema that is known.
 
-What delta-rs still raises when many commit at once (or while a table is compacted) is tried again here, since
-otherwise rows would be lost.
+Conflicts that delta-rs raises when many commit at once are tried again here: else rows would be lost.
 """
 
 from __future__ import annotations
@@ -44,10 +43,7 @@ _PROPERTIES = {
 
 
 class OpenTable:
-    """One table of a catalog, at its root (a folder or object-store URI).
-
-    The identity of the catalog says, where a table is missing, whether there is a catalog at all.
-    """
+    """One table of a catalog, at its root; without it the identity says whether there is a catalog at all."""
 
     def __init__(self, root: str, declared: Table, identity: Identity | None = None) -> None:
         self.declared = declared

@@ -1,8 +1,8 @@
 """The steps of plans and demonstrations: one file for each commit, which the rows that own them name.
 
-``steps/<table>/<commit id>.parquet`` is written before the rows of that commit and never changed: the name
-of the commit ends with the hash of the file. So nothing is to be merged, and what a stopped writer left is a
-file that no row names. Catalogs of before schema version 3 have a Delta table, which is read as it is.
+``steps/<table>/<commit id>.parquet`` is written before those rows and never changed: the name ends with its
+hash. Nothing is to be merged. Catalogs of before schema version 3 have a Delta table, which is read as it
+is.
 """
 
 from __future__ import annotations

@@ -92,10 +92,7 @@ class Adding(Reading):
         return self.add_rows("transfers", own, _repeated(table, again, {"planned_at": self.clock.now()}))
 
     def keep_surface(self, plan: Plan) -> Plan:
-        """Keep what a plan sees of its target; returns the plan with the hash of it, still to be added.
-
-        A process that plans does so, and sends the rest to the one that commits.
-        """
+        """Store what a plan sees of its target; the plan with the hash of it, still to be added."""
         stores: dict[str, Any] = {
             "surface": self.surfaces,
             "inspected": self.surfaces,
@@ -148,10 +145,7 @@ class Adding(Reading):
         return self.add_rows("transfers", [{**row, **undecided, "commit_id": commit} for row in new])
 
     def add_rows(self, name: str, new: list[Row], more: pa.Table | None = None) -> int:
-        """Commit rows of a table, and rows as they are besides; the number of rows added.
-
-        Rows that own steps carry the commit that brought these already.
-        """
+        """Commit rows, and `more` as they are; how many. Rows that own steps carry the commit of these."""
         commit = {"commit_id": self.new_commit_id()}
         table = rows.table_of(TABLES[name], [{**commit, **row} for row in new])
         table = table if more is None else pa.concat_tables([table, more], promote_options="default")
@@ -202,10 +196,7 @@ class Adding(Reading):
         return ~pc.is_in(ids, plans["transfer_id"].combine_chunks()).to_numpy(zero_copy_only=False)
 
     def newest_plans(self, columns: Sequence[str]) -> pa.Table:
-        """The newest plan of each demonstration, target and preset, and its id; repeated texts are kept once.
-
-        Of retired demonstrations and targets as well.
-        """
+        """Columns of the newest plan of each demonstration, target and preset, retired or not; and its id."""
         read = ["transfer_id", *ordering.SLOT, *ordering.NEWEST, "status", *columns]
         plans = ordering.in_order(self.tables["transfers"].narrow(list(dict.fromkeys(read))), newest=True)
         return plans.filter(pc.equal(plans["purpose"], "")).select(["transfer_id", *columns])
@@ -220,10 +211,7 @@ class Adding(Reading):
 
 
 def _makes_way(stored: Row | None, status: str, run_id: str = "", foreign: bool = False) -> bool:
-    """Whether a row of a plan is added: after a failure a result, or another run's failure.
-
-    And after what was imported and not measured here, what was.
-    """
+    """Whether a plan's row is added: a result or another run's failure to a failure, a plan to an import."""
     if stored is None:
         return True
     if plan_rows.is_foreign(stored):

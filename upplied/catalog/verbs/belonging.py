@@ -1,8 +1,6 @@
 """Settings that belong to kinds and structures: set once, inherited, and part of a plan's key.
 
-What a run asks for comes over what a structure says, that over what its kind says, that over the preset. They
-are for the plans that are to be flown (`recommended`); plans for comparison keep the settings of their
-presets.
+A run's come over a structure's, those over its kind's, those over the preset; only for `recommended`.
 """
 
 from __future__ import annotations
@@ -120,20 +118,16 @@ def _check(setting: str, value: Any) -> None:
     """Refuse a setting that there is not, or a value that it does not take."""
     stage, dot, name = setting.partition(".")
     if setting == PRESET:
-        if value not in (None, FLOWN):
-            _refuse_preset(value)
+        if value is not None and value not in PRESETS:
+            rule = f"{FLOWN}: the one that is flown"
+            raise SettingsError(f"preset {str(value)[:60]!r}", "is unknown", rule)
+        if value not in (None, FLOWN):  # gate, release and pages count on it
+            rule = f"what belongs to kinds and structures is of {FLOWN}, the one that is flown"
+            remedy = f"plan it beside: upplied transfer --preset {value} --experiment NAME"
+            raise SettingsError(f"preset {value}", "is for comparison, not for flight", rule, remedy)
     elif not dot:
         raise SettingsError(f"setting {setting!r}", "cannot be read", "STAGE.NAME")
     elif setting == ZONES:
         raise SettingsError(f"setting {ZONES}", "follows from requirements", "", "say: upplied require")
     elif value is not None or not hasattr(getattr(settings_for(FLOWN), stage, None), name):
         settings_for(FLOWN, **{stage: {name: tuples(value)}})  # which says what there is instead
-
-
-def _refuse_preset(value: object) -> None:
-    """Plans of another preset are not to be flown: gate, release and pages count on it."""
-    if value not in PRESETS:
-        raise SettingsError(f"preset {str(value)[:60]!r}", "is unknown", f"{FLOWN}: the one that is flown")
-    rule = f"what belongs to kinds and structures is of {FLOWN}, the one that is flown"
-    remedy = f"plan it beside: upplied transfer --preset {value} --experiment NAME"
-    raise SettingsError(f"preset {value}", "is for comparison, not for flight", rule, remedy)

@@ -24,22 +24,12 @@ HEAD_DIGITS = 20  # of a hash, where people read it
 _NOT_ITS_OWN = {*ADDED, "planned_at"}  # of a row of plans: another when it becomes current again
 
 
-def seals(catalog: Reading, transfer_ids: Collection[str]) -> dict[str, str]:
-    """The hash of what the row of each plan says, its trajectory's hash among it, as it is stored now."""
-    _, hashes = _stored(catalog, transfer_ids)
-    return hashes
-
-
 def alterations(catalog: Reading, transfer_ids: Collection[str], now: Standing) -> dict[str, str]:
-    """Why plans are not what was released, in words; nothing of those that are, or that nobody released.
-
-    Their waypoints and rows are read again and compared with what the release says, and the release with
-    its own hash.
-    """
+    """Why plans are not what was released, in words: waypoints, rows and releases are compared again."""
     released = {plan: now.why[plan] for plan in transfer_ids if now.of(plan) == "released"}
     if not released:
         return {}
-    rows, hashes = _stored(catalog, released)
+    rows, hashes = stored_plans(catalog, released)
     roster, order = roster_of(catalog), now.order
     table, names = catalog.tables["decisions"], [row["decision_id"] for row in released.values()]
     changed = dict(changed_rows(table.declared, table.whole(pc.field("decision_id").isin(names))))
@@ -63,7 +53,7 @@ def check_releasable(catalog: Reading, row: Row) -> None:
     if plan_rows.is_foreign(row):
         raise RefusedError(what, *FOREIGN_PLAN, "plan it here, or import it again with --verify")
     catalog.path_of(row)
-    stored, _ = _stored(catalog, [row["transfer_id"]])
+    stored, _ = stored_plans(catalog, [row["transfer_id"]])
     for _, wrong in changed_rows(catalog.tables["transfers"].declared, stored):
         raise RefusedError(what, f"its row {wrong}", "what is released is what was planned", "plan it again")
 
@@ -72,10 +62,7 @@ FOREIGN_PLAN = ("it was imported and not measured here", "what is flown was judg
 
 
 def chain_heads(catalog: Reading) -> dict[str, str]:
-    """The hash of the last row of each table whose rows follow each other; none where there is no row.
-
-    Whoever keeps these can tell later that nothing before them was changed or taken away.
-    """
+    """The hash of the last row of each table whose rows follow each other: it proves those before it."""
     chained = {name: table.whole() for name, table in catalog.tables.items() if table.declared.is_chained}
     heads = {name: head_of(rows) for name, rows in chained.items() if len(rows)}
     return {name: sha256 for name, sha256 in heads.items() if sha256}
@@ -94,7 +81,7 @@ def heads_in_words(heads: dict[str, str]) -> str:
     return ", ".join(f"{name} {heads[name][:HEAD_DIGITS]}" for name in tables if name in heads)
 
 
-def _stored(catalog: Reading, transfer_ids: Collection[str]) -> tuple[pa.Table, dict[str, str]]:
+def stored_plans(catalog: Reading, transfer_ids: Collection[str]) -> tuple[pa.Table, dict[str, str]]:
     """The rows that stand for plans, with all their columns, and the hash of what each says."""
     ids = pa.array(sorted(transfer_ids), pa.string())
     rows = catalog.tables["transfers"].whole(pc.field("transfer_id").isin(ids))

@@ -1,7 +1,6 @@
-"""What makes an exported folder stand for itself: README, licence, data dictionary, and a seal.
+"""What makes an exported folder stand for itself: README, licence, data dictionary, and ``dataset.json``.
 
-The seal is ``dataset.json``: the dataset's name (``name-v1``), where it came from, and the hash of
-every other file.
+That one has the dataset's name (``name-v1``), where it came from, and the hash of every other file.
 """
 
 from __future__ import annotations
@@ -75,10 +74,7 @@ def describe(place: Path, about: dict[str, Any]) -> None:
 
 
 def check_files(place: Path) -> set[str]:
-    """Compare the files that are there with the hashes they should have; their names.
-
-    One that is missing, was changed, is not listed or lies elsewhere is an error; nothing else is read.
-    """
+    """Compare the files with their hashes; their names. One missing, changed or unlisted is an error."""
     about = _about(place)
     try:
         version, files = int(about["schema_version"]), dict(about["files"])

@@ -1,8 +1,7 @@
-"""What people decide about plans, and what the check of a changed structure finds.
+"""What people decide about plans, and what the check of a changed structure finds: rows that are added.
 
-Every decision is a row that is added; which plan is in force follows from the rows (`standing`). Two who
-release at once are told apart by the order of their commits: each release names the last decision that it
-knew of, so the second does not count, and whoever made it is told.
+Each release names the last decision that it knew of; of two at once the second commit does not count
+(`standing`).
 """
 
 from __future__ import annotations
@@ -195,7 +194,7 @@ class Deciding(OwnSettings):
             if len(text) > _LONGEST:
                 fault = f"has {len(text)} letters"
                 raise SettingsError(f"{what} of a decision", fault, f"at most {_LONGEST}")
-        who, name = author(by, "a decision"), self.new_commit_id()
+        who, name, plan = author(by, "a decision"), self.new_commit_id(), row["transfer_id"]
         of_plan = ("transfer_id", "demonstration_id", "target_id", "purpose")
         decision = {key: row[key] or "" for key in of_plan} | {
             "decision_id": name,
@@ -203,7 +202,7 @@ class Deciding(OwnSettings):
             "by": who,
             "note": note,
             "plan_sha256": row["waypoints_sha256"],
-            "plan_row_sha256": custody.seals(self, [row["transfer_id"]])[row["transfer_id"]],
+            "plan_row_sha256": custody.stored_plans(self, [plan])[1][plan],
             "code_version": code_version(),
             **about,
         }

@@ -1,8 +1,4 @@
-"""A part of a catalog as a folder that stands for itself; `importing` takes it into another catalog.
-
-The folder holds the tables as plain Parquet, the meshes, the data dictionary, the licence, and
-``dataset.json`` (`upplied.catalog.verbs.dataset_files`).
-"""
+"""A part of a catalog as a folder that stands for itself (`dataset_files`); `importing` takes it in."""
 
 from __future__ import annotations
 

@@ -23,13 +23,7 @@ _TURNS = {"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"}  # dire
 
 
 def check_text(what: str, name: str, text: str) -> None:
-    """Refuse a text that is too long, or hides or turns what is read.
-
-    Raises
-    ------
-    SettingsError
-        If it has control letters, which terminals obey, or turns the direction of writing.
-    """
+    """Refuse a text that is too long, has control letters or turns the direction of writing."""
     if len(text) > _LONGEST:
         raise SettingsError(what, f"its {name} is longer", f"at most {_LONGEST} letters")
     for letter in text:

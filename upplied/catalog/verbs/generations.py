@@ -1,7 +1,6 @@
 """Generations of published tables: what one holds, which may follow, and how it becomes the current one.
 
-``published.json`` in a generation tells which catalog it is of, how far the catalog's tables had come,
-and what each file was made from.
+``published.json`` tells its catalog, how far that had come, and what each file was made from.
 """
 
 from __future__ import annotations

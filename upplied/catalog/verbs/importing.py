@@ -1,7 +1,4 @@
-"""A folder that `exporting` wrote, here or elsewhere, into a catalog.
-
-Nothing of it is believed before it was checked; importing it twice adds nothing the second time.
-"""
+"""A folder that `exporting` wrote into a catalog, once all of it was checked; a second time adds nothing."""
 
 from __future__ import annotations
 

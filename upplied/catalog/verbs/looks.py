@@ -32,12 +32,11 @@ def put_looks(
     inspected: Bools | None = None,
     inspected_if_corrected: Bools | None = None,
 ) -> str:
-    """Keep how a flight saw the samples (N, 3) of a surface; returns the hash.
+    """Keep how a flight saw the samples (N, 3) of a surface, all else (N,); returns the hash.
 
-    All else is of each sample, (N,): whether it was `seen`; `distance_m`, `incidence_deg`, `speed_mps`, `t_s`
-    and the distance and incidence of the most frontal look; the number of `pictures` that show it; whether it
-    was seen besides if the correction of the log is right (`assumed`); and whether it was looked at as the
-    plan asks, for certain and if that correction is right.
+    `values` are `distance_m`, `incidence_deg`, `speed_mps`, `t_s`, and distance and incidence of the most
+    frontal look; `assumed` was seen besides if the correction of the log is right; `inspected`: looked at
+    as the plan asks.
     """
     samples = catalog.surfaces.put_samples(points, normals)
     besides = np.zeros(len(seen), bool) if assumed is None else assumed

@@ -26,10 +26,7 @@ STANDING = ("status", *NEWEST, "commit_id")  # what tells which row stands for a
 
 
 class Current:
-    """Finds the newest row of an id, for processes that ask for one after the other.
-
-    A table (`structures` or `demonstrations`) that is small is read once for each of its versions.
-    """
+    """Finds the newest row of an id, again and again; a small table is read once for each version."""
 
     def __init__(self, table: StoredTable) -> None:
         self._table = table
@@ -134,10 +131,9 @@ def standing(same_plan: list[Row]) -> Row:
 
 
 def in_order(table: pa.Table, newest: bool) -> pa.Table:
-    """One row per plan, ordered by pair and commit; with `newest`, the last of each pair alone.
+    """One row per plan, its newest, ordered by pair and commit; with `newest`, the last of each pair alone.
 
-    There may be more rows of a plan: a failure may be followed, racing writers may add it twice, and
-    one that is asked for again becomes current again. Its newest row counts.
+    A failure may be followed, racing writers may add a plan twice, and one may become current again.
     """
     pairs = _pairs(table)
     commit, planned = (table[name].cast(pa.int64()).to_numpy() for name in NEWEST)

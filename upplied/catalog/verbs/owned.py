@@ -10,10 +10,9 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from upplied.catalog.schema.steps import run_starts, unlike
+from upplied.catalog.schema.steps import checked, run_starts, unlike
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.files import explained
-from upplied.errors import CatalogError
 
 if TYPE_CHECKING:
     from upplied.catalog.reading import Reading
@@ -23,10 +22,10 @@ COMPARED = 250_000  # steps that are compared at a time
 
 
 def checked_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
-    """The steps that the given rows own, in order, a bounded number at a time; as `checked`."""
+    """The steps that the given rows own, in order, a bounded number at a time, `checked`."""
     owners = owners.sort_values([TABLES[name].names[0], "commit_id"])
     for chunk, steps in _chunks(catalog, name, owners, CHUNK):
-        yield checked(name, steps, chunk)
+        yield checked(name, steps, stated(name, chunk))
 
 
 def step_faults(catalog: Reading, name: str, rows: pa.Table) -> Iterator[tuple[str, str]]:
@@ -38,7 +37,7 @@ def step_faults(catalog: Reading, name: str, rows: pa.Table) -> Iterator[tuple[s
     owners = as_frame(owning).drop_duplicates([key, "commit_id"])
     owners = owners.sort_values(["commit_id", key])  # each commit is a file, which is then read once
     for chunk, steps in _chunks(catalog, name, owners, COMPARED):
-        yield from unlike(name, steps, _stated(name, chunk))
+        yield from unlike(name, steps, stated(name, chunk))
 
 
 def _chunks(
@@ -82,15 +81,7 @@ def in_order(name: str, steps: pa.Table) -> pa.Table:
     return steps.sort_by([(column, "ascending") for column in (TABLES[name].names[0], "commit_id", "seq")])
 
 
-def checked(name: str, steps: pa.Table, owners: pd.DataFrame) -> pa.Table:
-    """Steps in order; where they are not those of the counts and hashes in their owners' rows, an error."""
-    for row_id, wrong in unlike(name, steps, _stated(name, owners)):
-        remedy = "take the damaged files (upplied catalog verify) from a backup; nothing was written"
-        raise CatalogError(f"{name} of {row_id}", wrong, "", remedy)
-    return steps
-
-
-def _stated(name: str, owners: pd.DataFrame) -> dict[tuple[str, str], tuple[int, str]]:
+def stated(name: str, owners: pd.DataFrame) -> dict[tuple[str, str], tuple[int, str]]:
     """What rows say of the steps they own: how many, and their hash."""
     names = zip(owners[TABLES[name].names[0]], owners["commit_id"], strict=True)
     return dict(zip(names, zip(owners[f"n_{name}"], owners[f"{name}_sha256"], strict=True), strict=True))

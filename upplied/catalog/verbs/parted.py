@@ -1,7 +1,6 @@
-"""Published tables of many files: plans and steps by kind, and by target in as many files as keep each small.
+"""Published tables of many small files: plans and steps by kind, and by target, each named by what it holds.
 
-A file is named by what it holds. What a changed file has in common with the one before it is taken from
-there, so that a change costs what changed, and not the fleet.
+What a changed file has in common with the one before is taken from there: a change costs what changed.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from upplied.catalog.schema.migrations import SCHEMA_VERSION
+from upplied.catalog.schema.steps import checked
 from upplied.catalog.schema.tables import TABLES, Table
 from upplied.catalog.store.data_files import decoded
 from upplied.catalog.verbs import owned, queries
@@ -148,14 +148,15 @@ def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[t
             known = pc.is_in(owners, owned.named(still[at], key)).to_numpy(zero_copy_only=False)
             lacking.append(files[file][~known].assign(file=at))
         own = pd.concat(lacking).sort_values([key, "commit_id"])
-        steps = owned.checked(name, owned.stored_steps(catalog, name, own), own)
+        steps = checked(name, owned.stored_steps(catalog, name, own), owned.stated(name, own))
         number = np.repeat(own["file"].to_numpy(), own[f"n_{name}"])
         steps = steps.take(pa.array(np.argsort(number, kind="stable")))
         ends = np.cumsum(np.bincount(number, minlength=len(lot)))
         for file, old, first, end in zip(lot, still, [0, *ends], ends, strict=False):
             new = steps.slice(first, end - first)
             if len(old):
-                new = owned.checked(name, owned.in_order(name, pa.concat_tables([old, new])), files[file])
+                both = owned.in_order(name, pa.concat_tables([old, new]))
+                new = checked(name, both, owned.stated(name, files[file]))
             yield file, new
 
 

@@ -1,13 +1,8 @@
 """The plain Parquet that a run publishes: current rows only, for any program, one generation at a time.
 
-``tables/`` holds generations, each a folder with all tables, and ``current``, a link to one of them that
-is switched in one step once everything is written; ``transfers.parquet`` and the others lead through it.
-What did not change is not written again but linked from the generation before. Waypoints and poses are
-folders of files by kind and month (and by target, where those are many), each named by what it holds.
-The generation before stays for those who are reading it.
-
-(Who reads more than one table while a run may be publishing asks `published_tables` for the paths, which
-are those of one generation.)
+``tables/`` holds generations and ``current``, a link that is switched in one step; ``transfers.parquet``
+and the others lead through it. What did not change is linked from the generation before, which stays for
+its readers. (Who reads more than one table asks `published_tables` for the paths of one generation.)
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """Questions to the catalog, answered with pandas.
 
-Rows are only ever appended. What is current, and how the catalog stood at an earlier moment, are
-therefore questions over the rows themselves: the newest per name, among those added until then. Newest
-is what the latest commit brought; the clocks of those who wrote are not asked.
+Rows are only appended: what is current is the newest per name of those added until then, newest by commit.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ import pyarrow.dataset as ds
 
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.schema.steps import unlike
+from upplied.catalog.schema.steps import checked
 from upplied.catalog.store.data_files import decoded
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs.ordering import NEWEST
@@ -87,10 +85,7 @@ def matching(
 def completed(
     table: StoredTable, plans: pd.DataFrame, wanted: list[str], of: int, version: int | None = None
 ) -> pa.Table:
-    """The `wanted` columns of these rows (with `NAMED`), in their order; texts that repeat are kept once.
-
-    `of` is how many rows there are to choose from, in this version of the table.
-    """
+    """The `wanted` columns of these rows (with `NAMED`), in their order, of a version that has `of` rows."""
     where = None
     if len(plans) < max(_FEW * of, _FEW_ROWS):
         where = pc.field("transfer_id").isin(pa.array(plans["transfer_id"].tolist(), pa.string()))
@@ -122,23 +117,15 @@ def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
 
 
 def steps(table: StoredTable, row: Row) -> pa.Table:
-    """The waypoints or poses that one row owns, in order.
-
-    It is an error if they are not as many as the row says, or not those whose hash it keeps: one changed bit
-    is another flight.
-    """
+    """The waypoints or poses that one row owns, in order; if not of its count and hash, an error."""
     declared = table.declared
     name, count = declared.names[0], row[f"n_{declared.name}"]
     if not count:
         return declared.schema.empty_table()
     own = (pc.field("commit_id") == row["commit_id"]) & (pc.field(name) == row[name])
     own_steps = table.read(own, commits=[row["commit_id"]])
-    own_steps = own_steps.take(pc.sort_indices(own_steps["seq"]))
     stated = {(row[name], row["commit_id"]): (count, row[f"{declared.name}_sha256"])}
-    for _, wrong in unlike(declared.name, own_steps, stated):
-        what, remedy = f"{declared.name} of {row[name]}", "take the damaged files from a backup"
-        raise CatalogError(what, wrong, "", remedy)
-    return own_steps
+    return checked(declared.name, own_steps.take(pc.sort_indices(own_steps["seq"])), stated)
 
 
 def versions(

@@ -87,11 +87,7 @@ def siblings_of(row: Row) -> list[tuple[str, str]]:
 
 
 def settings_of(text: str) -> Settings:
-    """The settings of their JSON, as `settings_json` holds them.
-
-    Those of another version that this one does not know are left out: the plan can still be read, and
-    that the method is another one is said where it is to be made again.
-    """
+    """The settings of their JSON; what another version had and this one does not know is left out."""
     stages: dict[str, Any] = json.loads(text)
     preset = settings_for(stages.pop("preset"))
     stages_known = [item.name for item in fields(preset) if item.name != "preset"]

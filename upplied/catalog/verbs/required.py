@@ -111,10 +111,7 @@ def _zone(name: str, zone: Mapping[str, Any]) -> Row:
 
 
 class Zones:
-    """The zones that are asked of structures, by their kind and by themselves, and what names them.
-
-    Requirements count until a version of the catalog's commits; all where none is given.
-    """
+    """The zones asked of structures, by kind and by themselves, until a version of the commits."""
 
     def __init__(self, catalog: Reading, version: int | None = None) -> None:
         self._by_owner: dict[tuple[str, str], list[Row]] = {}
@@ -148,10 +145,7 @@ PLANNED = ("on", "gsd_mm", "incidence_deg")
 
 
 def zones_named(catalog: Reading, kind: str, structure_id: str, name: str) -> list[Row]:
-    """The zones of a structure of that name, as they are asked for now or were before.
-
-    None is an error: a structure that one was carried from changed.
-    """
+    """The zones of a structure of that name, as asked for now or before; none is an error."""
     table = catalog.tables["requirements"].read(None, ["commit_version"])
     for version in sorted(set(table["commit_version"].to_pylist()), reverse=True):
         zones = Zones(catalog, version)

@@ -1,7 +1,7 @@
 """Who may release plans: a file of names and public keys; and signatures, which are checked offline.
 
-Without such a file everybody may release and nothing is signed. It lies beside the tables as ``roster.json``,
-or where ``UPPLIED_ROSTER`` says: out of reach of those who write to the catalog.
+Without it everybody may and nothing is signed. It is ``roster.json`` beside the tables, or
+``UPPLIED_ROSTER``.
 """
 
 from __future__ import annotations
@@ -117,10 +117,7 @@ class Roster:
             raise RefusedError(f"release by {by!r}", "is not on the roster", f"who may release: {listed}")
 
     def fault(self, decision: Row, order: dict[str, int]) -> str:
-        """Why a release does not count by the roster, in words; empty where it does.
-
-        `order` is the number of each decision's commit.
-        """
+        """Why a release does not count, in words; `order` is the number of each decision's commit."""
         if self.people is None:
             return ""
         person = next((one for one in self.people if one.name == decision["by"]), None)
@@ -182,10 +179,7 @@ def key_path(name: str) -> Path:
 
 
 def new_key(name: str) -> str:
-    """Make the key pair of somebody; the public key.
-
-    The private one is encrypted where ``UPPLIED_KEY_PASSPHRASE`` is set, and readable by its user alone.
-    """
+    """Make somebody's key pair; the public key. ``UPPLIED_KEY_PASSPHRASE`` encrypts the private one."""
     path = key_path(name)
     if path.exists():
         raise InputError(str(path), "is there already", "one key for a name", "move it away to make another")
@@ -203,10 +197,7 @@ def new_key(name: str) -> str:
 
 
 def signature(roster: Roster, decision: Row) -> str:
-    """The signature of a decision by whoever makes it; empty where there is no roster, or no key of theirs.
-
-    A release that cannot be signed is refused.
-    """
+    """The signature of a decision, empty without roster or key; an unsigned release is refused."""
     person = next((one for one in roster.active() if one.name == decision["by"]), None)
     path = key_path(decision["by"]) if person is not None else Path()
     if person is None or not path.is_file():

@@ -1,9 +1,8 @@
 """Which plan is in force, told from the decisions in the order of their commits.
 
-The rules, one line each: a release puts its plan in force and supersedes the one before; it does not count
-where somebody decided meanwhile (`after` names the last decision that it knew of). A plan that is rejected
-or recalled is no longer in force, and none takes its place until a person releases one. Nothing that
-plans ever appears here.
+A release puts its plan in force and supersedes the one before; it does not count where somebody decided
+meanwhile (`after` names the last decision it knew of). A rejected or recalled plan is not in force, and
+none takes its place.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Trajectories as text files of TUM's format, which ``evo`` reads, and how to split them for learning.
 
-A line is ``t x y z qx qy qz qw``: s, m, and the quaternion that turns the camera frame (x forward) into the
-structure frame. Plans lie in ``plans/``, demonstrations in ``demonstrations/``.
+A line is ``t x y z qx qy qz qw``: s, m, camera frame (x forward) to structure frame.
 """
 
 from __future__ import annotations
@@ -74,11 +73,10 @@ def write_splits(
     demonstrations: Iterable[str] | None = None,
     episodes: Sequence[Mapping[str, Any]] = (),
 ) -> None:
-    """Write ``splits.json``: which structures, plans and demonstrations are for training, and which not.
+    """Write ``splits.json``: which structures, plans, demonstrations and episodes are for training.
 
-    No structure is on two sides, and each kind is on all where it has enough members; by kind, one kind
-    after the other is left out. A plan goes where its target goes, a demonstration with its structure.
-    Of all demonstrations in use only some may be meant, and where there are episodes their numbers are told.
+    By structure: none on two sides, each kind on all where it has enough members; by kind: one after the
+    other left out.
     """
     kinds, flights = kinds_of(catalog), catalog.demonstrations()
     on = dict(zip(flights["demonstration_id"], flights["structure_id"], strict=True))
