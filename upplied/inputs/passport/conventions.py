@@ -7,6 +7,7 @@ inspection.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -50,12 +51,15 @@ def _turned(positions: Floats, quats: Floats, first: float, last: float, whole: 
     return (left.apply(positions) if whole else positions), (left * Rotation.from_quat(quats)).as_quat()
 
 
-def _axes(positions: Floats, quats: Floats, world: str, body: str, alone: str) -> Poses:
-    """Positions, and what is seen, by the axes that are ours; or the positions alone."""
-    if alone:
-        return positions @ _matrix(alone).T, quats
+def _axes(
+    places: Floats, quats: Floats, world: str = "", body: str = "x y z", positions: str = "x y z",
+    factor: float = 1.0,
+) -> Poses:  # fmt: skip
+    """Positions, and what is seen, by the axes that are ours; without a world the positions alone."""
+    if not world:
+        return factor * (places @ _matrix(positions).T), quats
     turns = _matrix(world) @ Rotation.from_quat(quats).as_matrix() @ _matrix(body)
-    return positions @ _matrix(world).T, Rotation.from_matrix(turns).as_quat()
+    return places @ _matrix(world).T, Rotation.from_matrix(turns).as_quat()
 
 
 def _matrix(axes: str) -> Floats:
@@ -69,10 +73,6 @@ def _raised(positions: Floats, quats: Floats, factor: float) -> Poses:
     return np.column_stack([positions[:, :2], heights]), quats
 
 
-def _moved(positions: Floats, quats: Floats, offset: Floats) -> Poses:
-    return positions + offset, quats
-
-
 _SPECIAL: dict[str, Change] = {
     "w-first": lambda p, q: (p, q[:, [1, 2, 3, 0]]),
     "inverse-quaternion": lambda p, q: (p, Rotation.from_quat(q).inv().as_quat()),
@@ -84,20 +84,13 @@ _SPECIAL: dict[str, Change] = {
 }
 
 
-def _named(
-    name: str, words: str, world: str = "", body: str = "x y z", positions: str = "", factor: float = 0.0
-) -> Convention:
-    change: Change = partial(_axes, world=world, body=body, alone=positions)
-    if factor:
-        change = lambda p, q: (p * factor, q)  # noqa: E731
-    of_camera = name == "pitch-sign"
-    return Convention(name, words, _SPECIAL.get(name, change), rare=0.03 * of_camera, of_camera=of_camera)
+def _named(name: str, words: str, **axes: Any) -> Convention:
+    change, of_camera = _SPECIAL.get(name, partial(_axes, **axes)), name == "pitch-sign"
+    return Convention(name, words, change, rare=0.03 * of_camera, of_camera=of_camera)
 
 
 #: What `convention` in a side-car may say.
 NAMED: dict[str, Convention] = {name: _named(name, **row) for name, row in CONVENTIONS.items()}
-
-
 #: The mistakes in logs of places on the Earth: those have no axes that could be others.
 ON_EARTH = (
     Convention("heights-in-feet", "heights in feet", partial(_raised, factor=0.3048), "export metres"),
@@ -170,7 +163,7 @@ def offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
         Convention(
             "offset " + " ".join(f"{value:+.0f}" for value in offset) + " m",
             "positions off by " + ", ".join(f"{-value:+.0f}" for value in offset) + " m",
-            partial(_moved, offset=offset),
+            lambda positions, quats, by=offset: (positions + by, quats),
             "structure_position_m = [" + ", ".join(f"{-value:.1f}" for value in offset) + "]",
             0.06,
         )

@@ -13,10 +13,10 @@ from upplied.inputs.flight.clean import UNSET
 from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.pace import Pace
 from upplied.inputs.flight.tracks import Track
-from upplied.inputs.passport import velocity
 from upplied.inputs.passport.fits import AS_WELL, Comparison, Fit
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Aim, Sight, aim_of, ground_of, sight_of
+from upplied.inputs.passport.velocity import Steadiness, steadiness, turning_of
 from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, UNVERIFIED, ZOOM_UNHEARD
 from upplied.inputs.sources.source import Source
@@ -49,7 +49,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Measured(velocity.Steadiness, velocity.Motion, velocity.Pace99, Aim, Pace):
+class Measured(Steadiness, Aim, Pace):
     """The figures of a passport; NaN where one could not be measured."""
 
     poses: int = 0
@@ -116,9 +116,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     zoomed = _zoomed(flown, settings.zoom_pct) or [(camera.hfov_deg, 0.0)]
     return Measured(
         **vars(pace),
-        **vars(velocity.steadiness(logged, flown, reading.gap_s)),
-        **vars(velocity.motion_of(logged, reading.velocity)),
-        **vars(velocity.pace99_of(flown, reading.gap_s) if reading.source.timed else velocity.Pace99()),
+        **vars(steadiness(logged, flown, reading.gap_s, reading.velocity, reading.source.timed)),
         **vars(aim_of(flown.positions, flown.quat_xyzw, scene)),
         **_best(others),
         poses=len(reading.shortened),
@@ -138,7 +136,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         other_rolls_deg=float(least[1]),
         off_centre_m=(round(off[0], 1), round(off[1], 1)),
         off_centre_sure=sure,
-        felt_turn_pct=100 * velocity.turning_of(logged, reading.gyroscopes),
+        felt_turn_pct=100 * turning_of(logged, reading.gyroscopes),
         unset=flown.dropped.get(UNSET, 0),
         stills=reading.source.stills,
         timed=reading.source.timed,

@@ -125,12 +125,9 @@ def passport_of(reading: Reading, structure: Structure, facts: LogOptions, what:
     measured = measure(reading, structure, facts.passport)
     verdicts = (*reading.overruled, *judged(measured, facts.passport, facts.allow, facts.strict))
     refuse(f"{what}, flown on {facts.structure_id}", _with_hint(verdicts, measured))
+    overruled = any(verdict.overruled for verdict in verdicts)
     return {
-        "verdict": "overruled"
-        if any(verdict.overruled for verdict in verdicts)
-        else "warned"
-        if verdicts
-        else "good",
+        "verdict": "overruled" if overruled else "warned" if verdicts else "good",
         "findings": [asdict(verdict) for verdict in verdicts],
         "allowed": sorted(facts.allow),
         "structure_sha256": structure.sha256,

@@ -43,7 +43,7 @@ def sight_of(
     turns = Rotation.from_quat(quat_xyzw)
     ahead = turns.apply([1.0, 0.0, 0.0])
     range_m = scene.cast(positions, ahead)[0]
-    rays = picture_rays(camera)
+    rays = _picture_rays(camera)
     directions = (turns.as_matrix() @ rays.T).swapaxes(1, 2).reshape(-1, 3)
     depth = scene.cast(np.repeat(positions, len(rays), axis=0), directions)[0].reshape(-1, len(rays))
     return Sight(
@@ -61,7 +61,7 @@ def ground_of(structure: Structure) -> float:
     return float(structure.vertices[:, 2].min()) if ground is None else float(ground)
 
 
-def picture_rays(camera: Camera) -> Floats:
+def _picture_rays(camera: Camera) -> Floats:
     """Unit vectors (R, 3) spread over the picture, camera frame."""
     across, up = (
         np.radians(angle) / 2 * np.linspace(-0.9, 0.9, _PICTURE)
