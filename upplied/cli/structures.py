@@ -205,7 +205,7 @@ def _cleaned(structure: Structure, png: Path) -> None:
     """Write the structure without ground, clutter and neighbours, and a picture before and after."""
     from dataclasses import replace
 
-    from upplied.inputs.separation import CLASSES, separated, structure_alone
+    from upplied.geometry.separation import CLASSES, separated, structure_alone
     from upplied.outputs.figures import separation_png
     from upplied.outputs.files import replace_file
     from upplied.outputs.ply import ply_bytes

@@ -157,7 +157,7 @@ def offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
     steps = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
     steps = steps[np.abs(steps).sum(axis=1) > 0]
     away = (scene.box[0] + scene.box[1]) / 2 - np.median(given[0], axis=0)
-    moves = [size * step for size in (3.0, 6.0, 12.0, 25.0, 50.0) for step in steps]
+    moves = [size * step for size in (3.0, 6.0, 9.0, 12.0, 18.0, 25.0, 35.0, 50.0) for step in steps]
     moves += [away * (1, 1, 0), away * (0, 0, 1)]
     return [
         Convention(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
+from upplied.inputs.passport.fits import NEARER
 from upplied.inputs.passport.measured import Measured, Reading, measure
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.rules import Rule, Verdict, broken, decided, refusals, refuse, rules_of
@@ -15,6 +16,7 @@ from upplied.records import Structure
 
 _NED = re.compile(r"(^|[_/-])(ned|frd)([_/-]|$)", re.IGNORECASE)
 _SURE = 0.8  # least share of the stand-off's variance that a place off the structure explains
+_STILL_DEG = 0.01  # between the pitches of a flight: no gimbal is as still
 _ROLLED_OVER = range(1995, 2010)  # years of receivers that count 1024 weeks too few
 _SIGNS = {"<": operator.lt, ">": operator.gt}
 
@@ -63,9 +65,14 @@ _BROKEN: dict[str, Callable[[Measured, PassportSettings], object]] = {
     ),
     "stand-off": lambda m, s: s.steadier_ratio * max(m.other_varies, 0.05) <= m.stand_off_varies,
     "horizon": lambda m, s: s.steadier_ratio * max(m.other_rolls_deg, 1.0) <= m.rolls_deg,
+    "near-otherwise": lambda m, s: (
+        NEARER * m.min_clearance_m <= min(m.other_clearance_m, NEARER * s.near_m)
+        and not any(_BROKEN[name](m, s) for name in ("stand-off", "horizon"))
+    ),
     "looks-away": lambda m, s: (
         m.axis_pct < s.least_axis_pct or (m.axis_pct < s.odd_axis_pct and m.fit_pct < s.least_fit_pct)
     ),
+    "pitch-missing": lambda m, s: m.pitch_span_deg < _STILL_DEG and m.pitch_want_deg > s.missing_pitch_deg,
     "off-centre": lambda m, s: s.off_centre_m <= _off_m(m) < 100,
     "little-off-centre": lambda m, s: s.odd_off_centre_m <= _off_m(m) < s.off_centre_m,
     "frame-name": lambda m, s: _ned(m),
@@ -145,7 +152,7 @@ def _with_hint(verdicts: tuple[Verdict, ...], measured: Measured) -> list[Verdic
     """What is refused, the last of it with the convention that comes nearest to making sense of it."""
     hinted = list(verdicts)
     refused = {verdict.rule for verdict in refusals(verdicts)}
-    named = refused & {"fits-otherwise", "stand-off", "horizon"}
+    named = refused & {"fits-otherwise", "stand-off", "horizon", "near-otherwise"}
     if refused and not named and measured.other_fit_pct - measured.fit_pct >= 5:
         share = f"{measured.other_fit_pct:.0f} %, as given {measured.fit_pct:.0f} %"
         hint = f"; the nearest other convention, {measured.other_words}, fits {share}"
