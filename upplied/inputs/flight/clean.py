@@ -1,6 +1,5 @@
 """From the track of a log to one that can be trusted: what is dropped, and where it breaks."""
 
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -48,7 +47,11 @@ def clean(track: Track, limits: LogOptions, what: str) -> Track:
     unset = (track.quat_xyzw[:, :3] == 0).all(axis=1) & (np.abs(track.quat_xyzw[:, 3]) == 1)
     if _UNSET[0] <= unset.sum() <= _UNSET[1] * len(track):
         track = track.keep(~unset, UNSET)
-    track = _unrepeated(track.take(np.argsort(track.t_ns, kind="stable")))
+    track = track.take(np.argsort(track.t_ns, kind="stable"))
+    again = np.diff(track.t_ns, prepend=-1) == 0
+    values = np.column_stack([track.positions, track.quat_xyzw])
+    same = again & np.append(False, (np.diff(values, axis=0) == 0).all(axis=1))[: len(track)]
+    track = track.keep(~same, REPEATED).keep(~again[~same], "stamp used twice")
     jumps = np.pad(_jumps(track), 1)[: len(track) + 1]  # single samples off the flight before and after them
     track = track.keep(~(jumps[:-1] & jumps[1:]), "far off its neighbours")
     check_dropped(track, limits, what)
@@ -71,7 +74,7 @@ def check_dropped(track: Track, limits: LogOptions, what: str) -> None:
 
     Raises InputError with the reasons and their numbers.
     """
-    harmless = {name for name in track.dropped if name in (REPEATED, UNSET) or name.endswith(AT_THE_ENDS)}
+    harmless = (REPEATED, UNSET, *(name for name in track.dropped if name.endswith(AT_THE_ENDS)))
     lost = sum(number for reason, number in track.dropped.items() if reason not in harmless)
     if not len(track):
         raise InputError(what, f"holds no usable pose ({reasons(track) or 'no message'})", "at least 2 poses")
@@ -102,16 +105,6 @@ def breaks(track: Track, gap_s: float) -> tuple[Ints, list[str]]:
     counts["estimator reset"] = max(resets.sum() - track.clock_steps, 0)
     words = [f"{number} {kind}{'s' if number > 1 else ''}" for kind, number in counts.items() if number]
     return np.flatnonzero(gaps | jumps | resets) + 1, words
-
-
-def _unrepeated(track: Track) -> Track:
-    same_time = np.diff(track.t_ns, prepend=-1) == 0
-    values = np.column_stack([track.positions, track.quat_xyzw])
-    same_pose = np.concatenate([[False], (np.diff(values, axis=0) == 0).all(axis=1)])[: len(track)]
-    dropped = Counter(track.dropped)
-    dropped[REPEATED] += int((same_time & same_pose).sum())
-    dropped["stamp used twice"] += int((same_time & ~same_pose).sum())
-    return replace(track.take(~same_time), dropped=+dropped)
 
 
 def _jumps(track: Track) -> Bools:

@@ -84,8 +84,6 @@ def paced(
 def _hovers(track: Track, gap: Bools, cap_s: float) -> tuple[Bools, float]:
     """Which samples to keep, and how long the flight stood still for longer than the cap, s."""
     keep, total = np.ones(len(track), bool), 0.0
-    if len(track) < 2:
-        return keep, total
     seconds = (track.t_ns - track.t_ns[0]) // 10**9
     ticks = np.unique(np.concatenate([[0], np.flatnonzero(np.diff(seconds)) + 1, [len(track) - 1]]))
     broken = np.concatenate([[0], np.cumsum(gap)])
@@ -94,12 +92,8 @@ def _hovers(track: Track, gap: Bools, cap_s: float) -> tuple[Bools, float]:
     while first < len(ticks) - 1:
         start, last = ticks[first], first
         for later in ticks[first + 1 :]:
-            off = places[later] - places[start]
-            if (
-                off @ off >= _STILL_M**2
-                or broken[later] > broken[start]
-                or abs(quats[later] @ quats[start]) < alike
-            ):
+            off, turned = places[later] - places[start], abs(quats[later] @ quats[start]) < alike
+            if turned or off @ off >= _STILL_M**2 or broken[later] > broken[start]:
                 break
             last += 1
         lasted = float(track.t_ns[ticks[last]] - track.t_ns[start]) * 1e-9

@@ -38,23 +38,24 @@ class _Reader:
 
     def read(self) -> RawMesh:
         assembly = Assembly(self._source)
-        for element, matrix in flatten(self._source, self._roots(), self._children):
+        instance = self._root.find("scene/instance_visual_scene")
+        scene = self._root.find(".//visual_scene") if instance is None else self._target(instance)
+        roots = self._root.findall(".//geometry") if scene is None else scene.findall("node")
+        placed = [(element, self._placed(element)) for element in roots]
+        for element, matrix in flatten(self._source, placed, self._children):
             if element.tag == "geometry":
-                vertices, triangles = self._geometry(element)
+                if (mesh := element.find("mesh")) is None:
+                    raise self._source.error("holds a geometry that is no mesh", "polygons", "tessellate it")
+                if id(mesh) not in self._geometries:
+                    self._geometries[id(mesh)] = self._mesh(mesh)
                 name = element.get("name") or element.get("id") or ""
-                assembly.add(vertices, triangles, matrix, name)
+                assembly.add(*self._geometries[id(mesh)], matrix, name)
         unit, up = self._root.find("asset/unit"), self._root.findtext("asset/up_axis", "").strip()
         return assembly.mesh(
             unit_m=1.0 if unit is None else float(unit.get("meter", "1")),
             up=_UP.get(up, "y"),
             remarks=counted(*((count, what) for what, count in self._counts.items())),
         )
-
-    def _roots(self) -> list[tuple[Any, Floats]]:
-        instance = self._root.find("scene/instance_visual_scene")
-        scene = self._root.find(".//visual_scene") if instance is None else self._target(instance)
-        elements = self._root.findall(".//geometry") if scene is None else scene.findall("node")
-        return [(element, self._placed(element)) for element in elements]
 
     def _children(self, element: Any) -> list[tuple[Any, Floats]]:
         """Nodes, and what a node or a controller stands for."""
@@ -85,13 +86,6 @@ class _Reader:
                 elif child.tag == "skew":
                     raise self._source.error("a node is skewed", "matrix, translate, rotate, scale or lookat")
         return matrix
-
-    def _geometry(self, element: Any) -> tuple[Floats, Ints]:
-        if (mesh := element.find("mesh")) is None:
-            raise self._source.error("holds a geometry that is no mesh", "polygons", "tessellate it")
-        if id(element) not in self._geometries:
-            self._geometries[id(element)] = self._mesh(mesh)
-        return self._geometries[id(element)]
 
     def _mesh(self, mesh: Any) -> tuple[Floats, Ints]:
         vertices: list[Floats] = []
@@ -170,11 +164,6 @@ def _placing(axes: Floats, origin: Floats) -> Floats:
     return np.vstack([np.column_stack([axes, origin.reshape(3)]), [0.0, 0.0, 0.0, 1.0]])
 
 
-def _rotate(values: Floats) -> Floats:
-    turn = values[:3] / np.linalg.norm(values[:3]) * np.radians(values[3])
-    return _placing(Rotation.from_rotvec(turn).as_matrix(), np.zeros(3))
-
-
 def _lookat(values: Floats) -> Floats:
     eye, target, up = values.reshape(3, 3)
     back = (eye - target) / np.linalg.norm(eye - target)
@@ -185,7 +174,10 @@ def _lookat(values: Floats) -> Floats:
 _TRANSFORMS = {
     "matrix": lambda values: values.reshape(4, 4),
     "translate": lambda values: _placing(np.eye(3), values),
-    "rotate": _rotate,
+    "rotate": lambda values: _placing(
+        Rotation.from_rotvec(values[:3] / np.linalg.norm(values[:3]) * np.radians(values[3])).as_matrix(),
+        np.zeros(3),
+    ),
     "scale": lambda values: np.diag([*values.reshape(3), 1.0]),
     "lookat": _lookat,
 }

@@ -46,7 +46,12 @@ def read_raw(path: Path | str) -> tuple[RawMesh, str]:
     except Exception as error:  # whatever a damaged file provokes leaves as one kind of error
         finding = f"cannot be understood as {suffix.upper()} ({type(error).__name__}: {str(error)[:120]})"
         raise source.error(finding, "a complete file of its format") from None
-    return _checked(source, raw), source.sha256
+    if not len(raw.vertices):
+        raise source.error("holds no triangles and no points", "a mesh or a point cloud")
+    used = used_vertices(raw.triangles, len(raw.vertices))  # points of clouds without a position are dropped
+    if not np.isfinite(raw.vertices[used]).all():
+        raise source.error("has vertices that are not finite", "finite coordinates")
+    return raw, source.sha256
 
 
 def _check_content(source: Source, suffix: str) -> None:
@@ -79,17 +84,6 @@ def content_of(data: bytes) -> str:
     ):
         return "stl"
     return "obj" if b"\0" not in head and _OBJ.search(head) else ""
-
-
-def _checked(source: Source, raw: RawMesh) -> RawMesh:
-    """The same, or an error where nothing is there; points without a position are dropped from clouds."""
-    if len(raw.triangles):
-        if not np.isfinite(raw.vertices[used_vertices(raw.triangles, len(raw.vertices))]).all():
-            raise source.error("has vertices that are not finite", "finite coordinates")
-        return raw
-    if len(raw.vertices) == 0:
-        raise source.error("holds no triangles and no points", "a mesh or a point cloud")
-    return raw
 
 
 def _known() -> str:
