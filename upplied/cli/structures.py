@@ -171,10 +171,10 @@ def _checked(
     from upplied.fleet.admission import Admission, shape_of
     from upplied.fleet.members import Member
     from upplied.fleet.workers import JobKilled, Workers
-    from upplied.inputs.health import health_report
     from upplied.inputs.rules import refusals
     from upplied.outputs.figures import structure_png
     from upplied.outputs.files import replace_file
+    from upplied.outputs.health import health_report
 
     file, name = (what, what.stem) if isinstance(what, Path) else (what.path, what.structure_id)
     png = png or Path(f"{name}-check.png")

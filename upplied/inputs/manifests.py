@@ -75,8 +75,13 @@ def read_manifest(path: Path | str, allow_outside: bool = False) -> list[Structu
         opened here.
     """
     path = Path(path)
-    text = _text(path)
-    rows = _toml_rows(path, text) if path.suffix.lower() == ".toml" else _csv_rows(path, text)
+    if (suffix := path.suffix.lower()) not in (".toml", ".csv"):
+        raise InputError(str(path), f"has the suffix {path.suffix!r}", "a manifest is a .toml or a .csv file")
+    try:
+        text = read_regular(path, MAX_BYTES, remedy="split it").decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(str(path), f"byte {error.start} is not UTF-8", "text in UTF-8") from None
+    rows = _toml_rows(path, text) if suffix == ".toml" else _csv_rows(path, text)
     entries: dict[str, StructureEntry] = {}
     for what, row in rows:
         entry = _entry(row, what, path.parent, allow_outside)
@@ -86,16 +91,6 @@ def read_manifest(path: Path | str, allow_outside: bool = False) -> list[Structu
     if not entries:
         raise InputError(str(path), "declares no structure", "at least one [[structure]] table or CSV row")
     return list(entries.values())
-
-
-def _text(path: Path) -> str:
-    if path.suffix.lower() not in (".toml", ".csv"):
-        raise InputError(str(path), f"has the suffix {path.suffix!r}", "a manifest is a .toml or a .csv file")
-    data = read_regular(path, MAX_BYTES, remedy="split it")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(str(path), f"byte {error.start} is not UTF-8", "text in UTF-8") from None
 
 
 def _toml_rows(path: Path, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]:

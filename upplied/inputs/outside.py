@@ -46,7 +46,10 @@ def look(
     wanted[fragments] = 0
     rng = np.random.default_rng(seed)
     sample = _chosen(patch, area, wanted, rng)
-    points, normals = _sample_points(corners[sample], rng)
+    root, along = np.sqrt(rng.random(len(sample)))[:, None], rng.random(len(sample))[:, None]
+    a, b, c = corners[sample].swapaxes(0, 1)
+    points, normals = a * (1 - root) + root * (b * (1 - along) + c * along), area_vectors(corners[sample])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     scene = Scene(vertices, triangles)
     reach = 2 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     front, back = (
@@ -77,15 +80,6 @@ def _chosen(patch: Ints, area: Floats, wanted: Ints, rng: np.random.Generator) -
     at = begin[owner] + (step + rng.random(len(owner))) / wanted[owner] * (end - begin)[owner]
     first = np.concatenate([[0], last[:-1] + 1])
     return order[np.clip(np.searchsorted(cumulated, at), first[owner], last[owner])]
-
-
-def _sample_points(corners: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """A random point in each triangle, and its unit normal."""
-    root, along = np.sqrt(rng.random(len(corners)))[:, None], rng.random(len(corners))[:, None]
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    normals = area_vectors(corners)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return a * (1 - root) + root * (b * (1 - along) + c * along), normals
 
 
 def _escaped(scene: Scene, origins: Floats, normals: Floats, reach: float, ground: float | None) -> Floats:

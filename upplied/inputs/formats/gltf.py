@@ -7,7 +7,6 @@ places a node that is named twice once: all in silence, so these are refused or 
 import base64
 import io
 import json
-from typing import Any
 
 import numpy as np
 
@@ -29,7 +28,14 @@ def read_gltf(source: Source) -> RawMesh:
         document = json.loads(text)
     except (ValueError, RecursionError):
         raise source.error("its JSON cannot be understood", "a complete glTF 2.0 file") from None
-    _check_version(source, document)
+    if not isinstance(document, dict) or not isinstance(document.get("asset"), dict):
+        raise source.error("has no 'asset'", "a glTF 2.0 file")
+    if not str(document["asset"].get("version", "")).startswith("2"):
+        raise _too_old(source)
+    for name in map(str, document.get("extensionsRequired", [])):
+        if not name.startswith(_HARMLESS):
+            remedy = "export it without compression or extensions"
+            raise source.error(f"requires the extension {name[:60]}", "plain glTF 2.0", remedy)
     buffers = _buffers(source, document, binary)
     _check_accessors(source, document, buffers)
     skinned = _plain_tree(source, document)
@@ -72,17 +78,6 @@ def _chunks(source: Source) -> tuple[bytes, bytes]:
         chunks.setdefault(kind, data[at + 8 : at + 8 + size])
         at += 8 + size
     return chunks.get(b"JSON", b""), chunks.get(b"BIN\0", b"")
-
-
-def _check_version(source: Source, document: Any) -> None:
-    if not isinstance(document, dict) or not isinstance(document.get("asset"), dict):
-        raise source.error("has no 'asset'", "a glTF 2.0 file")
-    if not str(document["asset"].get("version", "")).startswith("2"):
-        raise _too_old(source)
-    for name in map(str, document.get("extensionsRequired", [])):
-        if not name.startswith(_HARMLESS):
-            remedy = "export it without compression or extensions"
-            raise source.error(f"requires the extension {name[:60]}", "plain glTF 2.0", remedy)
 
 
 def _too_old(source: Source) -> Exception:

@@ -150,12 +150,9 @@ def _row(value: Any) -> list[float] | None:
     """A list of numbers; empty where there is none, None where it is anything else."""
     if value is None:
         return []
-    if isinstance(value, str | bytes | dict | int | float):
+    if isinstance(value, str | bytes | dict) or not isinstance(value, Iterable):
         return None
-    try:
-        items = list(value)
-    except TypeError:
-        return None
+    items = list(value)
     return [_float(item) for item in items] if all(isinstance(item, int | float) for item in items) else None
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.geometry.polylines import chosen_evenly
-from upplied.geometry.poses import optical_axis
+from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.geometry.scene import Scene
 from upplied.records import Bools, Camera, Floats, Record, Structure
 
@@ -43,7 +43,12 @@ def sight_of(
     turns = Rotation.from_quat(quat_xyzw)
     ahead = turns.apply([1.0, 0.0, 0.0])
     range_m = scene.cast(positions, ahead)[0]
-    rays = _picture_rays(camera)
+    across, up = (
+        np.radians(angle) / 2 * np.linspace(-0.9, 0.9, _PICTURE)
+        for angle in (min(camera.hfov_deg, 340.0), min(camera.vfov_deg, 170.0))
+    )
+    yaw, pitch = (part.ravel() for part in np.meshgrid(across, up))
+    rays = optical_axis(from_yaw_pitch(yaw, pitch))
     directions = (turns.as_matrix() @ rays.T).swapaxes(1, 2).reshape(-1, 3)
     depth = scene.cast(np.repeat(positions, len(rays), axis=0), directions)[0].reshape(-1, len(rays))
     return Sight(
@@ -59,16 +64,6 @@ def ground_of(structure: Structure) -> float:
     """The declared ground, or the lowest point of the structure, m."""
     ground = structure.surroundings.ground_z_m
     return float(structure.vertices[:, 2].min()) if ground is None else float(ground)
-
-
-def _picture_rays(camera: Camera) -> Floats:
-    """Unit vectors (R, 3) spread over the picture, camera frame."""
-    across, up = (
-        np.radians(angle) / 2 * np.linspace(-0.9, 0.9, _PICTURE)
-        for angle in (min(camera.hfov_deg, 340.0), min(camera.vfov_deg, 170.0))
-    )
-    yaw, pitch = (part.ravel() for part in np.meshgrid(across, up))
-    return np.column_stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
 
 
 def inside(positions: Floats, scene: Scene) -> Bools:

@@ -153,13 +153,16 @@ def steadiness(
     if min(spans, default=0.0) > _TELLING and not logged.clock_steps:
         ratio, ahead_s = spans[0] / spans[1], float(np.median(logged.t_ns - logged.log_ns)) * 1e-9
     dropped = logged.dropped.get("far off its neighbours", 0)
+    turns = Rotation.from_quat(flown.quat_xyzw).as_matrix()
+    turns = turns[np.abs(turns[:, 2, 0]) < _STEEP]
+    rolls = np.degrees(np.abs(np.arctan2(turns[:, 2, 1], turns[:, 2, 2])))
     return Steadiness(
         *_motion(logged, velocity),
         *(_pace99(flown, gap_s) if timed else ()),
         jumps=int(lasting.sum()),
         jump_m=float(off_m[lasting].max(initial=0.0)),
         spikes=int(((off_m > 0) & ~lasting).sum() + 1) // 2 + dropped,
-        roll_deg=_roll_deg(flown.quat_xyzw),
+        roll_deg=float(np.median(rolls)) if len(rolls) >= _TELLING else float("nan"),
         clock_ratio=ratio,
         clock_ahead_s=ahead_s,
         step_s=float(np.median(np.diff(flown.t_ns))) * 1e-9 if len(flown) > 1 else 0.0,
@@ -183,10 +186,3 @@ def _off(track: Track, gap_s: float) -> tuple[Floats, Bools]:
     later, before = (np.clip(np.arange(len(off_m)) + by, 0, len(off_m) - 1) for by in (_LASTS, -1 - _LASTS))
     moved = np.linalg.norm(whole[later] - whole[before], axis=1)
     return off_m, (off_m > 0) & (moved > 0.6 * off_m)
-
-
-def _roll_deg(quats: Floats) -> float:
-    turns = Rotation.from_quat(quats).as_matrix()
-    turns = turns[np.abs(turns[:, 2, 0]) < _STEEP]
-    rolls = np.degrees(np.abs(np.arctan2(turns[:, 2, 1], turns[:, 2, 2])))
-    return float(np.median(rolls)) if len(rolls) >= _TELLING else float("nan")

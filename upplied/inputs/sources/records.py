@@ -46,9 +46,7 @@ def _record(text: str) -> Source:
     at = _named(next(reader, []))
     least = max(at["lat"][0], at["lon"][0])
     rows = [row for row, _ in zip(reader, range(MAX_ROWS), strict=False) if len(row) > least]
-    cells = {
-        name: [row[place] if place < len(row) else "" for row in rows] for name, (place, _) in at.items()
-    }
+    cells = {name: [it[place] if place < len(it) else "" for it in rows] for name, (place, _) in at.items()}
     dates = np.array([fill.dated(cell) for cell in cells.pop("date", [""] * len(rows))])
     columns = {
         name: at[name][1] * np.asarray(pd.to_numeric(pd.Series(cell, dtype=object), errors="coerce"), float)

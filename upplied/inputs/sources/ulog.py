@@ -8,7 +8,7 @@ import numpy as np
 from pyulog import ULog
 from pyulog.exceptions import ULogException
 
-from upplied.inputs.files import open_regular
+from upplied.inputs.files import open_regular, silent
 from upplied.inputs.sources.source import Fields, Source, refusal, table
 
 ERRORS = (ULogException, TypeError)  # what `pyulog` raises of damaged logs
@@ -27,7 +27,8 @@ def read(path: Path, fields: Fields) -> Source:
     # The log calls px4_msgs/VehicleLocalPosition vehicle_local_position.
     names = {re.sub(r"(?<!^)(?=[A-Z])", "_", schema.removeprefix("px4_msgs/")).lower(): schema
              for schema in fields if schema.startswith("px4_msgs/")}  # fmt: skip
-    log = ULog(str(path), [*names, *_GPS])
+    with silent():
+        log = ULog(str(path), [*names, *_GPS])
     offset_us, notes = _start(log)
     tables = []
     for number, data in enumerate(log.data_list):
