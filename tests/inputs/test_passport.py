@@ -57,6 +57,7 @@ BREAKS = {  # of each rule, figures that break it
     "stand-off": {"stand_off_varies": 0.9, "other_varies": 0.06, "other": "swapped-xy-poses"},
     "horizon": {"rolls_deg": 9.0, "other_rolls_deg": 0.1, "other": "inverse-quaternion"},
     "near-otherwise": {"min_clearance_m": 1.2, "other_clearance_m": 3.0, "other": "mirrored-x-poses"},
+    "aim-otherwise": {"aside_deg": 30.0, "other_aside_deg": 3.0, "other": "swapped-xy-poses"},
     "velocity": {"motion_fit_pct": 20.0, "motion_ratio": 3.28},
     "turns-otherwise": {"felt_turn_pct": -98.0},
     "aim-drifts": {"aim_drift_deg": -22.0},
@@ -378,7 +379,7 @@ def test_the_convention_that_fits_clearly_better_is_named_before_the_steadier_on
     monkeypatch.setattr(
         measured.Comparison,
         "steadier",
-        lambda *_: (np.array([0.9, 0.0, 0.3]), np.array([0.1, 0.0, 0.3]), [steadier]),
+        lambda *_: (np.array([0.9, 0.0, 0.3, 1.0]), np.array([0.1, 0.0, 0.3, 1.0]), [steadier]),
     )
     with pytest.raises(InputError) as error:
         taken(right(0), tmp_path / "a.mcap")

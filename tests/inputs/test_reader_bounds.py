@@ -123,12 +123,12 @@ def test_a_steadier_stand_off_is_named_beyond_its_ratio_alone(ratio: float, name
         near = lambda logged: logged.take(logged.positions[:, 0] < reach)  # noqa: E731 - what a mount is known for
         return fits.Comparison(track, near, scene_of(box), 0.0, 1e3).steadier(ratio)
 
-    kept = pytest.approx([0, 0, 1 / 3], abs=1e-6)
+    kept = pytest.approx([0, 0, 1 / 3, 0], abs=1e-4)  # the last in degrees, of single precision
     assert steadier((places, quats)) == (kept, kept, [])
     varies, least, found = steadier(conventions.NAMED["swapped-xy-poses"].change(places, quats))
-    assert varies == pytest.approx([np.log(2) / 2, 0, 1 / 2], abs=1e-3)
+    assert varies == pytest.approx([np.log(2) / 2, 0, 1 / 2, 0], abs=1e-3)
     assert [fit.convention.name for fit in found] == ["swapped-xy-poses"] * named
-    assert least == (kept if named else pytest.approx(varies, abs=1e-6))
+    assert least == (kept if named else pytest.approx(varies, abs=1e-4))
     poses = conventions.NAMED["swapped-xy-poses"].change(places, quats)
     assert not steadier(poses, 8.5)[2]  # by that convention half of the poses have no mount
 

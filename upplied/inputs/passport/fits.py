@@ -8,17 +8,20 @@ from scipy.spatial.transform import Rotation
 
 from upplied.geometry.polylines import chosen_evenly
 from upplied.geometry.scene import Scene
+from upplied.geometry.vectors import unit
 from upplied.inputs.flight.inspection import met_in_the_middle, phases_of
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.conventions import MOUNTS, NAMED, ON_EARTH, Convention, Poses, offsets, turns
 from upplied.inputs.passport.settings import CONVENTIONS
-from upplied.inputs.passport.sight import inside
+from upplied.inputs.passport.sight import inside, left_of
 from upplied.inputs.schemas.geodetic import STRUCTURE
 from upplied.records import Bools, Floats
 
 _POSES = 96  # of a flight, spread evenly, on which conventions are compared
-# Logarithm of the stand-off, roll, deg, and one over the least distance, 1/m: no pilot keeps them better.
-_STEADY = np.array([0.05, 1.0, 1 / 3])
+# Logarithm of the stand-off, roll, deg, one over the least distance, 1/m, and how far the camera looks aside
+# of the nearest surface, deg: no pilot keeps them better.
+_STEADY = np.array([0.05, 1.0, 1 / 3, 5.0])
+_HEADINGS = 30  # of the poses that are compared: fewer tell of no aim
 NEARER = 2.0  # times nearer than in another convention: no pilot who might keep clear flies so
 _SCALES = {name for name, row in CONVENTIONS.items() if "factor" in row} | {item.name for item in ON_EARTH}
 AS_WELL = 0.02  # share of the poses by which what is steadier may fit worse
@@ -76,11 +79,12 @@ class Comparison:
     def steadier(self, ratio: float) -> tuple[Floats, Floats, list[Fit]]:
         """How unsteady the flight is, and is in other conventions, and those in which it is the steadier.
 
-        Both are (3,): the standard deviation of the logarithm of the stand-off, the roll, deg, and one over
-        the least distance, 1/m. One is so much less, in a ratio, in a named convention, in which as many
-        poses could be of an inspection; of the distance in one of the same scale.
+        Both are (4,): the standard deviation of the logarithm of the stand-off, the roll, deg, one over the
+        least distance, 1/m, and how far the camera looks aside of the nearest surface, deg. One is so much
+        less, in a ratio, in a named convention, in which as many poses could be of an inspection; of the
+        distance in one of the same scale.
         """
-        as_given, ratios = _unsteadiness(self._given, self.scene), np.array([ratio, ratio, NEARER])
+        as_given, ratios = _unsteadiness(self._given, self.scene), np.array([ratio, ratio, NEARER, ratio])
         if (as_given < ratios * _STEADY).all():
             return as_given, as_given, []
         measured = [(_unsteadiness(poses, self.scene), item, poses) for item, poses in self._as_logged()]
@@ -119,12 +123,16 @@ class Comparison:
 
 
 def _unsteadiness(poses: Poses, scene: Scene) -> Floats:
-    """Spread of the logarithm of the stand-off, roll of nine in ten poses, deg, 1 / least distance, 1/m."""
+    """Spread of the logarithm of the stand-off; roll, deg; 1 / least distance, 1/m; look aside, deg or NaN."""
     turns = Rotation.from_quat(poses[1]).as_matrix()
     roll_deg = np.degrees(np.arcsin(np.abs(turns[:, 2, 1]).clip(0, 1)))
     roll_deg[turns[:, 2, 2] < 0] = 90.0  # upside down
-    stand_off = np.maximum(scene.distance(poses[0]), 0.05)
-    return np.array([np.std(np.log(stand_off)), np.percentile(roll_deg, 90), 1 / stand_off.min()])
+    near = scene.closest(poses[0])[0] - poses[0]
+    stand_off = np.maximum(np.linalg.norm(near, axis=1), 0.05)
+    left = left_of(turns[:, :, 0], unit(near))
+    left = np.abs(left[np.isfinite(left)])
+    aside = float(np.percentile(left, 75)) if len(left) >= _HEADINGS else np.nan
+    return np.array([np.std(np.log(stand_off)), np.percentile(roll_deg, 90), 1 / stand_off.min(), aside])
 
 
 def fits(

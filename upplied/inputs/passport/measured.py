@@ -72,6 +72,8 @@ class Measured(Steadiness, Aim, Pace):
     rolls_deg: float = 0.0  # of the camera, in nine of ten poses
     other_rolls_deg: float = 0.0
     other_clearance_m: float = 0.0  # in that convention
+    aside_deg: float = 0.0  # of the nearest surface, in three of four poses
+    other_aside_deg: float = 0.0
     off_centre_m: tuple[float, float] = (0.0, 0.0)  # by the stand-off, horizontally
     off_centre_sure: float = 0.0  # share of the stand-off's variance that it explains
     felt_turn_pct: float = float("nan")  # correlation of how the poses turn with inertial units
@@ -136,6 +138,8 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         rolls_deg=float(varies[1]),
         other_rolls_deg=float(least[1]),
         other_clearance_m=float(1 / least[2]),
+        aside_deg=float(varies[3]),
+        other_aside_deg=float(least[3]),
         off_centre_m=(round(off[0], 1), round(off[1], 1)),
         off_centre_sure=sure,
         felt_turn_pct=100 * turning_of(logged, reading.gyroscopes),

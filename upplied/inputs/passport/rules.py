@@ -16,6 +16,8 @@ from upplied.records import Structure
 
 _NED = re.compile(r"(^|[_/-])(ned|frd)([_/-]|$)", re.IGNORECASE)
 _SURE = 0.8  # least share of the stand-off's variance that a place off the structure explains
+# Of those that name a convention the first alone counts.
+_STEADIER = {"fits-otherwise", "stand-off", "horizon", "aim-otherwise", "near-otherwise"}
 _STILL_DEG = 0.01  # between the pitches of a flight: no gimbal is as still
 _ROLLED_OVER = range(1995, 2010)  # years of receivers that count 1024 weeks too few
 _SIGNS = {"<": operator.lt, ">": operator.gt}
@@ -37,7 +39,7 @@ def judged(
         else:
             figure, sign, bound = rule.broken.split()
             is_broken = _SIGNS[sign](getattr(measured, figure), getattr(settings, bound, 0))
-        if is_broken:
+        if is_broken and not (rule.name in _STEADIER and _STEADIER & {verdict.rule for verdict in verdicts}):
             words = _WORDS[rule.name](measured) if rule.name in _WORDS else ""
             finding = rule.finding.format(m=measured, s=settings, words=words)
             verdicts.append(broken(rule, finding, remedy=rule.remedy or measured.other_advice))
@@ -65,10 +67,8 @@ _BROKEN: dict[str, Callable[[Measured, PassportSettings], object]] = {
     ),
     "stand-off": lambda m, s: s.steadier_ratio * max(m.other_varies, 0.05) <= m.stand_off_varies,
     "horizon": lambda m, s: s.steadier_ratio * max(m.other_rolls_deg, 1.0) <= m.rolls_deg,
-    "near-otherwise": lambda m, s: (
-        NEARER * m.min_clearance_m <= min(m.other_clearance_m, NEARER * s.near_m)
-        and not any(_BROKEN[name](m, s) for name in ("stand-off", "horizon"))
-    ),
+    "aim-otherwise": lambda m, s: s.steadier_ratio * max(m.other_aside_deg, 5.0) <= m.aside_deg,
+    "near-otherwise": lambda m, s: NEARER * m.min_clearance_m <= min(m.other_clearance_m, NEARER * s.near_m),
     "looks-away": lambda m, s: (
         m.axis_pct < s.least_axis_pct or (m.axis_pct < s.odd_axis_pct and m.fit_pct < s.least_fit_pct)
     ),
@@ -152,7 +152,7 @@ def _with_hint(verdicts: tuple[Verdict, ...], measured: Measured) -> list[Verdic
     """What is refused, the last of it with the convention that comes nearest to making sense of it."""
     hinted = list(verdicts)
     refused = {verdict.rule for verdict in refusals(verdicts)}
-    named = refused & {"fits-otherwise", "stand-off", "horizon", "near-otherwise"}
+    named = refused & _STEADIER
     if refused and not named and measured.other_fit_pct - measured.fit_pct >= 5:
         share = f"{measured.other_fit_pct:.0f} %, as given {measured.fit_pct:.0f} %"
         hint = f"; the nearest other convention, {measured.other_words}, fits {share}"
