@@ -18,9 +18,8 @@ from upplied.geometry.scene import scene_of
 from upplied.geometry.separation import separated
 from upplied.inputs import repair
 from upplied.inputs.concerns import concerns, cut_off
-from upplied.inputs.flight.clean import UNSET, breaks, clean, steady
+from upplied.inputs.flight.clean import UNSET, breaks, clean, paced, steady
 from upplied.inputs.flight.inspection import phases
-from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.tracks import Track, at_times
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import StructureEntry

@@ -144,7 +144,7 @@ def check(
 
 def _rule_options(flags: RuleFlags) -> RuleOptions:
     from upplied.fleet import RuleOptions
-    from upplied.inputs.structure_rules import changed
+    from upplied.inputs.rules import changed
 
     return RuleOptions(flags.allow, flags.strict, changed(flags.set_))
 

@@ -16,9 +16,8 @@ from upplied.geometry.poses import normalised
 from upplied.geometry.scene import scene_of
 from upplied.inputs.flight import inspection as inspections
 from upplied.inputs.flight.choice import NOTHING, READERS, check_one, choose, nothing
-from upplied.inputs.flight.clean import breaks, check_dropped, clean, reasons, silence_s, steady, timed
+from upplied.inputs.flight.clean import breaks, check_dropped, clean, paced, reasons, silence_s, steady, timed
 from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_frame, registered
-from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.tracks import FIELDS, Track
 from upplied.inputs.mcap.recording import open_recording
 from upplied.inputs.passport.conventions import converted
@@ -123,7 +122,13 @@ def _demonstration(
     track = clean(track, facts, where)
     check_one(track, facts, where)
     facts, placing = registered(facts, track, structure, where)
-    track = converted(_in_metres(track, facts, where), facts.convention)
+    if facts.unit_m is not None and track.parent != geodetic.STRUCTURE:
+        if not facts.unit_m > 0:  # a reconstruction has no unit of its own
+            remedy = "write unit_m of the project's mesh into the side-car"
+            rule = "unit_m: metres per unit of it"
+            raise InputError(where, "is a reconstruction without unit", rule, remedy)
+        track = replace(track, positions=track.positions * facts.unit_m)
+    track = converted(track, facts.convention)
     through = partial(cameras.through, camera, zoom, track, what=what)
     camera, fov_deg = through(facts)
     track = replace(track, fov_deg=fov_deg)
@@ -219,16 +224,6 @@ def _check_flown(metadata: Sequence[tuple[str, Mapping[str, str]]], what: str) -
         if plan or (name == "inspection" and values.get("simulated", "").lower() == "true"):
             finding = "is an export of a plan" if plan else "is the log of a simulated flight"
             raise InputError(what, f"{finding}: its metadata say so", "the log of a vehicle that flew")
-
-
-def _in_metres(track: Track, facts: LogOptions, what: str) -> Track:
-    """The track with its lengths in metres; a reconstruction has no unit of its own (NaN)."""
-    if facts.unit_m is None or track.parent == geodetic.STRUCTURE:
-        return track
-    if not facts.unit_m > 0:
-        remedy = "write unit_m of the project's mesh into the side-car"
-        raise InputError(what, "is a reconstruction without unit", "unit_m: metres per unit of it", remedy)
-    return replace(track, positions=track.positions * facts.unit_m)
 
 
 def _check_length(track: Track, facts: LogOptions, what: str) -> None:

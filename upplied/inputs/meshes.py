@@ -19,8 +19,7 @@ from upplied.inputs.outliers import find_outliers
 from upplied.inputs.outside import look, outward_normals
 from upplied.inputs.raw import RawMesh, counted
 from upplied.inputs.repair import clean, clip_below, compact, topology_of, used_vertices
-from upplied.inputs.rules import decided, refuse, to_json
-from upplied.inputs.structure_rules import measured
+from upplied.inputs.rules import decided, measured, refuse, to_json
 from upplied.records import Bools, Floats, Ints, Structure
 
 _AS_DECLARED = (

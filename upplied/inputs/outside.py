@@ -109,7 +109,13 @@ def outward_normals(points: Floats, given: Floats | None = None, seed: int = 0) 
     Given normals are kept, but turned as a whole where most of them point inwards. Others come from the
     plane of the nearest of the points (N, 3), m, N >= 4, each turned by the side from which more rays escape.
     """
-    normals = planes(points) if given is None else _repaired(points, given)
+    if given is None:
+        normals = planes(points)
+    else:  # those without a direction come from the plane of their neighbours
+        length = np.linalg.norm(given, axis=1)
+        bad: Bools = ~(np.isfinite(length) & (length > 1e-9))
+        normals = np.where(bad[:, None], 0.0, given) / np.where(bad, 1.0, length)[:, None]
+        normals[bad] = planes(points)[bad] if bad.any() else 0.0
     rng = np.random.default_rng(seed)
     judged = np.sort(rng.permutation(len(points))[:_JUDGED])
     vote = _votes(points[judged], normals[judged])
@@ -134,16 +140,6 @@ def planes(points: Floats) -> Floats:
 
 def _chunks(count: int) -> list[slice]:
     return [slice(at, at + _CHUNK) for at in range(0, count, _CHUNK)]
-
-
-def _repaired(points: Floats, given: Floats) -> Floats:
-    """Given normals with unit length; those without a direction come from the plane of their neighbours."""
-    length = np.linalg.norm(given, axis=1)
-    bad: Bools = ~(np.isfinite(length) & (length > 1e-9))
-    normals = np.where(bad[:, None], 0.0, given) / np.where(bad, 1.0, length)[:, None]
-    if bad.any():
-        normals[bad] = planes(points)[bad]
-    return normals
 
 
 def _votes(points: Floats, normals: Floats) -> Floats:

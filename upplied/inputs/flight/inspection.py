@@ -134,20 +134,17 @@ def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases 
     if not ground.any():
         return None
     flights = _runs(~ground)
-    ways = []  # stations at which the climb of each flight ends, and its descent begins
+    outs, flying = [], np.zeros(len(at), bool)  # stations at which climbs end; between climb and descent
     for first, stop in flights:
-        out = first + _aside(places[first - 1], places[first:stop]) if first else first
+        outs.append(first + _aside(places[first - 1], places[first:stop]) if first else first)
         back = stop - _aside(places[stop], places[first:stop][::-1]) if stop < len(at) else stop
-        ways.append((out, max(out, back)))
-    flying = np.zeros(len(at), bool)
-    for out, back in ways:
-        flying[out:back] = True
+        flying[outs[-1] : back] = True
     distance = scene.distance(places)
     usual = float(np.median(distance[looks & flying])) if (looks & flying).any() else 0.0
     good = looks & flying & (distance <= _FAR * usual)
     parts: list[tuple[str, float, float]] = []
     landed_s = 0.0
-    for (first, stop), (out, _) in zip(flights, ways, strict=True):
+    for (first, stop), out in zip(flights, outs, strict=True):
         seconds, inspects = at[first:stop], good[first:stop]
         begin = first + _begins(seconds, inspects) if first else first
         end = stop - 1 - _begins(-seconds[::-1], inspects[::-1]) if stop < len(at) else stop - 1

@@ -27,7 +27,8 @@ def camera_poses(
     the camera's optical frame, and at last the body itself, with the camera looking ahead.
     """
     seen = "optical" in track.child or (track.child and track.child == camera_frame)
-    frame = facts.body_frame or ("optical" if seen and not _is_mounted(facts) else "body")
+    is_mounted = facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None
+    frame = facts.body_frame or ("optical" if seen and not is_mounted else "body")
     if frame == "camera":
         return track
     if frame == "optical":
@@ -36,7 +37,7 @@ def camera_poses(
     turn = Rotation.from_quat(facts.body_T_camera_quat_xyzw or (0.0, 0.0, 0.0, 1.0))
     if gimbal is not None:
         return _on_gimbal(track, gimbal, offset, turn, facts)
-    if _is_mounted(facts):
+    if is_mounted:
         return mounted(track, offset, turn)
     camera_frame = camera_frame or tree.camera()
     body = ""  # the tracked frame if it carries the camera, else the top of its rigid parts
@@ -93,10 +94,6 @@ def mounted(track: Track, position: Floats, rotation: Rotation) -> Track:
     body = Rotation.from_quat(track.quat_xyzw)
     positions = track.positions + body.apply(position)
     return replace(track, positions=positions, quat_xyzw=(body * rotation).as_quat())
-
-
-def _is_mounted(facts: LogOptions) -> bool:
-    return facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None
 
 
 def _on_gimbal(track: Track, gimbal: Gimbal, offset: Floats, turn: Rotation, facts: LogOptions) -> Track:

@@ -98,8 +98,15 @@ class _Reader:
                 continue
             source = self._input(group)
             if id(source) not in known:
-                known[id(source)] = (sum(map(len, vertices)), self._positions(source))
-                vertices.append(known[id(source)][1])
+                accessor = source.find("technique_common/accessor")
+                values = numbers((source.findtext("float_array") or "").encode())
+                defaults = {"count": "0", "stride": "1", "offset": "0"}
+                count, stride, offset = (int(accessor.get(*each)) for each in defaults.items())
+                if stride < 3 or min(count, offset) < 0 or offset + count * stride > len(values):
+                    raise self._source.error("its positions are fewer than it says", f"{count} triples")
+                places = values[offset : offset + count * stride].reshape(count, stride)[:, :3]
+                known[id(source)] = (sum(map(len, vertices)), places)
+                vertices.append(places)
             first, positions = known[id(source)]
             corners, sizes = self._corners(group)
             if group.tag in ("trifans", "tristrips"):  # the assembly checks their indices
@@ -117,15 +124,6 @@ class _Reader:
                     if inner.get("semantic") == "POSITION":
                         return self._target(inner, "source")
         raise self._source.error("holds faces without positions", "an input VERTEX with an input POSITION")
-
-    def _positions(self, element: Any) -> Floats:
-        accessor = element.find("technique_common/accessor")
-        values = numbers((element.findtext("float_array") or "").encode())
-        defaults = {"count": "0", "stride": "1", "offset": "0"}
-        count, stride, offset = (int(accessor.get(*each)) for each in defaults.items())
-        if stride < 3 or min(count, offset) < 0 or offset + count * stride > len(values):
-            raise self._source.error("its positions are fewer than it says", f"{count} triples")
-        return values[offset : offset + count * stride].reshape(count, stride)[:, :3]
 
     def _corners(self, group: Any) -> tuple[Ints, Ints]:
         """Vertex indices and the number of corners of each face of a group."""

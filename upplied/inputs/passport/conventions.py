@@ -67,10 +67,9 @@ def _matrix(axes: str) -> Floats:
     return np.array([np.eye(3)["xyz".index(axis[-1])] * (1 - 2 * ("-" in axis)) for axis in axes.split()])
 
 
-def _raised(positions: Floats, quats: Floats, factor: float) -> Poses:
-    """Heights above the first pose in another unit."""
-    heights = positions[0, 2] + factor * (positions[:, 2] - positions[0, 2])
-    return np.column_stack([positions[:, :2], heights]), quats
+def _moved(positions: Floats, quats: Floats, offset: Floats | float = 0.0, factor: float = 1.0) -> Poses:
+    """Positions elsewhere, with heights above the first pose in another unit."""
+    return positions[0] + (positions - positions[0]) * (1.0, 1.0, factor) + offset, quats
 
 
 _SPECIAL: dict[str, Change] = {
@@ -93,8 +92,8 @@ def _named(name: str, words: str, **axes: Any) -> Convention:
 NAMED: dict[str, Convention] = {name: _named(name, **row) for name, row in CONVENTIONS.items()}
 #: The mistakes in logs of places on the Earth: those have no axes that could be others.
 ON_EARTH = (
-    Convention("heights-in-feet", "heights in feet", partial(_raised, factor=0.3048), "export metres"),
-    Convention("heights-as-feet", "heights in metres read as feet", partial(_raised, factor=1 / 0.3048),
+    Convention("heights-in-feet", "heights in feet", partial(_moved, factor=0.3048), "export metres"),
+    Convention("heights-as-feet", "heights in metres read as feet", partial(_moved, factor=1 / 0.3048),
                "export metres"),
 )  # fmt: skip
 
@@ -163,7 +162,7 @@ def offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
         Convention(
             "offset " + " ".join(f"{value:+.0f}" for value in offset) + " m",
             "positions off by " + ", ".join(f"{-value:+.0f}" for value in offset) + " m",
-            lambda positions, quats, by=offset: (positions + by, quats),
+            partial(_moved, offset=offset),
             "structure_position_m = [" + ", ".join(f"{-value:.1f}" for value in offset) + "]",
             0.06,
         )

@@ -123,7 +123,7 @@ class Comparison:
 
 
 def _unsteadiness(poses: Poses, scene: Scene) -> Floats:
-    """Spread of the logarithm of the stand-off; roll, deg; 1 / least distance, 1/m; look aside, deg or NaN."""
+    """Spread of the logarithm of the stand-off; roll, deg; 1 / distance, 1/m; look aside, deg, or NaN."""
     turns = Rotation.from_quat(poses[1]).as_matrix()
     roll_deg = np.degrees(np.arcsin(np.abs(turns[:, 2, 1]).clip(0, 1)))
     roll_deg[turns[:, 2, 2] < 0] = 90.0  # upside down

@@ -9,9 +9,8 @@ import numpy as np
 from upplied.geometry.polylines import chosen_evenly, leg_lengths
 from upplied.geometry.poses import optical_axis
 from upplied.geometry.scene import scene_of
-from upplied.inputs.flight.clean import UNSET
+from upplied.inputs.flight.clean import UNSET, Pace
 from upplied.inputs.flight.mounts import NO_MOUNT
-from upplied.inputs.flight.pace import Pace
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.fits import AS_WELL, Comparison, Fit
 from upplied.inputs.passport.settings import PassportSettings
@@ -116,7 +115,11 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     if steady and (not others or others[0].share - given < settings.fit_gain_pct / 100):
         others = steady
     least = least if others is steady else varies
-    zoomed = _zoomed(flown, settings.zoom_pct) or [(camera.hfov_deg, 0.0)]
+    angles = [camera.hfov_deg] if flown.fov_deg is None else flown.fov_deg[:, 0].tolist()
+    views: list[tuple[float, float]] = []
+    for angle, at in zip(angles, flown.t_ns.tolist(), strict=False):
+        if not views or abs(angle / views[-1][0] - 1) > settings.zoom_pct / 100:
+            views.append((angle, (at - int(flown.t_ns[0])) * 1e-9))
     return Measured(
         **vars(pace),
         **vars(steadiness(logged, flown, reading.gap_s, reading.velocity, reading.source.timed)),
@@ -152,8 +155,8 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         clock_steps=logged.clock_steps,
         recorded_pct=100 * pace.recorded_s / pace.span_s if pace.span_s else 100.0,
         lens_ratio=reading.lens_ratio,
-        hfov_deg=tuple(angle for angle, _ in zoomed),
-        hfov_from_s=tuple(at for _, at in zoomed),
+        hfov_deg=tuple(angle for angle, _ in views[:_ZOOMS]),
+        hfov_from_s=tuple(at for _, at in views[:_ZOOMS]),
         assumed=_assumed(reading),
         frame=logged.parent,
         child=logged.child,
@@ -206,17 +209,6 @@ def _off_centre(sight: Sight, turns: Floats) -> tuple[tuple[float, float], float
     variance = float(np.var(far))
     sure = 1 - float(np.var(far - rows @ weights)) / variance if variance > 1e-9 else 0.0
     return (-float(weights[1]), -float(weights[2])), sure
-
-
-def _zoomed(track: Track, change_pct: float) -> list[tuple[float, float]]:
-    """The fields of view, deg, each with the time, s, from which on it held; none where it does not zoom."""
-    if track.fov_deg is None:
-        return []
-    views: list[tuple[float, float]] = []
-    for angle, at in zip(track.fov_deg[:, 0].tolist(), track.t_ns.tolist(), strict=True):
-        if not views or abs(angle / views[-1][0] - 1) > change_pct / 100:
-            views.append((angle, (at - int(track.t_ns[0])) * 1e-9))
-    return views[:_ZOOMS]
 
 
 def _assumed(reading: Reading) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ def judged(
     measured: Measured, settings: PassportSettings, allow: tuple[str, ...] = (), strict: bool = False
 ) -> tuple[Verdict, ...]:
     """The rules that a flight breaks, in the order of the table, those of the names in `allow` overruled."""
-    verdicts = []
+    verdicts: list[Verdict] = []
     for rule in CHECKS:
         if rule.name in _BROKEN:
             is_broken = _BROKEN[rule.name](measured, settings)

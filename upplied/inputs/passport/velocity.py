@@ -5,6 +5,7 @@ An estimator's velocity does not come from exported poses: those in other axes o
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -31,23 +32,23 @@ def _strided(track: Track, least: int) -> tuple[Ints, Floats]:
     return np.arange(0, len(track), stride), seconds
 
 
-def _pace99(track: Track, gap_s: float) -> tuple[float, ...]:
+def _pace99(track: Track, gap_s: float) -> dict[str, Any]:
     """Speed, acceleration and turn over half a second that 99 % keep within, but for gaps and resets."""
     at, seconds = _strided(track, 4)
     if len(at) < 4:
-        return 0.0, 0.0, 0.0
+        return {}
     breaks = np.diff(seconds) > gap_s
     if track.epoch is not None:
         breaks |= np.diff(track.epoch) != 0
     lasted, whole = np.diff(seconds[at]), np.diff(np.append(0, np.cumsum(breaks))[at]) == 0
     if not whole.any():
-        return 0.0, 0.0, 0.0
+        return {}
     velocity = np.diff(track.positions[at], axis=0) / lasted[:, None]
     turned = np.degrees(angle_between(track.quat_xyzw[at][1:], track.quat_xyzw[at][:-1])) / lasted
     gained = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / ((lasted[1:] + lasted[:-1]) / 2)
     gained, speed = gained[whole[1:] & whole[:-1]], np.linalg.norm(velocity[whole], axis=1)
-    parts = (speed, gained if len(gained) else np.zeros(1), turned[whole])
-    return tuple(float(np.percentile(values, 99)) for values in parts)
+    parts = {"speed_p99_mps": speed, "acceleration_p99_mps2": gained, "turn_p99_degps": turned[whole]}
+    return {name: float(np.percentile(values, 99)) for name, values in parts.items() if len(values)}
 
 
 def turning_of(track: Track, gyroscopes: Sequence[tuple[Ints, Floats]]) -> float:
@@ -81,11 +82,11 @@ def _steps(track: Track) -> tuple[Ints, Ints, Floats]:
     return at[:-1][whole], at[1:][whole], lasted[whole]
 
 
-def _motion(track: Track, logged: tuple[Ints, Floats] | None) -> tuple[float, float]:
+def _motion(track: Track, logged: tuple[Ints, Floats] | None) -> dict[str, Any]:
     """Compare the motion of poses, as logged, with the velocity in their log, of the body or of the world."""
     first, last, lasted = _steps(track)
     if logged is None or min(len(first), len(logged[0])) < _LEAST:
-        return float("nan"), float("nan")
+        return {}
     order = np.argsort(logged[0], kind="stable")
     middle = (track.t_ns[first] + track.t_ns[last] - 2 * track.t_ns[0]) * 0.5e-9
     velocity = interpolated(middle, (logged[0][order] - track.t_ns[0]) * 1e-9, logged[1][order])
@@ -101,7 +102,7 @@ def _motion(track: Track, logged: tuple[Ints, Floats] | None) -> tuple[float, fl
     speeds, wanted = np.linalg.norm(moved, axis=1), np.linalg.norm(linear, axis=1)
     both = (speeds > _SLOWEST_MPS / 10) & (wanted > _SLOWEST_MPS)
     ratio = float(np.median(speeds[both] / wanted[both])) if both.sum() >= _LEAST else float("nan")
-    return 100 * min(known) if known else float("nan"), ratio
+    return {"motion_fit_pct": 100 * min(known) if known else float("nan"), "motion_ratio": ratio}
 
 
 def _fit(moved: Floats, logged: Floats, least: float) -> float:
@@ -157,8 +158,8 @@ def steadiness(
     turns = turns[np.abs(turns[:, 2, 0]) < _STEEP]
     rolls = np.degrees(np.abs(np.arctan2(turns[:, 2, 1], turns[:, 2, 2])))
     return Steadiness(
-        *_motion(logged, velocity),
-        *(_pace99(flown, gap_s) if timed else ()),
+        **_motion(logged, velocity),
+        **(_pace99(flown, gap_s) if timed else {}),
         jumps=int(lasting.sum()),
         jump_m=float(off_m[lasting].max(initial=0.0)),
         spikes=int(((off_m > 0) & ~lasting).sum() + 1) // 2 + dropped,

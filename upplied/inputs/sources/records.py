@@ -95,9 +95,9 @@ def _captions(text: str) -> Source:
     if "lat" not in columns:  # of GPS(a, b, c): most models write the longitude first, some do not
         first, second = columns["first"], columns["second"]
         far = np.nanmax(np.abs(first)) > 90
-        latitude_first = np.nanmax(np.abs(second)) > 90 or (not far and columns["latitude_first"].any())
-        columns["lat"], columns["lon"] = (first, second) if latitude_first else (second, first)
-        order = "latitude, longitude" if latitude_first else "longitude, latitude"
+        ordered = np.nanmax(np.abs(second)) > 90 or (not far and columns["latitude_first"].any())
+        columns["lat"], columns["lon"] = (first, second) if ordered else (second, first)
+        order = "latitude, longitude" if ordered else "longitude, latitude"
         notes.append(f"captions give GPS({order})")
     if "takeoff" not in columns and "baro" in columns:
         columns["takeoff"] = columns["baro"]
