@@ -12,7 +12,7 @@ from upplied.geometry.scene import scene_of
 from upplied.inputs.flight.clean import UNSET, Pace
 from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.tracks import Track
-from upplied.inputs.passport.fits import AS_WELL, Comparison, Fit
+from upplied.inputs.passport.fits import AS_WELL, NEARER, Comparison, Fit
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Aim, Sight, aim_of, ground_of, sight_of
 from upplied.inputs.passport.velocity import Steadiness, steadiness, turning_of
@@ -70,7 +70,7 @@ class Measured(Steadiness, Aim, Pace):
     other_varies: float = 0.0  # in that convention, where it is the steadier
     rolls_deg: float = 0.0  # of the camera, in nine of ten poses
     other_rolls_deg: float = 0.0
-    other_clearance_m: float = 0.0  # in that convention
+    other_clearance_m: float = 0.0  # in that convention, where it is far more
     aside_deg: float = 0.0  # of the nearest surface, in three of four poses
     other_aside_deg: float = 0.0
     off_centre_m: tuple[float, float] = (0.0, 0.0)  # by the stand-off, horizontally
@@ -140,7 +140,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         other_varies=float(least[0]),
         rolls_deg=float(varies[1]),
         other_rolls_deg=float(least[1]),
-        other_clearance_m=float(1 / least[2]),
+        other_clearance_m=float(1 / least[2]) if NEARER * least[2] <= varies[2] else 0.0,
         aside_deg=float(varies[3]),
         other_aside_deg=float(least[3]),
         off_centre_m=(round(off[0], 1), round(off[1], 1)),
