@@ -66,6 +66,7 @@ class Measured(Steadiness, Aim, Pace):
     other_words: str = ""  # with its name, and what fits as well
     other_advice: str = ""
     other_fit_pct: float = 0.0
+    other_rare_pct: float = 0.0  # by how much better it must fit than a mistake that is met more often
     stand_off_varies: float = 0.0  # standard deviation of its logarithm
     other_varies: float = 0.0  # in that convention, where it is the steadier
     rolls_deg: float = 0.0  # of the camera, in nine of ten poses
@@ -182,7 +183,7 @@ def _best(others: Sequence[Fit]) -> dict[str, Any]:
     words = ", or as ".join(f"{each.words} ({each.name})" for each in (item, *alike))
     advice = f"the poses fit both alike: of the first, {item.advice}" if alike else item.advice
     named = {"other": item.name, "other_words": words, "other_advice": advice}
-    return named | {"other_fit_pct": 100 * others[0].share}
+    return named | {"other_fit_pct": 100 * others[0].share, "other_rare_pct": 100 * item.rare}
 
 
 def _least_clearance(flown: Track, spread: Ints, sight: Sight, distance: Callable[[Floats], Floats]) -> float:

@@ -63,7 +63,8 @@ def _ned(m: Measured) -> list[str]:
 
 _BROKEN: dict[str, Callable[[Measured, PassportSettings], object]] = {
     "fits-otherwise": lambda m, s: (
-        m.other_fit_pct - m.fit_pct >= s.fit_gain_pct and m.other_fit_pct >= s.fit_least_pct
+        m.other_fit_pct - m.other_rare_pct - m.fit_pct >= s.fit_gain_pct
+        and m.other_fit_pct >= s.fit_least_pct
     ),
     "stand-off": lambda m, s: s.steadier_ratio * max(m.other_varies, 0.05) <= m.stand_off_varies,
     "horizon": lambda m, s: s.steadier_ratio * max(m.other_rolls_deg, 1.0) <= m.rolls_deg,
