@@ -213,19 +213,19 @@ class OptimiseSettings:
     """Weights of the path optimisation, as shares of the surface to show that one unit is worth."""
 
     context: float = 0.0  # share of the surroundings in the surface to show
-    standoff: float = 1.0  # of one stand-off too near or too far, beyond the tolerance, mean square
+    standoff: float = 0.3  # of one stand-off too near or too far, beyond the tolerance, mean square
     standoff_tolerance: float = 0.08  # share of the required stand-off
     # Of a missing metre of the safety distance, and of a metre nearer than the carried path anywhere.
     clearance: float = 5.0
     axis: float = 1.0  # of a radian more past the inspected surface than the expert, mean square
     turning: float = 0.005  # of twice the camera rotation of the demonstration
-    leaving: float = 0.2  # of one stand-off of distance from the carried flight, mean square
+    leaving: float = 0.05  # of one stand-off of distance from the carried flight, mean square
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
     starts: int = 2  # starting points that are optimised
     rounds: int = 3  # of ray casting
     iterations: int = 25  # of the solver in each round
     # Weight of required surface relative to inspected surface of the same area.
-    required: float = 10.0
+    required: float = 5.0
     samples: int = 2400  # that represent the surface, two thirds of them on inspected surface
 
 

@@ -135,7 +135,7 @@ def _on_pair(
     except RefusedError as refusal:  # a part that was named is ambiguous
         return replace(plan, status="refused", reason=str(refusal)), ()
     registration = pair.fit_for(settings).registration
-    labelling = pair.surface.told
+    labelling = pair.surface.labelling
     plan = replace(
         plan,
         registration=registration,

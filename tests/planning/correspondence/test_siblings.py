@@ -74,7 +74,7 @@ def most_named(structure_id: str, points: Any) -> str:
 def test_of_two_scans_only_a_sibling_tells_parts() -> None:
     assert not has_parts(studied(ANOTHER, SCAN, ()).target)
     fit = studied(ANOTHER, SCAN, [B777])
-    assert fit.told is not None and fit.told.sibling_id == "b777-v1"
+    assert fit.labelling is not None and fit.labelling.sibling_id == "b777-v1"
     engines = [
         part
         for part in range(labels_of(fit.source).max() + 1)
@@ -88,7 +88,7 @@ def test_of_two_scans_only_a_sibling_tells_parts() -> None:
 
 def test_a_sibling_with_four_engines_tells_all_of_a_scan() -> None:
     fit = studied(A320, SCAN, [model("b747-v1", "another-747")])
-    assert fit.told is not None and fit.told.by_source is not None
+    assert fit.labelling is not None and fit.labelling.by_source is not None
     found = [
         most_named("b747-v1", fit.target.points[labels_of(fit.target) == part])
         for part in range(labels_of(fit.target).max() + 1)
@@ -104,10 +104,10 @@ def test_a_sibling_with_four_engines_tells_all_of_a_scan() -> None:
 def test_siblings_may_come_in_any_order() -> None:
     some = [B777, model("beluga-v1"), model("b747-v1", "another-747")]
     first = studied(A320, SCAN, some)
-    assert first.told is not None
+    assert first.labelling is not None
     for order in permutations(some):
         again = studied(A320, SCAN, order)
-        assert again.told is not None and again.told.sibling_id == first.told.sibling_id
+        assert again.labelling is not None and again.labelling.sibling_id == first.labelling.sibling_id
         assert np.array_equal(labels_of(again.target), labels_of(first.target))
 
 
@@ -125,13 +125,13 @@ def test_siblings_may_come_in_any_order() -> None:
 def test_what_tells_no_more_is_not_asked(sibling: Any) -> None:
     plain = study_pair(A320, SCAN, SETTINGS, MEMO).surface
     fit = studied(A320, SCAN, [sibling])
-    assert fit.told is None
+    assert fit.labelling is None
     assert np.array_equal(labels_of(fit.target), labels_of(plain.target))
 
 
 def test_a_target_that_tells_its_parts_needs_no_sibling() -> None:
     fit = studied(A320, B747, [model("b747-v1", "another-747")])
-    assert fit.told is None and fit.inferred == -1
+    assert fit.labelling is None and fit.inferred == -1
 
 
 @given(st.permutations(range(5)), st.floats(0.1, 10), st.integers(0, 6))
@@ -151,7 +151,7 @@ def believed(by_source: float, by_way: float, agrees: tuple[bool, bool], monkeyp
     monkeypatch.setattr(probabilities, "_by_fit", lambda *_: 0.7)
     monkeypatch.setattr(probabilities, "_by_source", lambda *_: (some[agrees[0]], by_source))
     monkeypatch.setattr(probabilities, "_by_way_of_sibling", lambda *_: (some[agrees[1]], by_way))
-    return certainty(SimpleNamespace(told=True, target=cloud, carried=1), 0, [0])  # type: ignore[arg-type]
+    return certainty(SimpleNamespace(labelling=True, target=cloud, carried=1), 0, [0])  # type: ignore[arg-type]
 
 
 def test_two_that_agree_are_more_certain_and_two_that_do_not_less(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -348,4 +348,4 @@ def test_of_equal_siblings_the_first_by_name_is_asked_in_whatever_order_they_com
     some = [model("b747-v1", "y"), model("b747-v1", "x")]
     for order in (some, some[::-1]):
         fit = studied(A320, SCAN, order)
-        assert fit.told is not None and fit.told.sibling_id == "x"
+        assert fit.labelling is not None and fit.labelling.sibling_id == "x"

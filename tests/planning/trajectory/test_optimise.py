@@ -160,7 +160,8 @@ def test_the_camera_looks_as_near_to_what_was_inspected_as_the_experts_did(wall:
     towards = np.arctan2(6.0, -along().positions[:, 0])
     path = replace(along(), yaw=towards + np.radians(25))
     centred, as_expert = (
-        result(post, replace(problem(post, path), aside_rad=np.full(COUNT, aside))) for aside in (0.0, 0.5)
+        result(post, replace(problem(post, path), aside_rad=np.full(COUNT, aside)), shape=10.0)
+        for aside in (0.0, 0.5)
     )
     off = [
         np.abs(done.yaw - np.arctan2(-done.positions[:, 1], -done.positions[:, 0]))

@@ -172,9 +172,9 @@ def _good(pushed: Floats, ways: Ways) -> Bools:
     stretch = np.concatenate([[0], np.cumsum(broken)])
     for number in np.unique(stretch[good]):
         members = np.flatnonzero((stretch == number) & good)
-        asked = members[chosen_evenly(len(members), 8)]
-        good[members] = _is_outside(pushed[asked], ways.graph)
-        if not good[members[0]] and _sees_sky(pushed[asked], ways.planning).all():
+        probes = members[chosen_evenly(len(members), 8)]
+        good[members] = _is_outside(pushed[probes], ways.graph)
+        if not good[members[0]] and _sees_sky(pushed[probes], ways.planning).all():
             raise _refusal(
                 ways.planning, int(members[0]), pushed[members[0]], "no free way leads here from the rest"
             )

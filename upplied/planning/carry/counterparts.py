@@ -49,50 +49,52 @@ def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterp
     """
     if settings.correspondence.method != "parts":
         return ()
-    found: dict[str, Counterpart] = {}
+    counterparts: dict[str, Counterpart] = {}
     attended = [take.attended for take in takes]
     for take in attended:
         source, target = _source(take), _target(take)
-        asked = _bodies(inspected_parts(take, source.label), take, source)
+        inspected = _bodies(inspected_parts(take, source.label), take, source)
         # Each taking is asked about the part that it repeats.
-        for part, share in [one for one in asked if one[0] == take.part] or asked:
+        for part, share in [one for one in inspected if one[0] == take.part] or inspected:
             one = _counterpart(take, part, share, source, target, settings)
-            known = found.get(one.part)
-            found[one.part] = one if known is None else _both(known, one)
+            known = counterparts.get(one.part)
+            counterparts[one.part] = one if known is None else _both(known, one)
     if settings.correspondence.repeat == "each":
-        found = _no_part_twice(found, attended[0].pair.target.structure_id)
+        counterparts = _no_part_twice(counterparts, attended[0].pair.target.structure_id)
         for one in _not_repeated(attended):
-            found.setdefault(one.part, one)
-    return tuple(sorted(_without_flown(list(found.values()), settings), key=lambda one: -one.inspected_pct))
+            counterparts.setdefault(one.part, one)
+    return tuple(
+        sorted(_without_flown(list(counterparts.values()), settings), key=lambda one: -one.inspected_pct)
+    )
 
 
-def _bodies(asked: list[tuple[int, float]], take: Attended, source: _Side) -> list[tuple[int, float]]:
+def _bodies(inspected: list[tuple[int, float]], take: Attended, source: _Side) -> list[tuple[int, float]]:
     """The same parts and shares, but an inlet that nothing answers counts to the nacelle that it touches."""
     least = COMPACT * diagonal_of(take.pair.surface.source.points)
     compact = (source.parts.high - source.parts.low).max(axis=1) <= least
-    matched = {part: bool(compact[part] and _matched_parts(take, part, source)) for part, _ in asked}
-    shares = dict(asked)
-    for part, share in asked:
-        hosts = [one for one, _ in asked if matched[one] and source.parts.touching[part, one]]
+    matched = {part: bool(compact[part] and _matched_parts(take, part, source)) for part, _ in inspected}
+    shares = dict(inspected)
+    for part, share in inspected:
+        hosts = [one for one, _ in inspected if matched[one] and source.parts.touching[part, one]]
         if compact[part] and not matched[part] and hosts:
             shares[hosts[0]] += share
             del shares[part]
     return list(shares.items())
 
 
-def _no_part_twice(found: dict[str, Counterpart], there: str) -> dict[str, Counterpart]:
+def _no_part_twice(counterparts: dict[str, Counterpart], there: str) -> dict[str, Counterpart]:
     """The same, in doubt where one part of the target is flown for two parts of the source.
 
     It lies in the middle, where the source has none of the kind: two in one, or what is left of another.
     """
-    times = Counter(name for one in found.values() for name in one.flown)
+    times = Counter(name for one in counterparts.values() for name in one.flown)
     twice = [name for name, count in times.items() if count > 1]
     if not twice:
-        return found
+        return counterparts
     doubt = f"{twice[0]} of {there} is taken for several parts of the source"
     return {
         name: replace(one, doubt=doubt) if set(one.flown) & set(twice) and not one.doubt else one
-        for name, one in found.items()
+        for name, one in counterparts.items()
     }
 
 
@@ -119,34 +121,34 @@ def _not_repeated(takes: Sequence[Attended]) -> list[Counterpart]:
     ]
 
 
-def undecided(found: Sequence[Counterpart], settings: Settings) -> str:
+def undecided(counterparts: Sequence[Counterpart], settings: Settings) -> str:
     """Why a plan is refused for ambiguous parts, or another number than expected; empty where it is not."""
-    asked = settings.correspondence
-    for one in found:
+    rule = settings.correspondence
+    for one in counterparts:
         if not one.doubt or one.inspected_pct < 100 * _REFUSED:
             continue
-        if asked.repeat:
-            return f"--repeat {asked.repeat} was requested and {one.doubt}"
+        if rule.repeat:
+            return f"--repeat {rule.repeat} was requested and {one.doubt}"
         if one.twins or one.found > 1 or (one.found and not one.flown):
             return _sentence(one)
-    if asked.expect is not None and found and found[0].found != asked.expect:
-        said = (
-            f"{found[0].found} parts like {found[0].part} are on the target, "
-            f"{asked.expect} are expected (correspondence.expect)"
+    if rule.expect is not None and counterparts and counterparts[0].found != rule.expect:
+        reason = (
+            f"{counterparts[0].found} parts like {counterparts[0].part} are on the target, "
+            f"{rule.expect} are expected (correspondence.expect)"
         )
-        return f"{said}; {found[0].doubt}" if found[0].doubt else said
+        return f"{reason}; {counterparts[0].doubt}" if counterparts[0].doubt else reason
     return ""
 
 
-def least_probability(found: Sequence[Counterpart]) -> float:
+def least_probability(counterparts: Sequence[Counterpart]) -> float:
     """Of the least certain counterpart; NaN where none is known."""
-    known = [one.probability for one in found if one.probability is not None]
+    known = [one.probability for one in counterparts if one.probability is not None]
     return min(known, default=float("nan"))
 
 
-def doubts(found: Sequence[Counterpart]) -> tuple[str, ...]:
+def doubts(counterparts: Sequence[Counterpart]) -> tuple[str, ...]:
     """What is not certain of the inspected parts, as warnings."""
-    return tuple(_sentence(one) for one in found if one.doubt)
+    return tuple(_sentence(one) for one in counterparts if one.doubt)
 
 
 def _sentence(one: Counterpart) -> str:
@@ -170,8 +172,8 @@ def _counterpart(
         doubt = f"what was inspected of {name} is {apart} on {take.pair.target.structure_id}"
     if settings.correspondence.repeat == "each" or settings.correspondence.counterparts:
         whole = f"{name} cannot be distinguished on {take.pair.source.structure_id}: its surface is one piece"
-        found = {*alike, *matched}
-        odd = odd_number(take, part, source.parts, target.parts, found) if source.pieces else whole
+        similar = {*alike, *matched}
+        odd = odd_number(take, part, source.parts, target.parts, similar) if source.pieces else whole
         doubt = doubt or odd
     return Counterpart(
         part=name,
@@ -226,8 +228,8 @@ def _probability(
         for other in alike:
             if other != matched[0]:
                 known = wholes_of(fit), fit.inferred >= 0
-                found = evidence_of_same_kind(fit.registered, other, matched[0], *known)
-                best = max(best, certainty(fit, part, [other]) * probability(found, SAME_KIND))
+                evidence = evidence_of_same_kind(fit.registered, other, matched[0], *known)
+                best = max(best, certainty(fit, part, [other]) * probability(evidence, SAME_KIND))
     return best
 
 
@@ -249,18 +251,18 @@ def _both(one: Counterpart, other: Counterpart) -> Counterpart:
     )
 
 
-def _without_flown(found: Sequence[Counterpart], settings: Settings) -> list[Counterpart]:
+def _without_flown(counterparts: Sequence[Counterpart], settings: Settings) -> list[Counterpart]:
     """The same, with what is left out by all of them alone, and why."""
-    flown = {name for one in found for name in one.flown}
-    asked = settings.correspondence.repeat
+    flown = {name for one in counterparts for name in one.flown}
+    repeat = settings.correspondence.repeat
     why = (
-        f"--repeat {asked} flies what lies as the demonstrated part"
-        if asked
+        f"--repeat {repeat} flies what lies as the demonstrated part"
+        if repeat
         else "not requested (--repeat each)"
     )
     return [
         replace(one, left_out=tuple(f"{name}: {why}" for name in one.left_out if name not in flown))
-        for one in found
+        for one in counterparts
     ]
 
 

@@ -90,8 +90,8 @@ def _apart(source: Cloud, registered: Cloud, share: Floats, size: float) -> floa
     chosen = chosen[:_MOST]
     weight = 2 * TOLERANCE * size  # what turning a normal counts: of each surface as much as may be off
     tree = cKDTree(with_normals(registered.points, registered.outward, weight))
-    asked = with_normals(source.points[chosen], source.outward[chosen], weight)
-    off = np.maximum(tree.query(asked)[0] - spacing(registered), 0) / size
+    patches = with_normals(source.points[chosen], source.outward[chosen], weight)
+    off = np.maximum(tree.query(patches)[0] - spacing(registered), 0) / size
     return float(np.average(np.minimum(off, 1.0), weights=share[chosen]))
 
 

@@ -18,7 +18,7 @@ from upplied.planning.demonstration.repetition import Attended
 from upplied.planning.surface.parts import Parts, labels_of
 from upplied.records import Bools, Counterpart, Ints
 
-_SAID_PCT = 1.0  # of what was inspected of a part, from which it is said that it was never scanned
+_WORTH_SAYING_PCT = 1.0  # of what was inspected of a part, from which it is said that it was never scanned
 
 
 def never_scanned_pct(take: Attended, mine: Bools) -> float:
@@ -39,11 +39,13 @@ def open_parts(take: Attended, flown: Sequence[int], label: Ints) -> list[int]:
 
 def missing_of(counterparts: Sequence[Counterpart]) -> tuple[str, ...]:
     """What was never scanned of the inspected parts, as warnings."""
-    return tuple(_missing(one) for one in counterparts if one.never_scanned_pct >= _SAID_PCT or one.open)
+    return tuple(
+        _missing(one) for one in counterparts if one.never_scanned_pct >= _WORTH_SAYING_PCT or one.open
+    )
 
 
 def _missing(one: Counterpart) -> str:
-    if one.never_scanned_pct < _SAID_PCT:
+    if one.never_scanned_pct < _WORTH_SAYING_PCT:
         return f"the scan ends on {' and on '.join(one.open)}, to which {one.part} corresponds"
     return (
         f"{one.never_scanned_pct:.0f} % of what was inspected of {one.part} was never scanned on the target: "
@@ -80,8 +82,8 @@ def odd_number(take: Attended, part: int, source: Parts, target: Parts, like: se
     if fit.inferred < 0 or fit.carried is None or not known:
         return ""
     explained = np.isin(label, known)
-    if fit.told is not None:
-        explained |= named_by(fit.told.to_target)
+    if fit.labelling is not None:
+        explained |= named_by(fit.labelling.to_target)
     named = np.where(explained, 0, fit.carried)
     if unnamed_like(fit.registered, named, np.isin(label, [max(known, key=lambda one: target.area[one])])):
         return f"something on {on} is of the size of the inspected part, and may be another one"

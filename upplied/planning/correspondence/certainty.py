@@ -59,10 +59,10 @@ def certainty(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = Fa
         Whether no other part of the target is like them.
     """
     sure = _by_fit(fit, part, counterparts, alone)
-    if fit.told is None:
+    if fit.labelling is None:
         return sure
     mine, area, others = np.isin(labels_of(fit.target), counterparts), fit.target.areas, []
-    for theirs, other in (_by_source(fit.told, part), _by_way_of_sibling(fit.told, part)):
+    for theirs, other in (_by_source(fit.labelling, part), _by_way_of_sibling(fit.labelling, part)):
         agrees = area[mine & theirs].sum() > MAJORITY * area[mine | theirs].sum()
         others.append((bool(agrees), other))
     (agrees, by_source), (alike, by_way) = others
@@ -76,7 +76,7 @@ def certainty(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = Fa
 
 def wholes_of(fit: Fit) -> float:
     """How badly the target fits the structure that labelled its parts, of what was scanned of it."""
-    return (fit if fit.told is None else fit.told.to_target).registration.scanned
+    return (fit if fit.labelling is None else fit.labelling.to_target).registration.scanned
 
 
 def named_by(fit: Fit) -> Bools:

@@ -27,7 +27,7 @@ class Fit(Record):
     inferred: int = -1
     # (M,) the source's part that a smooth displacement alone brings onto each target sample, -1 where none
     carried: Ints | None = None
-    told: Labelling | None = None  # where a sibling labelled the parts
+    labelling: Labelling | None = None  # where a sibling labelled the parts
 
     @property
     def registered(self) -> Cloud:

@@ -45,7 +45,7 @@ def study(
     Returns
     -------
     Pair
-        With `Pair.surface.told` where a sibling labelled parts. Without siblings that of `study_pair`.
+        With `Pair.surface.labelling` where a sibling labelled parts. Without siblings that of `study_pair`.
     """
     task, labelled = surfaces_of(source, target, settings, memo), None
     if settings.correspondence.method == "parts" and not pieces_tell_parts(task.clouds[1]):
@@ -90,7 +90,7 @@ def _labelled_by_best(
         to_source=None if modelled else first,
         by_source=by_source if modelled else None,
     )
-    return replace(fit, told=labelling)
+    return replace(fit, labelling=labelling)
 
 
 def _best(tasks: Sequence[Sequence[Task]], least: float) -> int | None:

@@ -21,7 +21,7 @@ from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, v
 from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
 
 _FOOTPRINT = 0.5  # of the picture's smaller side on the surface: how far stations are apart, at most
-_ASKED = 200  # poses, that tell how far from the surface the flight is
+_POSES = 200  # that tell how far from the surface the flight is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -177,7 +177,7 @@ def prepared(
 
 def _spacing(demonstration: Demonstration, pair: Pair) -> float:
     """How far apart stations may be, so that what one shows and the next overlap well, m."""
-    every = max(1, len(demonstration) // _ASKED)
+    every = max(1, len(demonstration) // _POSES)
     away = float(np.median(pair.source_scene.distance(demonstration.positions[::every])))
     camera = demonstration.camera
     away = float(np.clip(away, camera.min_range_m, camera.max_range_m))

@@ -87,8 +87,8 @@ def _attended(
     """The takes as the even samples tell."""
 
     def about(flight: Demonstration) -> Attended:
-        found = attended_by(flight, pair, skin, settings, memo)[1]
-        return Attended(flight, pair, found.weight, found.part)
+        attention = attended_by(flight, pair, skin, settings, memo)[1]
+        return Attended(flight, pair, attention.weight, attention.part)
 
     first = about(demonstration)
     if not settings.correspondence.repeat:
@@ -147,7 +147,7 @@ def _matched_anew(pair: Pair, settings: Settings, memo: Memo) -> Pair:
     fit, structures = pair.surface, (pair.source, pair.target)
     memo = remembering(memo, *(each.sha256 for each in structures))
     facts = [(each.sha256, each.frame.heading_rad) for each in structures]
-    labelled = () if fit.told is None else (fit.told.sha256,)
+    labelled = () if fit.labelling is None else (fit.labelling.sha256,)
     key = content_key(
         "repeated", *facts, *labelled, settings.clouds, settings.registration, settings.correspondence
     )

@@ -43,10 +43,10 @@ def pauses(flight: Trajectory, least_s: float = 3.0) -> list[tuple[float, float]
         if end - begin >= max(_SURE_S, least_s / 2)
     ]
     slow = _runs((speed < STILL * usual)[:-1], times)
-    found = [(begin, end) for begin, end in slow if not any(begin < b and a < end for a, b in known)]
+    hovers = [(begin, end) for begin, end in slow if not any(begin < b and a < end for a, b in known)]
     return [
         (begin, end)
-        for begin, end in sorted(known + found)
+        for begin, end in sorted(known + hovers)
         if end - begin >= least_s and begin > flight.t_s[0] and end < flight.t_s[-1]
     ]
 

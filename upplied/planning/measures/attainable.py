@@ -130,8 +130,8 @@ def _serve(
 ) -> None:
     """Note for each sample of `left` the first of its positions (left, tried, 3) that sees it."""
     sample = np.repeat(left, positions.shape[1])
-    asked = positions.reshape(-1, 3), sample, cloud, airspace, pitch_deg
-    seen = _seen(*asked).reshape(positions.shape[:2])
+    arguments = positions.reshape(-1, 3), sample, cloud, airspace, pitch_deg
+    seen = _seen(*arguments).reshape(positions.shape[:2])
     success = seen.any(axis=1)
     served[left[success]] = positions[success, seen[success].argmax(axis=1)]
 

@@ -47,7 +47,7 @@ from upplied.records import (
 
 _KEPT = 0.2  # of the wanted stand-off, that a viewpoint may be off and still counts as keeping it
 _LIKELY = 0.5  # probability from which correspondences count though the wholes were refused
-_ASKED = 200  # viewpoints, at most, whose stand-off is asked for
+_VIEWPOINTS = 200  # viewpoints, at most, whose stand-off is asked for
 _ALMOST_DEG = 2.0  # beyond a limit, that jitter of the hand explains
 
 
@@ -138,7 +138,7 @@ def _standoff_kept(
     for take, begin in zip(takes, begins, strict=True):
         first = take.inspection.flight.t_s[0]
         seen_at = take.inspection.viewpoints.t_s
-        seen_at = seen_at[chosen_evenly(len(seen_at), _ASKED)]
+        seen_at = seen_at[chosen_evenly(len(seen_at), _VIEWPOINTS)]
         places = np.column_stack(
             [np.interp(seen_at - first + begin, demonstrated_s, axis) for axis in trajectory.positions.T]
         )
@@ -236,14 +236,14 @@ def _too_near(measures: Measures, settings: Settings) -> tuple[str, ...]:
     )
 
 
-def _blurred(found: Measures, camera: Camera, settings: Settings) -> tuple[str, ...]:
+def _blurred(measures: Measures, camera: Camera, settings: Settings) -> tuple[str, ...]:
     """That pictures smear by more than is allowed, as the expert's own did."""
     rule = settings.inspection
-    if not found.blur_px_p99 > rule.max_motion_px:
+    if not measures.blur_px_p99 > rule.max_motion_px:
         return ()
     exposure = camera.exposure_s or rule.exposure_s
     return (
-        f"1 % of what is shown moves by {found.blur_px_p99:.1f} px or more during an exposure of "
+        f"1 % of what is shown moves by {measures.blur_px_p99:.1f} px or more during an exposure of "
         f"1/{1 / exposure:.0f} s, {rule.max_motion_px:g} px is sharp (inspection.max_motion_px)",
     )
 

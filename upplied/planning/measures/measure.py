@@ -162,8 +162,8 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
     inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
     cloud = inspected.cloud
     attention, like = target_attention(takes, inspected)
-    asked_m = np.where(np.isfinite(inspected.standoff_m), inspected.standoff_m, inspected.standoff_m[like])
-    farthest = asked_m / rule.least_resolution
+    wanted_m = np.where(np.isfinite(inspected.standoff_m), inspected.standoff_m, inspected.standoff_m[like])
+    farthest = wanted_m / rule.least_resolution
     as_well = planned.shown_well(cloud, farthest, *look_limits(takes, rule))
     missed = np.flatnonzero((inspected.need > 0) & ~as_well)
     never = np.zeros(len(cloud), bool)
@@ -172,11 +172,11 @@ def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown
     return Shown(inspected, as_well, never, attention)
 
 
-def inspected_measures(found: Shown, planned: Views, takes: Sequence[Take]) -> dict[str, float]:
+def inspected_measures(shown: Shown, planned: Views, takes: Sequence[Take]) -> dict[str, float]:
     """The coverages of the inspected surface, there and back, and of what else was seen."""
-    inspected, cloud = found.inspected, found.inspected.cloud
+    inspected, cloud = shown.inspected, shown.inspected.cloud
     area = cloud.areas
-    attended = area * found.attention
+    attended = area * shown.attention
     whole = float(attended.sum())
     rest = [
         inspected_surface(
@@ -190,21 +190,21 @@ def inspected_measures(found: Shown, planned: Views, takes: Sequence[Take]) -> d
     ]
     nan = float("nan")
     return {
-        "coverage_inspected_pct": coverage(inspected, found.as_well, whole=True),
+        "coverage_inspected_pct": coverage(inspected, shown.as_well, whole=True),
         "inspected_without_counterpart_pct": inspected.without_pct,
         "inspected_unattainable_pct": (
-            100 * float(inspected.need[found.never].sum()) / inspected.whole if inspected.whole > 0 else nan
+            100 * float(inspected.need[shown.never].sum()) / inspected.whole if inspected.whole > 0 else nan
         ),
-        "coverage_of_target_pct": (100 * float(attended[found.as_well].sum()) / whole if whole > 0 else nan),
+        "coverage_of_target_pct": (100 * float(attended[shown.as_well].sum()) / whole if whole > 0 else nan),
         "coverage_context_pct": coverage(InspectedSurface.together(rest), planned.total),
     }
 
 
-def surface_states(found: Shown) -> SurfaceStates:
+def surface_states(shown: Shown) -> SurfaceStates:
     """What became of each sample of the target: other, shown, missed or unattainable."""
-    wanted = (found.inspected.need > 0) | (found.attention > 0.5)
+    wanted = (shown.inspected.need > 0) | (shown.attention > 0.5)
     state = np.where(wanted, 2, 0)
-    state[found.never] = 3
-    state[wanted & found.as_well] = 1
-    cloud = found.inspected.cloud
+    state[shown.never] = 3
+    state[wanted & shown.as_well] = 1
+    cloud = shown.inspected.cloud
     return SurfaceStates(cloud.points, state, cloud.normals)

@@ -40,16 +40,16 @@ def photos_of(
         rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s),
         float(np.cos(np.radians(rule.max_incidence_deg))),
     )
-    looks = []
+    rows = []
     for at in range(len(taken)):
         one = slice(at, at + 1)
         steps = Moments(taken.take(one), np.ones(1), velocity[one], turn[one])
         shown = Views(taken.take(one), seen[one], None if coarse is None else coarse[one])
-        found = sharp_looks(steps, shown, cloud, camera, *limits)
-        sharp = np.isfinite(found.sampled_m)
-        shown_by = (found.sampled_m[sharp], found.moved[sharp])
-        looks.append([float(sharp.sum()), *(np.median(of) if len(of) else np.nan for of in shown_by)])
-    count, sampled, moved = np.array(looks).reshape(-1, 3).T
+        looks = sharp_looks(steps, shown, cloud, camera, *limits)
+        sharp = np.isfinite(looks.sampled_m)
+        shown_by = (looks.sampled_m[sharp], looks.moved[sharp])
+        rows.append([float(sharp.sum()), *(np.median(of) if len(of) else np.nan for of in shown_by)])
+    count, sampled, moved = np.array(rows).reshape(-1, 3).T
     focal = focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
     frames = Frames(taken, camera, scene)
     overlap = [np.nan, *(100 * frames.overlap(at - 1, at) for at in range(1, len(taken)))][: len(taken)]

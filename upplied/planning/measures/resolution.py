@@ -65,7 +65,7 @@ def resolution(
 
 def _within(
     looks: Looks,
-    asked_m: Floats,
+    wanted_m: Floats,
     target: Ints,
     weight: Floats,
     inspected: InspectedSurface,
@@ -73,9 +73,9 @@ def _within(
     takes: Sequence[Take],
 ) -> float:
     """Share, in percent, of patches as fine as asked, of those that some allowed camera shows so."""
-    fine = looks.sampled_m[target] <= asked_m
+    fine = looks.sampled_m[target] <= wanted_m
     coarsest = np.zeros(len(inspected.cloud))  # of each sample, what the least demanding of its patches asks
-    np.maximum.at(coarsest, target, asked_m)
+    np.maximum.at(coarsest, target, wanted_m)
     missed = np.unique(target[~fine])
     camera = takes[0].inspection.camera
     possible = np.ones(len(inspected.cloud), bool)

@@ -32,7 +32,6 @@ _LEAST_TURN_RAD = (
 )  # that a demonstration counts as having turned, so that little turning is not dear
 _HALVINGS = 20  # of the way to the demonstrated shape
 _WORTHWHILE = 0.01  # share of the need, that added passes must show more: as near as coverage is known
-_TWICE = 0.02  # share of the need, that a flight of twice the time must show more; other times in proportion
 _LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
 _TRIES = 5  # of adding passes: fewer, where they take too long
 
@@ -91,7 +90,13 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         level=settings.transfer.plane,
     )
     best = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
-    if goal.standoff.in_metres and goal.height_m is None and settings.refine.added_passes:
+    missed = 1 - best.shown
+    if (
+        goal.standoff.in_metres
+        and goal.height_m is None
+        and settings.refine.added_passes
+        and missed >= _WORTHWHILE
+    ):
         longer = _with_passes(problem, best, ways, carried, goal, settings, safe)
         if longer is not None:
             return longer
@@ -122,15 +127,14 @@ def _with_passes(
                 return None
             request = problem.along(longer.path, longer.origin, longer.added)
             result = optimise(request, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
-            more = result.shown - best.shown
-            if more < _WORTHWHILE:
+            if result.shown - best.shown < _WORTHWHILE:
                 return None
             waypoints = _finished(result, longer.origin, longer.added, carried, goal, settings, safe)
         except RefusedError:  # no safe way along the passes: the flight without them has one
             return None
         taken_s = timer.seconds(waypoints)
         if taken_s <= limit_s:
-            return waypoints if more >= _TWICE * (taken_s / alone_s - 1) else None
+            return waypoints
         most_s -= taken_s - _LESS * limit_s
     return None
 

@@ -159,7 +159,7 @@ class _Search(Record):
         ]
 
         def price(off: Floats) -> Floats:
-            return np.asarray(shape_weight * ((off @ shape.standing.T / shape.unit_m) ** 2).sum(axis=1))
+            return np.asarray(shape_weight / shape.unit_m**2 * (off**2).sum(axis=1))
 
         return cls(problem, weights, state, first, samples, need, lasting, price)
 
@@ -247,7 +247,7 @@ def _state(problem: Problem, start: Start, weights: OptimiseSettings) -> State:
     """As many control points as the path has stand-offs and the camera radians, times their density."""
     controls = round(_progress(problem, start.safe) / weights.spacing)
     controls = int(np.clip(controls, 4, max(len(start.safe) // 2, 4)))
-    unit_m = np.full(3, float(problem.demonstrated.unit_m.max()))
+    unit_m = np.full(3, problem.demonstrated.unit_m)
     if problem.level:
         unit_m[2] = 0.0
     return State.of(start.mapped, unit_m, controls)

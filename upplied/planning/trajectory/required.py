@@ -61,8 +61,8 @@ def required_first(
     camera = view.camera
     farthest, cosine = view.farthest_m.copy(), np.zeros(len(mine))
     if camera.width_px:
-        asked_m = required.gsd_m[mine[zone]] * focal_px(camera.width_px, camera.hfov_deg)
-        farthest[zone] = np.minimum(farthest[zone], asked_m)
+        wanted_m = required.gsd_m[mine[zone]] * focal_px(camera.width_px, camera.hfov_deg)
+        farthest[zone] = np.minimum(farthest[zone], wanted_m)
     cosine[zone] = np.cos(np.radians(required.incidence_deg[mine[zone]]))
     asking = replace(view, farthest_m=farthest, least_cosine=cosine)
     near = zone[_in_reach(asking, zone, path, airspace, usual_m)]

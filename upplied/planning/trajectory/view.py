@@ -30,22 +30,22 @@ class View(Record):
     fov_deg: Floats | None = None  # (M, 2) of each station of the path, where the camera zooms
     least_cosine: Floats | None = None  # (N,) of the incidence, where single samples ask for more
 
-    def shown(self, positions: Floats, quat_xyzw: Floats, asked: Ints) -> Bools:
+    def shown(self, positions: Floats, quat_xyzw: Floats, chosen: Ints) -> Bools:
         """(m,) which of these samples some station's pose truly sees from near enough."""
         coarse = coarseness(self.camera, self.fov_deg)
 
         def counts(pose: Ints, sample: Ints) -> Bools:
-            near = self._near(pose, sample, positions, asked, coarse)
-            return near & self._frontal(pose, sample, positions, asked)
+            near = self._near(pose, sample, positions, chosen, coarse)
+            return near & self._frontal(pose, sample, positions, chosen)
 
-        part, camera = self.cloud.at(asked), self._as_far_as(asked, self.camera)
+        part, camera = self.cloud.at(chosen), self._as_far_as(chosen, self.camera)
         poses = positions, quat_xyzw
         return seen_by_any(*poses, part, camera, self.settings, self.scene, self.fov_deg, counts)
 
     def reach(
         self,
         positions: Floats,
-        asked: Ints,
+        chosen: Ints,
         settings: VisibilitySettings | None = None,
         station: Ints | None = None,
     ) -> Bools:
@@ -55,13 +55,13 @@ class View(Record):
         """
         camera = replace(self.camera, hfov_deg=360.0, vfov_deg=180.0)
         level = np.tile([0.0, 0.0, 0.0, 1.0], (len(positions), 1))
-        part, camera = self.cloud.at(asked), self._as_far_as(asked, camera)
+        part, camera = self.cloud.at(chosen), self._as_far_as(chosen, camera)
         seen = visible(positions, level, part, camera, settings or self.settings, self.scene).seen
         pose, sample = np.nonzero(seen)
         fov_deg = self.fov_deg if self.fov_deg is None or station is None else self.fov_deg[station]
-        counts = self._near(pose, sample, positions, asked, coarseness(self.camera, fov_deg))
+        counts = self._near(pose, sample, positions, chosen, coarseness(self.camera, fov_deg))
         if not settings:
-            counts &= self._frontal(pose, sample, positions, asked)
+            counts &= self._frontal(pose, sample, positions, chosen)
         seen[pose, sample] = counts
         return seen
 
@@ -76,31 +76,33 @@ class View(Record):
             return np.radians(self.fov_deg) / 2
         return np.tile(np.radians([self.camera.hfov_deg, self.camera.vfov_deg]) / 2, (stations, 1))
 
-    def _as_far_as(self, asked: Ints, camera: Camera) -> Camera:
+    def _as_far_as(self, chosen: Ints, camera: Camera) -> Camera:
         """The camera with no more range than any of these samples asks for: fewer rays."""
-        farthest_m = float(self.farthest_m[asked].max(initial=0.0))
+        farthest_m = float(self.farthest_m[chosen].max(initial=0.0))
         if self.fov_deg is not None or farthest_m <= camera.min_range_m:
             return camera
         return replace(camera, max_range_m=min(camera.max_range_m, farthest_m))
 
-    def _near(self, pose: Ints, sample: Ints, positions: Floats, asked: Ints, coarse: Floats | None) -> Bools:
-        ray = self.cloud.points[asked][sample] - positions[pose]
+    def _near(
+        self, pose: Ints, sample: Ints, positions: Floats, chosen: Ints, coarse: Floats | None
+    ) -> Bools:
+        ray = self.cloud.points[chosen][sample] - positions[pose]
         squared = np.einsum("ij,ij->i", ray, ray)
         reach = np.sqrt(squared)  # times the cosine of the incidence, where there is one
         if self.cloud.normals is not None:
-            reach = -np.einsum("ij,ij->i", ray, self.cloud.normals[asked][sample])
+            reach = -np.einsum("ij,ij->i", ray, self.cloud.normals[chosen][sample])
         wide = 1.0 if coarse is None else coarse[pose]
-        return np.asarray(squared * wide <= self.farthest_m[asked][sample] * reach)
+        return np.asarray(squared * wide <= self.farthest_m[chosen][sample] * reach)
 
-    def _frontal(self, pose: Ints, sample: Ints, positions: Floats, asked: Ints) -> Bools:
+    def _frontal(self, pose: Ints, sample: Ints, positions: Floats, chosen: Ints) -> Bools:
         """Those that are seen as frontally as single samples ask for."""
         frontal = np.ones(len(pose), bool)
         if self.least_cosine is None or self.cloud.normals is None:
             return frontal
-        own = self.least_cosine[asked][sample]
+        own = self.least_cosine[chosen][sample]
         strict = own > np.cos(np.radians(self.settings.max_incidence_deg))
         pose, sample = pose[strict], sample[strict]
-        ray = positions[pose] - self.cloud.points[asked][sample]
-        along = np.einsum("ij,ij->i", ray, self.cloud.normals[asked][sample])
+        ray = positions[pose] - self.cloud.points[chosen][sample]
+        along = np.einsum("ij,ij->i", ray, self.cloud.normals[chosen][sample])
         frontal[strict] = along >= own[strict] * np.linalg.norm(ray, axis=1)
         return frontal

@@ -78,7 +78,7 @@ def sharp_looks(
     seen = np.ascontiguousarray(shown.seen[station])
     number = len(points)
     none, nothing, zero = np.full(number, np.inf), np.full(number, np.nan), np.zeros(number)
-    found = Looks(
+    looks = Looks(
         sampled_m=none,
         carried_m=none.copy(),
         frontal=-np.ones(number),
@@ -98,13 +98,13 @@ def sharp_looks(
         np.ascontiguousarray(np.eye(3) if carry is None else carry),
         np.full(number, np.inf) if coarsest_m is None else np.ascontiguousarray(coarsest_m),
         *(camera.hfov_deg <= _FLAT_DEG, sphere(_SIDES)),
-        *(found.sampled_m, found.carried_m, found.frontal, found.held_s, found.time_s, found.sides),
-        *(found.number, found.depth_m, found.moved, found.pose),
+        *(looks.sampled_m, looks.carried_m, looks.frontal, looks.held_s, looks.time_s, looks.sides),
+        *(looks.number, looks.depth_m, looks.moved, looks.pose),
     )
-    found.defocus[:] = _defocus(camera, positions, axes, seen, points, found.depth_m, found.pose)
+    looks.defocus[:] = _defocus(camera, positions, axes, seen, points, looks.depth_m, looks.pose)
     with np.errstate(invalid="ignore", divide="ignore"):
-        found.time_s[:] = found.time_s / found.held_s
-    return found
+        looks.time_s[:] = looks.time_s / looks.held_s
+    return looks
 
 
 def _defocus(

@@ -123,10 +123,10 @@ def views(
         `BY_FRUSTUM` or `TRULY` for the measures.
     scene : Scene, optional
     """
-    asked = stations(trajectory)
-    poses, fov_deg = (asked.positions, asked.quat_xyzw), asked.fov_deg
+    thinned = stations(trajectory)
+    poses, fov_deg = (thinned.positions, thinned.quat_xyzw), thinned.fov_deg
     seen = visible(*poses, cloud, camera, settings, scene, fov_deg=fov_deg).seen
-    return Views(asked, seen, coarseness(camera, fov_deg))
+    return Views(thinned, seen, coarseness(camera, fov_deg))
 
 
 def stations_at(shown: Views, steps: Moments) -> Ints:

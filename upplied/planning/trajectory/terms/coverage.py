@@ -37,7 +37,7 @@ class Coverage(Record):
 
     @classmethod
     def of(
-        cls, view: View, asked: Ints, need: Floats, free: Bools, width: float, stride: int = 1
+        cls, view: View, chosen: Ints, need: Floats, free: Bools, width: float, stride: int = 1
     ) -> Coverage:
         """The term for some samples (N,) of a view, with the free lines of sight (M, N) to them.
 
@@ -50,15 +50,15 @@ class Coverage(Record):
         usual = float(np.cos(np.radians(view.settings.max_incidence_deg)))
         own = view.least_cosine
         return cls(
-            points=view.cloud.points[asked],
-            normals=view.cloud.outward[asked],
+            points=view.cloud.points[chosen],
+            normals=view.cloud.outward[chosen],
             need=need / need.sum(),
-            farthest_m=view.farthest_m[asked],
+            farthest_m=view.farthest_m[chosen],
             start=np.searchsorted(station, np.arange(stride * len(free) + 1)),
             sample=sample,
             half_rad=halves,
             coarse=np.ones(len(halves)) if coarse is None else coarse,
-            least_cosine=np.full(len(asked), usual) if own is None else np.maximum(own[asked], usual),
+            least_cosine=np.full(len(chosen), usual) if own is None else np.maximum(own[chosen], usual),
             width=width,
         )
 

@@ -60,18 +60,18 @@ _LEVEL = 0.1  # of the largest deviation: a path with less along an axis is leve
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Shape(Record):
-    """Mean squared departure in units of the path's deviation along each axis; about z-scored metres."""
+    """Mean squared departure in units of the path's largest deviation: a metre up counts as one aside."""
 
     demonstrated: Floats  # (M, 3) m, about its mean, axes of the source
     standing: Floats  # (3, 3) turns the target's axes into the source's
-    unit_m: Floats  # (3,) deviation of the path along each of those axes
+    unit_m: float
     station: Ints | None = None  # (M,) of a path with more stations, that it is about; None: all of them
 
     @classmethod
     def of(cls, demonstrated: Floats, standing: Floats) -> Shape:
         """The shape of a path (M, 3), m, in the target's frame."""
         turned = demonstrated @ standing.T
-        return cls(turned - turned.mean(axis=0), standing, spread(turned)[1])
+        return cls(turned - turned.mean(axis=0), standing, float(spread(turned)[1].max()))
 
     def image(self, positions: Floats) -> Floats:
         """The shifted and stretched demonstrated path (M, 3), m, nearest to a path, target frame."""
