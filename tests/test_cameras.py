@@ -76,7 +76,7 @@ def test_what_was_measured_counts_before_the_list() -> None:
 
 def test_the_interval_says_where_it_is_known_from() -> None:
     assert least_interval(None)[0] == least_interval(Camera())[0] == DEFAULT_TRIGGER_S == 2.0
-    assert "nobody says" in least_interval(Camera())[1]
+    assert "is unknown" in least_interval(Camera())[1]
     assert least_interval(Camera(trigger_s=1.5)) == (1.5, "as the demonstration took them")
     assert "dji-phantom-4-rtk" in least_interval(known_camera("dji-phantom-4-rtk"))[1]
 

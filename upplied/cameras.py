@@ -112,7 +112,7 @@ def completed(camera: Camera, known: Camera) -> Camera:
 def least_interval(camera: Camera | None) -> tuple[float, str]:
     """Least time between two photos, s, and where it is known from, in words."""
     if camera is None or not camera.trigger_s:
-        return DEFAULT_TRIGGER_S, "assumed, as nobody says what the camera takes"
+        return DEFAULT_TRIGGER_S, "assumed: the interval of the camera is unknown"
     if camera.model:
         doubtful = known_cameras().get(camera.model, {}).get("unverified", ())
         doubt = ", not verified" if "trigger_s" in doubtful else ""

@@ -76,6 +76,7 @@ def test_version():
         ("plan", "--dry-run", "--preset", "best"),
         ("plan", "--dry-run", "--set", "route.clearance=3"),
         ("plan", "--dry-run", "--set", "three"),
+        ("findings", "list", "--state", "odd"),
     ],
 )
 def test_wrong_use_is_one_line_and_code_2(arguments, tmp_path, monkeypatch, capsys):

@@ -6,12 +6,14 @@ import base64
 import io
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from findings_cases import scan_of
 from made_plans import plan_as_demonstrated
 from PIL import Image
 from random_members import random_member
@@ -28,12 +30,13 @@ from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
 from upplied.findings.adding import Placing, add_marks, escaping, on_surface
 from upplied.findings.campaign import due_jobs, plan_campaign, plan_job, selected_findings
 from upplied.findings.carried import Carrying
+from upplied.findings.crops import sharpness
 from upplied.findings.looks import Spot, looks_at_spot, looks_frame, spot_at, spot_of
 from upplied.findings.marks import Mark, box_corners, read_marks
 from upplied.findings.photos import flight_of, register_photos
 from upplied.findings.place import Errors, located
 from upplied.findings.queries import by_reference, kind_map, photographed
-from upplied.findings.rays import footprint_m, frustum_of, pixels_of, rays_of
+from upplied.findings.rays import footprint_m, pixels_of, rays_of, widest_rad
 from upplied.findings.reshoot import plan_reshoot
 from upplied.geometry.poses import look_at, matrices
 from upplied.geometry.scene import scene_of
@@ -138,11 +141,7 @@ def test_a_lens_shows_points_where_opencv_says_and_rays_lead_back_from_its_corne
     assert pixels_of(camera, np.zeros(3), np.array([0.0, 0, 0, 1]), 5 * rays) == pytest.approx(
         pixels, abs=1e-6
     )
-    sees = frustum_of(camera)
-    ahead, left, _ = rays.T
-    assert (
-        sees.hfov_deg >= 2 * np.degrees(np.arctan2(np.abs(left), ahead)).max() - 1e-9 or sees.hfov_deg == 360
-    )
+    assert np.arccos(rays[:, 0]).max() <= widest_rad(camera) + 1e-9
     # The formulas of OpenCV's documentation, in its frame: x right, y down, z ahead.
     k = (*lens.coefficients, *(0.0,) * 8)
     for (u, v), (z, x, y) in zip(pixels, rays * [1, -1, -1], strict=True):
@@ -458,7 +457,8 @@ def test_the_same_place_elsewhere_is_where_the_samples_say(catalog):
 def test_what_was_found_out_about_a_pair_serves_every_place(catalog, monkeypatch):
     spots = [spot_at(catalog, "cube-v1", place) for place in ((HIGH[0], 2.0, 5.0), (HIGH[0], -3.0, 2.0))]
     first = Carrying(catalog).to(spots[:1], "cuboid-v1")
-    monkeypatch.setattr("upplied.findings.carried.study", lambda *_: pytest.fail("the pair is studied anew"))
+    anew = "upplied.planning.correspondence.siblings.study"
+    monkeypatch.setattr(anew, lambda *_: pytest.fail("the pair is studied anew"))
     again = Carrying(catalog).to(spots, "cuboid-v1")
     assert again.place[0] == pytest.approx(first.place[0], abs=1e-9) and not again.doubtful.any()
 
@@ -732,3 +732,70 @@ def test_the_command_places_lists_and_changes(filled, capsys, tmp_path):
     assert "d.csv, line 2" in (errors := capsys.readouterr().err) and "P7.png" in errors
     assert main(["looks", "cube-v1", *map(str, MARK), *where]) == 0 and "P2.png" in capsys.readouterr().out
     assert main(["findings", "add", "--by", "Ada", *where]) == 2
+
+
+def test_a_look_that_the_errors_of_its_pose_may_undo_is_doubtful_and_says_by_what(filled):
+    catalog, _, name = filled
+    spot = spot_of(row_of(catalog, name))
+    sure = looks_frame(looks_at_spot(catalog, replace(spot, error_m=0.0)))
+    vague = looks_frame(looks_at_spot(catalog, replace(spot, error_m=9.0)))
+    assert (sure["doubt"] == "").sum() > (vague["doubt"] == "").sum() == 1
+    assert vague.iloc[0]["photo"] == "P2.png" and vague.iloc[0]["probability"] == 1.0  # the mark is in it
+    doubtful = vague[vague["doubt"] != ""]
+    assert set(doubtful["doubt"]) <= {"edge of the picture", "incidence", "range", "occlusion"}
+    assert doubtful["probability"].between(0.03, 0.95).all()
+    inside = sure.set_index("photo")["in_picture_pct"] == 100  # the place and what is about it
+    assert (sure.set_index("photo").loc[inside, "doubt"] == "").all()
+    # Its own error alone: in half of the cases a place at the rim of a picture is in it.
+    aside = np.linspace(0, 6, 601)
+    rim_y = np.interp(1600.0, [pixel_of(0.0, np.array([0.0, y, 4.0]))[0] for y in aside], aside)
+    rim = np.array([HIGH[0], rim_y, 4.0])
+    looks = looks_frame(looks_at_spot(catalog, replace(spot, place=rim, error_m=0.0, photo=("", 0.0))))
+    first = looks.set_index("photo").loc["P0.png"]
+    assert first["doubt"] == "edge of the picture" and 0.3 < first["probability"] < 0.7
+
+
+def test_a_photo_that_is_registered_again_counts_once_and_names_twice_are_refused(filled, tmp_path):
+    catalog = open_catalog(shutil.copytree(filled[0].location, tmp_path / "catalog"))
+    photos = shutil.copytree(filled[1] / "photos", tmp_path / "card" / "photos")
+    times, flight = filled[1] / "times.csv", flight_of(catalog, "past")
+    assert register_photos(catalog, flight, photos, times)[0] == 5  # moved: the same photos
+    assert set(catalog.flight_photos()["path"]) == {str(path.resolve()) for path in photos.glob("*.png")}
+    Image.new("RGB", (1600, 1190)).save(photos / "P2.png")  # developed again
+    assert register_photos(catalog, flight, photos, times)[0] == 1
+    assert len(catalog.flight_photos()) == 5
+    mark = Mark("it", "P2.png", square(10.0, 0.1))
+    assert add_marks(catalog, [mark], "Ada").new == 1
+    other = shutil.copytree(photos, tmp_path / "card" / "other")
+    Image.new("RGB", (1600, 1190), "white").save(other / "P2.png")
+    assert register_photos(catalog, flight, other, times)[0] == 5  # the others are moved
+    again = replace(mark, pixels=square(10.0, 0.2))
+    assert "names 2 photos of past" in add_marks(catalog, [again], "Ada").refused[0]
+    assert add_marks(catalog, [replace(again, photo=str(other / "P2.png"))], "Ada").new == 1
+
+
+def test_marks_of_a_file_are_of_the_flight_of_the_command_where_they_name_none(filled, tmp_path, capsys):
+    marks = tmp_path / "marks.csv"
+    x, y = pixel_of(5.0, MARK)
+    marks.write_text(f"photo,x_px,y_px,class\nP1.png,{x},{y},chip\n")
+    where = ("--by", "Ada", "--catalog", filled[0].location)
+    assert main(["findings", "add", str(marks), "--flight", "gone", *where]) == 1
+    assert "flight gone: is not in the catalog" in capsys.readouterr().err
+    assert main(["findings", "add", str(marks), "--flight", "past", *where]) == 0
+
+
+def test_the_edge_of_a_photo_is_no_sharpness():
+    even = np.full((40, 40, 3), 120, np.uint8)
+    even[::2] = 124
+    cut = even.copy()
+    cut[:, 20:] = 0
+    assert sharpness(cut) == pytest.approx(sharpness(even), rel=0.1)
+
+
+def test_the_normal_of_a_place_on_a_noisy_scan_is_that_of_its_side():
+    box = random_member("box", 347).structure
+    scan = scan_of(box, np.random.default_rng(247))
+    low, high = box.vertices.min(axis=0), box.vertices.max(axis=0)
+    aside = np.random.default_rng(1).uniform(low[1:] + 1.0, high[1:] - 1.0, (200, 2))
+    places = np.column_stack([np.full(200, high[0]), aside])
+    assert (on_surface(scene_of(scan), places)[1][:, 0] > 0.95).all()

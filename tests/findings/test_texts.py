@@ -11,7 +11,7 @@ from test_findings import CUBE, HIGH, flown
 
 from upplied.catalog import open_catalog
 from upplied.cli import main
-from upplied.errors import SettingsError
+from upplied.errors import SettingsError, UppliedError
 from upplied.findings.adding import add_marks
 from upplied.findings.crops import write_crops
 from upplied.findings.looks import Look, spot_of
@@ -90,3 +90,19 @@ def test_what_a_table_would_compute_stays_the_text_that_it_is(catalog, tmp_path,
     assert main(["findings", "list", "--json", "--catalog", catalog.location]) == 0
     (row,) = json.loads(capsys.readouterr().out)
     assert (row["class"], row["note"]) == (FORMULA, "=1+1")
+
+
+def test_names_with_hidden_letters_are_refused_mark_by_mark(catalog, tmp_path, capsys):
+    file = tmp_path / "marks.json"
+    names = ["\x1b[2J.jpg", "\ud800.jpg", "\u202egpj.exe", "a\x00.jpg"]
+    images = [{"id": at, "file_name": name} for at, name in enumerate(names)]
+    boxes = [{"id": "\x1b]0;x\x07", "image_id": at, "bbox": [1, 2, 3, 4]} for at in range(len(names))]
+    file.write_text(json.dumps({"images": images, "annotations": boxes}))
+    assert main(["findings", "add", str(file), "--by", "Ada", "--catalog", catalog.location]) == 1
+    told = capsys.readouterr().err
+    assert told.count("which nobody sees") == 4 and "\x1b" not in told and "\x07" not in told
+    file.write_text(json.dumps({"images": images, "annotations": [{**boxes[0], "bbox": [5, 5, -3, 4]}]}))
+    with pytest.raises(UppliedError, match="a box of -3 x 4 px"):
+        read_marks(file)
+    far = Mark("it", place=(1e300, 0.0, 0.0), structure="cube-v1")
+    assert "three coordinates" in add_marks(catalog, [far], "Ada").refused[0]

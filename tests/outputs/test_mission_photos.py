@@ -221,11 +221,11 @@ def test_the_interval_is_that_of_who_flies():
         "nobody": interval_of(MissionOptions(), Camera()),
     }
     assert [interval for interval, _ in said.values()] == [9.0, 3.0, 0.7, 1.3, 2.0]
-    assert "dji-mavic-3e" in said["drone"][1] and "nobody says" in said["nobody"][1]
+    assert "dji-mavic-3e" in said["drone"][1] and "is unknown" in said["nobody"][1]
     known = known_camera("dji-phantom-4-rtk")
     (mission,) = missions_of(made_plan(), placed_box(), MissionOptions(home_m=HOME), camera=known)
     assert any(
-        "the camera needs 2.5 s for a photo, of the camera dji-phantom-4-rtk" in note
+        "the camera needs 2.5 s for a photo (of the camera dji-phantom-4-rtk" in note
         for note in mission.notes
     )
 

@@ -388,11 +388,13 @@ def test_a_released_plan_has_its_missions_beside_its_page_or_the_reason(tmp_path
     assert all(said.startswith("not available: ") and "clearance" in said for said in told.values()), told
 
 
-def test_a_mission_of_several_sorties_is_not_given_out_as_its_first(monkeypatch, tmp_path):
-    written = type("Exported", (), {"paths": (tmp_path / "1.plan", tmp_path / "2.plan")})
-    monkeypatch.setattr(publishing, "export_transfer", lambda *_: written)
+def test_a_mission_of_several_sorties_is_not_given_out_as_its_first(monkeypatch):
+    files = [("m-1of2.plan", b"1"), ("m-2of2.plan", b"2"), ("m.plan.zones.json", b"{}")]
+    monkeypatch.setattr(publishing, "mission_files", lambda *_: files)
     with pytest.raises(RefusedError, match="2 sorties"):
-        publishing.mission_file(FakeCatalog(targets=1), "t0000", "qgc-plan")
+        publishing._mission(FakeCatalog(targets=1), "t0000", "qgc-plan")
+    del files[1]  # the results of required zones are no sortie
+    assert publishing._mission(FakeCatalog(targets=1), "t0000", "qgc-plan") == b"1"
 
 
 @pytest.mark.parametrize("before", [0, 1, 3])

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from upplied.cli.options import ByOption, KindOption, NoteOption, OwnerArgument, StructureArgument
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, plain, say
+from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
@@ -160,8 +161,11 @@ def zones(structure: StructureArgument, /, *, mesh: Path | None = None, results:
 
     with errors.status("judging"):
         rows = judged(results.opened(), structure)
-    spare = ("asked_by", "version", "set", "probability", "on")
-    results.show(f"zones of {structure}", [plain(row) for row in rows], spare)
+    titles = {name: name for name in LABELS["zones"]} if results.json else LABELS["zones"]
+    shown = [{title: plain(row)[name] for name, title in titles.items()} for row in rows]
+    results.show(
+        f"zones of {structure}", shown, ("required by", "version", "set", "probability", "defined on")
+    )
     return int(any(row["planned"] != "met" for row in rows))
 
 

@@ -11,7 +11,7 @@ from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
-from upplied.cli.terminal import PRINTED, Results, Where
+from upplied.cli.terminal import PRINTED, Results, Where, errors
 
 _INSTALL = "install from requirements-runtime.lock, as make quickstart does"
 
@@ -28,7 +28,8 @@ def doctor(*, results: Results = PRINTED) -> int:
         "disk": _disk,
         "catalog": lambda: _catalog(results),
     }
-    rows = [{"check": name, **_tried(check)} for name, check in checks.items()]
+    with errors.status("checking"):
+        rows = [{"check": name, **_tried(check)} for name, check in checks.items()]
     results.show("doctor", rows)
     return int(any(row["result"] == "bad" for row in rows))
 

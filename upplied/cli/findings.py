@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
@@ -15,6 +16,7 @@ app = App(
     name="findings", help="Place findings on structures, see them again, and find the same place elsewhere."
 )
 LISTED = LABELS["findings"]
+State = Literal["open", "watched", "repaired", "dismissed"]
 SPARE = ("note", "severity", "by")
 ByOption = Annotated[str, Parameter(help="Your name, stored with the finding.")]
 NoteOption = Annotated[str, Parameter(help="Note, stored with the finding.")]
@@ -38,7 +40,9 @@ def add(
     *,
     by: ByOption,
     photo: PhotoOption = "",
-    flight: Annotated[str, Parameter(help="ID of the flight or demonstration.")] = "",
+    flight: Annotated[
+        str, Parameter(help="ID of the flight or demonstration of the marks that name none.")
+    ] = "",
     time: TimeOption = None,
     pixel: PixelOption = None,
     box: BoxOption = None,
@@ -71,7 +75,7 @@ def add(
             "a finding", "has no mark, or several", "one of FILE, --pixel, --box, --outline, --at"
         )
     if file is not None:
-        marks = read_marks(file)
+        marks = [replace(mark, flight=mark.flight or flight) for mark in read_marks(file)]
     else:
         try:
             corners = corners_of(outline.split()) if outline else ()
@@ -131,7 +135,7 @@ def list_findings(
     *,
     structure: OnlyStructure = None,
     kind: OnlyKind = None,
-    state: Annotated[str | None, Parameter(help="open, watched, repaired or dismissed.")] = None,
+    state: Annotated[State | None, Parameter(help="Only findings in this state.")] = None,
     class_name: Annotated[str | None, Parameter("--class", help="Only findings of this class.")] = None,
     reference: Annotated[
         str, Parameter(help="Structure on which all places are shown: one map for a kind.")
@@ -167,9 +171,9 @@ def list_findings(
 
 @app.command(name="set")
 def set_state(
-    finding: FindingArgument, state: str, /, *, by: ByOption, note: NoteOption = "", where: Where = HERE
+    finding: FindingArgument, state: State, /, *, by: ByOption, note: NoteOption = "", where: Where = HERE
 ) -> int:
-    """Change the state of a finding to open, watched, repaired or dismissed; its history stays."""
+    """Change the state of a finding; its history stays."""
     row = where.opened().set_finding(finding, state, by, note)
     say(f"finding {row['finding_id']} is {state}")
     return 0

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from upplied.cli.terminal import HERE, Where, complain, progress, say
+from upplied.cli.terminal import HERE, Where, complain, errors, progress, say
 from upplied.extras import extra
 
 if TYPE_CHECKING:
@@ -53,8 +53,8 @@ def report(
         say(str(published.index))
         problems = published.problems
     if self_contained is not None:
-        index = publish_file(store, self_contained, demonstration_id=demonstration, target_id=target)
-        say(index)
+        with errors.status("drawing pages"):
+            say(publish_file(store, self_contained, demonstration_id=demonstration, target_id=target))
     if not problems:
         where.next_step("fly TRANSFER", "simulate a plan in wind; its ID is on its page")
     for problem in problems:

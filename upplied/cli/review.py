@@ -102,7 +102,8 @@ def edit(
         raise SettingsError("upplied edit", "both or neither of --out and --from", "exactly one of them")
     store, plan = where.plan(transfer)
     if out is not None:
-        say(write_edit(store, plan, beside(out)))
+        with errors.status("reading the plan"):
+            say(write_edit(store, plan, beside(out)))
         where.next_step(f"edit {plan} --from {out} --by NAME", "import the edited file")
         return 0
     assert read is not None

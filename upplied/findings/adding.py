@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from upplied.catalog import Catalog
-from upplied.catalog.verbs.findings import check_texts
+from upplied.catalog.verbs.findings import check_text
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError
@@ -33,6 +33,7 @@ _MOST_OUTLINE = 64
 _WAYS = sphere(64)
 _CLEARLY = 0.05  # share of rays, by which more escape from one side than from the other
 _PHOTO = {"photo": "name", "photo_path": "path", "photo_sha256": "sha256"}  # columns of findings and photos
+_MOST_M = 1e6  # of a stated coordinate
 _OFF_SURFACE = 0.02  # of the diagonal, that a stated place may be off the surface
 
 
@@ -74,15 +75,17 @@ class Placing:
         """
         columns = {"class": mark.class_name, "severity": mark.severity, "note": mark.note, "state": "open"}
         columns |= {"file": mark.file, "file_sha256": mark.file_sha256}
-        row = columns | (self._stated(mark) if mark.place is not None else self._seen(mark))
-        check_texts(row)
-        return row
+        for name in ("photo", "structure", "flight"):
+            check_text(mark.what, name, getattr(mark, name))
+        for name, text in columns.items():
+            check_text(mark.what, name, text)
+        return columns | (self._stated(mark) if mark.place is not None else self._seen(mark))
 
     def _stated(self, mark: Mark) -> dict[str, Any]:
         assert mark.place is not None
         structure = self._structure(mark.structure)
         stated = np.array(mark.place, float)[None]
-        if not np.isfinite(stated).all():
+        if not (np.abs(stated) < _MOST_M).all():
             raise RefusedError(
                 mark.what, f"is at {mark.place}", "three coordinates, m, frame of the structure"
             )
@@ -105,7 +108,10 @@ class Placing:
             when = f"is of {t_s:g} s, the flight took {float(flight.path.t_s[-1]):.1f} s"
             raise RefusedError(mark.what, when, "a time of the flight", "count from its first pose")
         size = size_of_photo(photo, mark.size_px)
-        camera = with_size(flight.seen_by(t_s), *size, f"{mark.what}, photo {mark.photo or f'of {t_s:g} s'}")
+        pose = flight.at(np.array([t_s]))
+        camera = with_size(
+            flight.zoomed(pose.fov_deg), *size, f"{mark.what}, photo {mark.photo or f'of {t_s:g} s'}"
+        )
         limits = np.array(size_px(camera))
         corners = mark.corners * _enlarged(mark, limits)
         if not len(corners) or (corners < 0).any() or (corners > limits).any():
@@ -115,7 +121,6 @@ class Placing:
             rule, remedy = "within what the lens shows", "check the distortion in the camera's calibration"
             raise RefusedError(mark.what, "lies where the model of its lens shows nothing", rule, remedy)
         structure = self._structure(flight.target_id)
-        pose = flight.at(np.array([t_s]))
         stated = flight.pose_error_m if self.pose_m is None else self.pose_m
         pose_m = self.errors.pose_m if math.isnan(stated) else stated
         mesh_m = self.errors.mesh_m or surface_error_m(structure)
@@ -212,14 +217,15 @@ def on_surface(scene: Scene, places: Floats) -> tuple[Floats, Floats]:
     """
     points, _ = scene.closest(places)
     rows, size = np.arange(len(points)), float(np.linalg.norm(np.subtract(*scene.box)))
-    step = 1e-3 * size
+    step = max(1e-3 * size, 2 * scene.error_m)
     ways = sphere(26)
     origins = (points[:, None] + step * ways).reshape(-1, 3)
     reach, _, normals = scene.cast(origins, np.tile(-ways, (len(points), 1)))
     reach, normals = reach.reshape(len(points), -1), normals.reshape(len(points), -1, 3)
     # What is met where the place is, as frontally as can be.
     facing = np.abs(np.einsum("nwi,wi->nw", normals, ways))
-    normal = normals[rows, np.where(np.abs(reach - step) < 0.2 * step, facing, -1.0).argmax(axis=1)]
+    there = np.abs(reach - step) < 0.2 * step + scene.error_m
+    normal = normals[rows, np.where(there, facing, -1.0).argmax(axis=1)]
     free = np.stack([escaping(scene, points, side * normal, size) for side in (1, -1)])
     beside = np.einsum("ni,ni->n", places - points, normal)
     side = np.where(np.abs(beside) > 1e-6 * size, np.sign(beside), 1.0)

@@ -82,7 +82,7 @@ def plan_campaign(
             texts = json.loads(plan["warnings"] or "[]")
             shown = next((text for text in texts if text.startswith("finding ")), "")
             status = str(plan["state"])
-            words = f"{plan['transfer_id']}; {'planned before' if job.key in before else shown}"
+            words = f"{plan['transfer_id']}; {'planned before; ' if job.key in before else ''}{shown}"
         results.append({"structure_id": job.target_id, "status": status, "words": words})
     return sorted(results, key=lambda one: one["structure_id"])
 

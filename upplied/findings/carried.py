@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -20,16 +20,14 @@ from upplied.config import Settings
 from upplied.errors import CatalogError, RefusedError, UppliedError
 from upplied.findings.counterparts import FARTHEST, Counterparts, carried_spots, nowhere, themselves
 from upplied.findings.looks import Spot, off_surface
-from upplied.findings.sampled import Carried, CarriedGroup, Near, about, carried_samples
+from upplied.findings.sampled import Carried, CarriedGroup, Near, about
 from upplied.fleet.decisions import PlanRequest, SettingsOf, SiblingsOf
 from upplied.planning.correspondence.memo import content_key
-from upplied.planning.correspondence.pair import Pair
-from upplied.planning.correspondence.siblings import study
-from upplied.planning.demonstration.repetition import choices_in
-from upplied.planning.surface.frames import frames_for, named_axes, structure_in
-from upplied.planning.surface.parts import parts_of_both
 from upplied.records import Structure
 from upplied.threads import one_thread
+
+if TYPE_CHECKING:
+    from upplied.planning.correspondence.pair import Pair
 
 R = TypeVar("R")
 
@@ -175,10 +173,15 @@ class Carrying:
 
     def instances(self, spot: Spot, target_id: str) -> list[Counterparts]:
         """Where a spot is on each part of a structure like its counterpart, and on that one first."""
+        from upplied.planning.demonstration.repetition import choices_in
+        from upplied.planning.surface.frames import named_axes
+        from upplied.planning.surface.parts import parts_of_both
+
         reference, settings = self.reference(self.kinds[target_id]), self._settings_of(target_id)
         on_map, first = self.everywhere([spot], [reference, target_id])
         carried = self.carried(reference, target_id)
-        mine = int(carried.own_part[about(on_map.spots, carried).samples[0, 0]])
+        near = about(on_map.spots, carried.point, carried.normal, carried.step_m)
+        mine = int(carried.own_part[near.samples[0, 0]])
         with one_thread():
             pair = self._pair(reference, target_id, settings)[0]
         fit, results = pair.surface, [first]
@@ -207,6 +210,8 @@ class Carrying:
         settings = settings or self._settings_of(target_id)
 
         def carried() -> Carried:
+            from upplied.findings.sampling import carried_samples  # planning, which questions seldom load
+
             self._progress(f"{target_id} and {source_id}")
             with one_thread():
                 return carried_samples(*self._pair(source_id, target_id, settings), settings)
@@ -251,6 +256,9 @@ class Carrying:
         return [*hashes, settings.sha256]
 
     def _pair(self, source_id: str, target_id: str, settings: Settings) -> tuple[Pair, Structure, Structure]:
+        from upplied.planning.correspondence.siblings import study
+        from upplied.planning.surface.frames import frames_for, structure_in
+
         source, target = self.catalog.structure(source_id), self.catalog.structure(target_id)
         names = self._siblings(source_id, target_id, settings.correspondence.siblings)
         here, there = frames_for(source, target, settings)

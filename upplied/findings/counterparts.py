@@ -56,7 +56,7 @@ def carried_spots(
     """
     if not len(carried.point):
         return nowhere(len(spots))
-    near = near or about(spots, carried)
+    near = near or about(spots, carried.point, carried.normal, carried.step_m)
     others, first = near.samples, near.samples[:, 0]
     there = np.isfinite(carried.place[others, 0])
     same = carried.own_part[others] == carried.own_part[first][:, None]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import laplace, map_coordinates
+from scipy.ndimage import binary_erosion, laplace, map_coordinates
 
 from upplied.errors import InputError, UppliedError
 from upplied.findings.looks import Look, Spot, plane_axes
@@ -93,7 +93,7 @@ def write_crops(
 def sharpness(crop: np.ndarray) -> float:
     """How sharp a crop is: the variance of its Laplacian over that of its grey values; higher is sharper."""
     grey = crop.astype(float).mean(axis=2)
-    known = crop.any(axis=2)
+    known = binary_erosion(crop.any(axis=2))  # not where the photo ends
     spread = float(grey[known].var()) if known.any() else 0.0
     return float(laplace(grey)[known].var() / spread) if spread > 0 else 0.0
 
@@ -143,6 +143,7 @@ def _figure(name: str, row: dict[str, Any], sharp: float) -> str:
     words = (
         f"{when} {row['photo']}: {row['mm_px']:.2f} mm/px, {row['distance_m']:.1f} m, "
         f"{row['incidence_deg']:.0f} degrees from the normal, sharpness {sharp:.2f}"
+        f"{', doubtful by ' if row['doubt'] else ''}{row['doubt']}"
     )
     text = html.escape(words.strip())
     return f'<figure><img src="{name}" alt="{text}"><figcaption>{text}</figcaption></figure>'

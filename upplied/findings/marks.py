@@ -49,6 +49,8 @@ class Mark:
 
 def box_corners(x: float, y: float, width: float, height: float) -> tuple[tuple[float, float], ...]:
     """The corners of a box, px, from its upper left corner."""
+    if min(width, height) < 0:
+        raise ValueError(f"a box of {width:g} x {height:g} px")
     return (x, y), (x + width, y), (x + width, y + height), (x, y + height)
 
 
@@ -62,19 +64,22 @@ def read_marks(path: Path) -> list[Mark]:
     """
     import hashlib
 
-    data = read_regular(path, _MOST_BYTES)
+    data, marks = read_regular(path, _MOST_BYTES), list[Mark]()
     about = {"file": str(path), "file_sha256": hashlib.sha256(data).hexdigest()}
     try:
         text = data.decode("utf-8-sig")
         if path.suffix.lower() in (".json", ".geojson"):
             content = json.loads(text)
             geo = isinstance(content, dict) and "features" in content
-            marks = list(_geojson(path, content, about) if geo else _coco(path, content, about))
+            read = _geojson(path, content, about) if geo else _coco(path, content, about)
         else:
-            marks = list(_csv(path, text, about))
+            read = _csv(path, text, about)
+        marks.extend(read)  # one by one: of what could not be read it is known how far it could be
     except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError, OverflowError,
             csv.Error) as error:  # fmt: skip
-        raise InputError(str(path), f"cannot be read: {type(error).__name__}: {error}"[:300], _RULE) from None
+        after = f" after {len(marks)} marks" if marks else ""
+        fault = f"cannot be read{after}: {type(error).__name__}: {error}"[:300]
+        raise InputError(str(path), fault, _RULE) from None
     if not 0 < len(marks) <= _MOST_MARKS:
         raise InputError(str(path), f"holds {len(marks)} marks", f"1 to {_MOST_MARKS}")
     return marks
@@ -90,7 +95,9 @@ def _coco(path: Path, content: Mapping[str, Any], about: Mapping[str, str]) -> I
         size = int(image.get("width") or 0), int(image.get("height") or 0)
         stated = {"photo": image["file_name"], "class": names.get(one.get("category_id"), "")}
         stated |= {name: one.get(name) for name in ("severity", "note")}
-        yield _mark(f"{path.name}, annotation {one.get('id', '?')}", stated, about, pixels, size_px=size)
+        yield _mark(
+            f"{path.name}, annotation {one.get('id', '?')!a:.40}", stated, about, pixels, size_px=size
+        )
 
 
 def _geojson(path: Path, content: Mapping[str, Any], about: Mapping[str, str]) -> Iterator[Mark]:
@@ -102,7 +109,7 @@ def _geojson(path: Path, content: Mapping[str, Any], about: Mapping[str, str]) -
         elif shape["type"] == "Point":
             places = [places]
         elif shape["type"] not in ("LineString", "MultiPoint"):
-            raise ValueError(f"geometry {str(shape['type'])[:40]}")
+            raise ValueError(f"geometry {shape['type']!a:.40}")
         stated["photo"] = next(
             (stated[name] for name in ("photo", "file_name", "image") if stated.get(name)), ""
         )
@@ -115,7 +122,7 @@ def _csv(path: Path, text: str, about: Mapping[str, str]) -> Iterator[Mark]:
     known = set(lines.fieldnames or ())
     ways = ({"x_px", "y_px"}, {"outline_px"}, {"structure", "x_m", "y_m", "z_m"})
     if not any(way <= known for way in ways):
-        raise ValueError(f"columns {', '.join(sorted(map(str, known)))[:200]}")
+        raise ValueError(f"columns {', '.join(sorted(map(str, known)))!a:.200}")
     for number, line in enumerate(lines, 2):
         place: tuple[float, float, float] | None = None
         pixels: tuple[tuple[float, float], ...] = ()

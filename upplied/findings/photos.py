@@ -53,10 +53,9 @@ class Flown(Record):
         """The poses at some times."""
         return interpolate(self.path, np.asarray(t_s, float))
 
-    def seen_by(self, t_s: float) -> Camera:
-        """The camera at a time, where it zooms."""
-        zoom = self.at(np.array([t_s])).fov_deg
-        return self.camera if zoom is None else self.camera.zoomed(zoom)[0]
+    def zoomed(self, fov_deg: Floats | None) -> Camera:
+        """The camera at the first of some fields of view (N, 2), deg, where it zooms."""
+        return self.camera if fov_deg is None else self.camera.zoomed(fov_deg)[0]
 
 
 def flights_round(catalog: Catalog, structure_id: str, kinds: Collection[str]) -> Iterator[Flown]:
@@ -236,11 +235,13 @@ def registered(catalog: Catalog, photo: str, flight_id: str = "") -> dict[str, A
         rows = rows[rows["flight_id"] == flight_id]
     if len(rows) > 1 and Path(photo).is_file():
         rows = rows[rows["sha256"] == hashlib.sha256(read_regular(photo, MOST_BYTES)).hexdigest()]
-    rows = rows.drop_duplicates(["flight_id", "sha256"], keep="last")
     fault, remedy = "belongs to no known flight", "register it: upplied findings photos FLIGHT FOLDER"
     if len(rows) > 1:
-        several = ", ".join(each[:12] for each in rows["flight_id"])
-        fault, remedy = f"is of several flights: {several}", "name the flight: --flight ID"
+        flights = rows["flight_id"].unique()
+        names = ", ".join(name[:12] if len(name) == 64 else name for name in flights)
+        fault, remedy = f"is of several flights: {names}", "name the flight: --flight ID"
+        if len(flights) == 1:
+            fault, remedy = f"names {len(rows)} photos of {flights[0]}", "name it with its folder"
     if len(rows) != 1:
         raise RefusedError(f"photo {name}", fault, "a photo of one flight, registered", remedy)
     return {str(key): value for key, value in rows.iloc[0].items()}

@@ -145,10 +145,15 @@ def located(
 
 def _drawn(view: _View, pixels: Floats, errors: Errors, noise: Floats) -> tuple[Floats, Floats]:
     """Origins (D, K, 3) and rays (D, K, 3) of draws of pixels (D, K, 2) by normal noise (D, 9)."""
-    origins = view.position + errors.pose_m / _WITHIN_3D * noise[:, :3]
-    wobble = Rotation.from_rotvec(np.radians(errors.attitude_deg) * noise[:, 3:6]).as_matrix()
-    rays = np.einsum("ij,djk,dnk->dni", view.turn, wobble, rays_of(view.camera, pixels))
+    origins, turns = drawn_poses(view.position, view.turn, errors, noise)
+    rays = np.einsum("dik,dnk->dni", turns, rays_of(view.camera, pixels))
     return np.ascontiguousarray(np.broadcast_to(origins[:, None], rays.shape)), rays
+
+
+def drawn_poses(position: Floats, turn: Floats, errors: Errors, noise: Floats) -> tuple[Floats, Floats]:
+    """Positions (D, 3), m, and axes (D, 3, 3) that a pose may truly have, by normal noise (D, 6 or more)."""
+    wobble = Rotation.from_rotvec(np.radians(errors.attitude_deg) * noise[:, 3:6]).as_matrix()
+    return position + errors.pose_m / _WITHIN_3D * noise[:, :3], turn @ wobble
 
 
 def _error_m(view: _View, pixel: Floats, place: Floats, errors: Errors, noise: Floats) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -67,10 +68,10 @@ def photographed(
     looks = _looks(catalog, places)
     rows = []
     for at, (name, there) in enumerate(places):
-        error = float(np.hypot(there.error_m[0], own_error))
+        there = replace(there, error_m=np.hypot(there.error_m, own_error))
         row = {"structure_id": name, "part": int(there.part[0])}
         row |= dict(zip(("x_m", "y_m", "z_m"), there.place[0], strict=True))
-        row |= {"probability": there.probability[0], "error_m": error, "doubt": there.doubt(0)}
+        row |= {"probability": there.probability[0], "error_m": there.error_m[0], "doubt": there.doubt(0)}
         count = [look for look in looks[at] if look["mm_px"] <= mm_px and not look["looked_at"] < earliest]
         last: dict[str, Any] = max(count, key=lambda one: one["looked_at"], default={})
         none = {"looked_at": pd.NaT, "flight_id": "", "mm_px": np.nan, "incidence_deg": np.nan}
@@ -174,6 +175,7 @@ def study_kinds(catalog: Catalog) -> list[str]:
 
 def _demonstrated(catalog: Catalog, spot: Spot) -> list[dict[str, Any]]:
     """The finest look of each demonstration at a spot."""
-    finest = looks_frame(looks_at_spot(catalog, spot, ("demonstration",))).drop_duplicates("flight_id")
+    finest = looks_frame(looks_at_spot(catalog, spot, ("demonstration",)))
+    finest = finest[finest["doubt"] == ""].drop_duplicates("flight_id")
     about = {"taken_at": "looked_at", **{name: name for name in ("flight_id", "mm_px", "incidence_deg")}}
     return [{about[name]: row[name] for name in about} for row in finest.to_dict("records")]

@@ -8,7 +8,6 @@ angles grow evenly. A lens has one of OpenCV's models (Brown and Conrady, or Kan
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -60,7 +59,12 @@ def rays_of(camera: Camera, pixels: Floats) -> Floats:
 
 def pixels_of(camera: Camera, position: Floats, quat_xyzw: Floats, points: Floats) -> Floats:
     """Pixels (N, 2) of points (N, 3), m, in a photo from a pose; NaN of what its lens does not show."""
-    ahead, left, up = ((points - position) @ matrices(quat_xyzw)).T
+    return pixels_towards(camera, (points - position) @ matrices(quat_xyzw))
+
+
+def pixels_towards(camera: Camera, directions: Floats) -> Floats:
+    """Pixels (N, 2) of directions (N, 3), camera frame, of any length; NaN of what its lens does not show."""
+    ahead, left, up = directions.T
     lens = camera.lens
     with np.errstate(divide="ignore", invalid="ignore"):
         if lens is not None and lens.model == "fisheye":
@@ -76,19 +80,13 @@ def pixels_of(camera: Camera, position: Floats, quat_xyzw: Floats, points: Float
     return np.asarray(_middle(camera) + off * focal_of(camera))
 
 
-def frustum_of(camera: Camera) -> Camera:
-    """A pinhole that sees all that the camera does: whose lens bulges sees more than its field of view."""
-    if camera.lens is None:
-        return camera
-    width, height = size_px(camera)
+def widest_rad(camera: Camera) -> float:
+    """The largest angle off its axis at which a camera sees; half a turn where its lens leaves that open."""
     share = np.linspace(0, 1, 33)
     sides = [np.column_stack([share, 0 * share + end]) for end in (0, 1)]
-    border = np.concatenate([*sides, *(side[:, ::-1] for side in sides)]) * [width, height]
-    ahead, left, up = np.abs(rays := rays_of(camera, border)).T
-    across, down = (2 * float(np.degrees(np.arctan2(side, ahead).max())) for side in (left, up))
-    if not (rays[:, 0] > 0).all():
-        across, down = 360.0, 180.0
-    return replace(camera, hfov_deg=across, vfov_deg=down, lens=None)
+    border = np.concatenate([*sides, *(side[:, ::-1] for side in sides)]) * size_px(camera)
+    ahead = rays_of(camera, border)[:, 0]
+    return float(np.arccos(ahead.min())) if np.isfinite(ahead).all() else math.pi
 
 
 def footprint_m(camera: Camera, position: Floats, place: Floats, normal: Floats) -> float:

@@ -25,8 +25,7 @@ from upplied.catalog.verbs import belonging, required
 from upplied.checks import check_id, suggested
 from upplied.config import Settings, digest, settings_for
 from upplied.errors import InputError
-from upplied.planning.correspondence.siblings import nearest_in_proportions
-from upplied.planning.plan import METHOD_VERSION, transfer_key
+from upplied.planning.correspondence.memo import METHOD_VERSION
 from upplied.provenance import causes
 from upplied.records import Demonstration, Structure
 
@@ -62,6 +61,8 @@ class SiblingsOf:
             return ()
         if (target_id, most) not in self._nearest:
             known = self._known.get(self._scans[target_id], ([], np.empty((0, 3))))
+            from upplied.planning.correspondence.siblings import nearest_in_proportions
+
             # One more, since the source may be among them.
             nearest = nearest_in_proportions(self._size[target_id], *known, most + 1)
             self._nearest[target_id, most] = nearest
@@ -172,6 +173,8 @@ def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decisio
                 most = settings.correspondence.siblings
                 siblings = siblings_of(source.structure_id, target.structure_id, most)
                 yield flown, source, target, settings, siblings
+
+    from upplied.planning.plan import transfer_key  # planning itself, which questions never load
 
     # A large fleet has a million keys and few of them to plan: they are kept as one array. A plan that is
     # made for a purpose of its own is another plan, so that none stands for both.

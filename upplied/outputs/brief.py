@@ -35,6 +35,7 @@ def brief_html(
     warnings: Sequence[str],
     zones: Sequence[str] = (),
     photos: Sequence[tuple[str, bytes]] = (),
+    custody: Sequence[str] = (),
 ) -> str:
     """One self-contained page, A4 when printed.
 
@@ -53,9 +54,11 @@ def brief_html(
         Result for each required zone.
     photos : sequence of (str, bytes)
         Captions and PNGs of findings to inspect again.
+    custody : sequence of str
+        The note with the heads of the catalog's tables.
     """
     lines = [_line(mission) for mission in missions]
-    notes = list(missions[0].notes)
+    notes = [*missions[0].notes, *custody]
     overruled = [note for note in notes if note.startswith(("OVERRULED", DRAFT))]
     title = f"{row['demonstration_id']} on {row['target_id']}"
     body = [

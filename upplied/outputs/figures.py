@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -15,7 +14,6 @@ from upplied.outputs.draw import tubes
 from upplied.outputs.draw.canvas import Classed, Solid, picture, solid
 from upplied.outputs.draw.sheet import Panel, padded, png, sheet_png
 from upplied.outputs.draw.views import View, facing, fitted, named_view, proportion
-from upplied.outputs.files import replace_file
 from upplied.outputs.labels import LABELS
 from upplied.records import (
     SURFACE_STATES,
@@ -275,8 +273,3 @@ def _every(count: int, most: int) -> np.ndarray:
 def _state_legend(states: Sequence[SurfaceStates | None]) -> list[tuple[str, str, str]]:
     present = {int(code) for each in states if each is not None for code in np.unique(each.state)} - {0}
     return [(SURFACE_STATES[code], STATES[SURFACE_STATES[code]], "patch") for code in sorted(present)]
-
-
-def save(path: str | Path, png: bytes) -> Path:
-    """Write a picture so that a reader never meets half of it; missing folders are created."""
-    return replace_file(Path(path), png)

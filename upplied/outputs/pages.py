@@ -129,7 +129,7 @@ def _document(title: str, policy: str, sheets: Sequence[str], body: str) -> str:
 def paper_page(title: str, style: str, body: str) -> str:
     """A page for paper: a style sheet of the package inside, no scripts, nothing from elsewhere."""
     policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-    return _document(title, policy, [f"<style>\n{_asset(style)}</style>"], body)
+    return _document(title, policy, [f"<style>\n{_asset(style)}</style>"], f"<main>\n{body}\n</main>")
 
 
 def structure_script(data: Mapping[str, Any]) -> str:

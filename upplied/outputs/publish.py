@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -24,7 +23,7 @@ from upplied.outputs.fleet_page import fleet_data, places
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
 from upplied.outputs.pairs import Pair
-from upplied.outputs.render import export_transfer
+from upplied.outputs.render import ZONES, mission_files
 from upplied.outputs.reports import Reader
 from upplied.outputs.site import ENDINGS, TITLE, Site
 from upplied.outputs.structure_page import marks
@@ -218,7 +217,7 @@ def _put_pair(place: _Folder, pair: Pair) -> None:
     words = [[reader.flown(row), reader.overruled(row)] for row in pair.plans.values()]
     zones = _plain({row["zone"]: row for row in reader.zones(target)})
     place.make("thumbnails", target, digest([code, hashes[target]]))
-    missions = place.site.missions[pair.name] = _put_missions(place, pair, key)
+    missions = place.site.missions[pair.name] = _put_missions(place, pair, digest([key, zones]))
     picture = pair.name in (place.site.pictured or ())
     place.make("transfers", pair.name, digest([key, words, picture, zones, missions]))
     if picture:
@@ -232,7 +231,7 @@ def _put_missions(place: _Folder, pair: Pair, key: str) -> dict[str, str]:
     for kind, label in LABELS.items() if transfer_id else ():
         name = f"missions/{pair.name}{FORMATS[kind]}"
         try:
-            place.put(name, key, partial(mission_file, place.site.reader.catalog, transfer_id, kind))
+            place.put(name, key, partial(_mission, place.site.reader.catalog, transfer_id, kind))
             put[label] = f"../{name}"
         except UppliedError as error:
             put[label] = f"not available: {error}"
@@ -245,22 +244,15 @@ def released(plans: Mapping[str, Mapping[str, Any]]) -> str:
     return ids[0] if ids else ""
 
 
-def mission_file(catalog: Catalog, transfer_id: str, format: str) -> bytes:
-    """A mission with the usual options, as the bytes of its file.
-
-    Raises
-    ------
-    UppliedError
-        If it does not pass the gate, or takes several sorties.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        written = export_transfer(catalog, transfer_id, format, Path(folder, f"mission{FORMATS[format]}"))
-        if len(written.paths) > 1:  # one of several files would look complete
-            raise RefusedError(
-                f"the mission of {transfer_id}", f"takes {len(written.paths)} sorties", "one file here",
-                f"upplied export {transfer_id} --to {format}",
-            )  # fmt: skip
-        return written.paths[0].read_bytes()
+def _mission(catalog: Catalog, transfer_id: str, format: str) -> bytes:
+    """The bytes of a mission's only file; several sorties are refused, since one would look complete."""
+    files = mission_files(catalog, transfer_id, format)
+    sorties = [content for name, content in files if not name.endswith(ZONES)]
+    if len(sorties) > 1:
+        what, rule = f"the mission of {transfer_id}", "one file here"
+        export = f"upplied export {transfer_id} --to {format}"
+        raise RefusedError(what, f"takes {len(sorties)} sorties", rule, export)
+    return sorties[0]
 
 
 def _put_passport(place: _Folder, row: Mapping[Any, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -19,12 +20,14 @@ from upplied.outputs.colours import DEMONSTRATED
 from upplied.outputs.draw.views import View
 from upplied.outputs.files import replace_file
 from upplied.outputs.fly import as_settled
-from upplied.outputs.missions import Exported, MissionOptions, export, missions_for
+from upplied.outputs.missions import FORMATS, Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import CUSTODY, Breach
 from upplied.outputs.pairs import PRESETS
 from upplied.outputs.reference_photos import reference_photos
 from upplied.outputs.reports import plan_of
 from upplied.outputs.zones import MissionZones
+
+ZONES = ".zones.json"  # ending of the results of required zones, beside a mission
 
 
 def render_structure(
@@ -77,7 +80,7 @@ def export_transfer(
         return exported
     rows = [{name: None if value != value else value for name, value in one.items()}
             for one in zones.judged(exported.missions)]  # fmt: skip
-    beside = replace_file(Path(f"{path}.zones.json"), json.dumps(rows, indent=1).encode())
+    beside = replace_file(Path(f"{path}{ZONES}"), json.dumps(rows, indent=1).encode())
     return replace(exported, paths=(*exported.paths, beside))
 
 
@@ -89,11 +92,27 @@ def brief_transfer(
     options, warnings = as_settled(row, options or MissionOptions()), zones.plan.warnings
     given = (format, zones.plan, zones.structure, options, zones.camera)
     missions = missions_for(*given, undecided(catalog, row))
-    notes = (*zones.notes(missions), *custody)
     keep_overruled(catalog, row, "brief", format, missions[0].overruled)
-    photos = reference_photos(catalog, warnings)
-    page = brief_html(row, missions, zones.structure, options, warnings, notes, photos)
+    results = zones.notes(missions), reference_photos(catalog, warnings), custody
+    page = brief_html(row, missions, zones.structure, options, warnings, *results)
     return replace_file(Path(path), page)
+
+
+def mission_files(catalog: Catalog, transfer_id: str, format: str) -> list[tuple[str, bytes]]:
+    """Names and bytes of a mission's files with the usual options; of the pilot's brief for ``brief``.
+
+    Raises
+    ------
+    UppliedError
+        If the plan does not pass the gate.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        goal = Path(folder, f"{transfer_id}{FORMATS.get(format, '.html')}")
+        if format == "brief":
+            paths: Sequence[Path] = (brief_transfer(catalog, transfer_id, "qgc-plan", goal),)
+        else:
+            paths = export_transfer(catalog, transfer_id, format, goal).paths
+        return [(path.name, path.read_bytes()) for path in paths]
 
 
 def _leaving(catalog: Catalog, transfer_id: str) -> tuple[dict[str, Any], MissionZones, tuple[str, ...]]:

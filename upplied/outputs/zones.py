@@ -39,14 +39,14 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     plans = [catalog.plan(str(row["transfer_id"])) for row in rows]
     supposed = next((plan.supposed for plan in plans if plan.supposed is not None), None)
     known = supposed, first, required_zones, catalog.faces_labelled
-    asking = RequiredZones(catalog.structure, catalog.cache, target, *known)
+    requirements = RequiredZones(catalog.structure, catalog.cache, target, *known)
     shown = [
-        asking.planned(plan, camera)
+        requirements.planned(plan, camera)
         for plan, camera in zip(plans, cameras, strict=True)
         if plan.trajectory is not None
     ]
-    flights = looked(catalog, flown_rows(catalog, structure_id), asking.surface)
-    both = zip(asking.judged(*shown), asking.judged(*flights), strict=True)
+    flights = looked(catalog, flown_rows(catalog, structure_id), requirements.surface)
+    both = zip(requirements.judged(*shown), requirements.judged(*flights), strict=True)
     named = ("set", "version", "asked_by", "zone", "on", "probability")
     return [
         {name: planned[name] for name in named} | _result("planned", planned) | _result("flown", flown)
@@ -127,18 +127,18 @@ class MissionZones:
             return []
         known = self.catalog.structure, self.catalog.cache
         plan, faces = self.plan, self.catalog.faces_labelled
-        asking = RequiredZones(*known, self.structure, plan.supposed, self.camera, self.required, faces)
-        return asking.judged(*self._looks(asking, missions))
+        requirements = RequiredZones(*known, self.structure, plan.supposed, self.camera, self.required, faces)
+        return requirements.judged(*self._looks(requirements, missions))
 
     def notes(self, missions: Sequence[Mission] = ()) -> tuple[str, ...]:
         """The results as notes of a mission."""
         return tuple(map(_words, self.judged(missions)))
 
-    def _looks(self, asking: RequiredZones, missions: Sequence[Mission]) -> list[Looked]:
+    def _looks(self, requirements: RequiredZones, missions: Sequence[Mission]) -> list[Looked]:
         if not missions:
-            return [asking.planned(self.plan, self.camera)]
+            return [requirements.planned(self.plan, self.camera)]
         flown = map(_flown, missions)
-        return [asking.along(path, self.camera, pictures) for path, pictures in flown]
+        return [requirements.along(path, self.camera, pictures) for path, pictures in flown]
 
 
 def _flown(mission: Mission) -> tuple[Trajectory, Floats]:

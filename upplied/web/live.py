@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import io
-import tempfile
 import threading
 import zipfile
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +17,7 @@ from upplied.geometry.scene import Scene
 from upplied.outputs.missions import FORMATS
 from upplied.outputs.pairs import Pair
 from upplied.outputs.publish import PAGES
-from upplied.outputs.render import brief_transfer, export_transfer
+from upplied.outputs.render import mission_files
 from upplied.outputs.site import Site
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.inspected import pictured
@@ -76,23 +74,17 @@ class LivePages:
             If the plan does not pass the gate.
         """
         plan = self.catalog.find_transfer(transfer_id)
-        with self._lock, tempfile.TemporaryDirectory() as folder:
-            if kind == "brief":
-                paths: tuple[Path, ...] = (
-                    brief_transfer(self.catalog, plan, "qgc-plan", Path(folder, f"{plan}.html")),
-                )
-            elif kind in FORMATS:
-                goal = Path(folder, f"{plan}{FORMATS[kind]}")
-                paths = tuple(export_transfer(self.catalog, plan, kind, goal).paths)
-            else:
-                raise CatalogError(kind[:40], "is not a mission format", ", ".join(FORMATS))
-            if len(paths) == 1:
-                return paths[0].name, paths[0].read_bytes()
-            archive = io.BytesIO()
-            with zipfile.ZipFile(archive, "w") as together:
-                for path in paths:
-                    together.write(path, path.name)
-            return f"{plan}.zip", archive.getvalue()
+        if kind not in ("brief", *FORMATS):
+            raise CatalogError(kind[:40], "is not a mission format", ", ".join(FORMATS))
+        with self._lock:
+            files = mission_files(self.catalog, plan, kind)
+        if len(files) == 1:
+            return files[0]
+        archive = io.BytesIO()
+        with zipfile.ZipFile(archive, "w") as together:
+            for name, content in files:
+                together.writestr(name, content)
+        return f"{plan}.zip", archive.getvalue()
 
 
 def _missions(pair: Pair) -> dict[str, str]:

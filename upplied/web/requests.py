@@ -93,7 +93,7 @@ class ZoneRequests:
 
     def drawn(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The samples of a described zone, for drawing."""
-        patches = self._asking.patches(text_of(request, "where"))
+        patches = self._requirements.patches(text_of(request, "where"))
         points = (self._editing.surface.points[patches] - self._origin).astype(np.float32)
         return {"points": packed(points), "share_pct": 100 * float(patches.mean())}
 
@@ -104,14 +104,14 @@ class ZoneRequests:
         zone = request.get("zone")
         if not isinstance(zone, Mapping):
             raise InputError("the zone", "is not described", "a name, a place and the required quality")
-        self._asking.patches(str(zone.get("where", "")))  # one that names no surface is refused
+        self._requirements.patches(str(zone.get("where", "")))  # one that names no surface is refused
         table = self._catalog.requirements()
         own = (table["scope"] == "structure") & (table["owner"] == target.structure_id)
         before = table[own & (table["name"] == name)]
         zones = [] if before.empty else json.loads(before.iloc[-1]["zones_json"])
         zones = [each for each in zones if each["zone"] != zone.get("zone")] + [dict(zone)]
         self._catalog.require("structure", target.structure_id, name, zones, by, note)
-        for cached in ("_asking", "_required"):
+        for cached in ("_requirements", "_required"):
             self.__dict__.pop(cached, None)
         count = f"{len(zones)} zone{'s' if len(zones) > 1 else ''}"
         return {"message": f"Set {name} of {target.structure_id} now requires {count}."}
@@ -120,7 +120,7 @@ class ZoneRequests:
         """The result of each required zone for a plan."""
         if not self._required:
             return []
-        return list(self._asking.judged(self._asking.planned(plan, self._asking.camera)))
+        return list(self._requirements.judged(self._requirements.planned(plan, self._requirements.camera)))
 
     @cached_property
     def _required(self) -> list[dict[str, Any]]:
@@ -128,7 +128,7 @@ class ZoneRequests:
         return list(required.zones_of(self._catalog, target.kind, target.structure_id))
 
     @cached_property
-    def _asking(self) -> RequiredZones:
+    def _requirements(self) -> RequiredZones:
         editing, camera = self._editing, self._editing.recipe.demonstration.camera
         known = editing.stored.plan.supposed, camera, self._required, self._catalog.faces_labelled
         return RequiredZones(self._catalog.structure, self._catalog.cache, editing.target, *known)

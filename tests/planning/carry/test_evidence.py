@@ -137,12 +137,13 @@ def test_the_first_take_speaks() -> None:
 def test_the_evidence_in_words() -> None:
     found = Evidence(0.1, 0.2, 0.05, 0.02, 0.9)
     assert in_words(found) == (
-        "90 % of what was inspected has a counterpart, 20 % of that faces another way, "
-        "5 % of the region's size is left by the best scaling, "
-        "the surfaces are 2 % of its size apart; misfit of the wholes 0.90"
+        "matched surface 90 %, facing another way 20 %, deviation from the best scaling 5 % and "
+        "mean gap 2 % of the region's size; residual of the whole structures 0.90"
     )
     nothing = Evidence(1.0, *found.values[1:])
-    assert in_words(nothing) == "nothing of what was inspected has a counterpart; misfit of the wholes 0.90"
+    assert in_words(nothing) == (
+        "no inspected surface has a counterpart; residual of the whole structures 0.90"
+    )
     said = unlikely(Forecast(0.333, "it is bad"), 0.6, SAME)
     assert said == (
         "what was inspected cannot be shown here: probability 0.33, 0.6 is required "

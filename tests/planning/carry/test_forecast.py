@@ -103,13 +103,11 @@ def test_evidence_only_counts_against() -> None:
         assert probability_of(Evidence(*worse)) <= probability_of(Evidence(*values)) + 1e-12
     assert min(WEIGHTS) >= 0
     perfect = Evidence(*np.zeros(len(CAPS)))
-    assert probability_of(perfect) > 0.95 and "100 % of what was inspected has a counterpart" in in_words(
-        perfect
-    )
+    assert probability_of(perfect) > 0.95 and "matched surface 100 %" in in_words(perfect)
 
 
 def test_a_likely_transfer_to_a_doubtful_part_is_refused_with_both_figures() -> None:
-    likely = Forecast(0.68, "98 % of what was inspected has a counterpart")
+    likely = Forecast(0.68, "matched surface 98 %")
     reason = unlikely_together(likely, 0.62, 0.5)
     assert "0.68" in reason and "0.62" in reason and "0.42 together, 0.5 is required" in reason
     assert unlikely_together(likely, 0.8, 0.5) == ""

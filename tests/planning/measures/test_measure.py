@@ -157,3 +157,9 @@ def test_states_of_the_surface() -> None:
     shown = np.array([True, True, False, False])
     never = np.array([False, False, False, True])
     assert surface_states(Shown(needed, shown, never, np.zeros(4))).state.tolist() == [0, 1, 2, 3]
+    # as much area is missed as need: not the rim that hardly counts, nor what nobody asked to be shown
+    rim = InspectedSurface(Cloud(np.zeros((4, 3))), np.array([1.0, 1, 0.01, 0]), np.ones(4), 0.0)
+    shown, never = np.array([True, True, False, False]), np.zeros(4, bool)
+    assert surface_states(Shown(rim, shown, never, np.ones(4))).state.tolist() == [1, 1, 0, 0]
+    nothing = np.zeros(4, bool)
+    assert surface_states(Shown(rim, nothing, never, np.ones(4))).state.tolist() == [2, 2, 2, 0]

@@ -10,6 +10,7 @@ from upplied.geometry.poses import from_yaw_pitch
 from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
+from upplied.planning.trajectory import optimise as optimisation
 from upplied.planning.trajectory.optimise import Problem, Start, optimise
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.path import Leaving, Shape
@@ -212,3 +213,27 @@ def test_leaving_counts_a_kink_more_than_a_shift(wall: View):
     assert values[2] > 10 * values[1]
     still = Leaving.of(np.zeros((5, 3)), 6.0).value(Flown(np.ones((5, 3)), np.zeros(5), np.zeros(5)))
     assert still[0] == pytest.approx(3 / 36) and np.isfinite(still[1].positions).all()
+
+
+@pytest.mark.parametrize(("lack_m2", "rounds"), [(0.0, 2), (1.0, 2 + optimisation._FURTHER)])
+def test_a_path_that_still_comes_too_near_is_optimised_further(
+    wall: View, monkeypatch: pytest.MonkeyPatch, lack_m2: float, rounds: int
+):
+    solved, search = [], optimisation._Search
+    monkeypatch.setattr(search, "near", lambda *_: lack_m2)
+    monkeypatch.setattr(search, "solved", lambda self, start, terms: solved.append(terms) or start)
+    result(wall, problem(wall, along()), rounds=2, starts=1)
+    assert len(solved) == rounds
+
+
+def test_with_stations_added_the_search_starts_from_the_best_path_too(wall: View):
+    path, best = along(), along(height=5.0, yaw=1.2)
+    origin = np.r_[np.arange(COUNT), [COUNT - 1] * 4]
+    added = np.arange(len(origin)) >= COUNT
+    aside = path.positions[origin] - np.outer(added, [0.0, 1.0, 0.0])
+    longer = Flown(aside, path.yaw[origin], path.pitch[origin])
+    first, second = problem(wall, path).along(longer, origin, added, best).starts
+    np.testing.assert_array_equal(first.safe.positions, aside)
+    np.testing.assert_array_equal(second.safe.positions[~added], best.positions)
+    np.testing.assert_array_equal(second.safe.positions[added], aside[added])
+    np.testing.assert_array_equal(second.safe.yaw[~added], best.yaw)

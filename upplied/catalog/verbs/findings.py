@@ -110,13 +110,20 @@ class Finding(Adding):
         return row
 
     def flight_photos(self, flight_id: str | None = None, *, structure: str | None = None) -> pd.DataFrame:
-        """Photos of flights that were registered, of one flight, of one structure, or all."""
-        return self.by_commit("flight_photos", flight_id=flight_id, target_id=structure)
+        """Photos of flights that were registered, of one flight, of one structure, or all.
+
+        Of what was registered of a file, or of its name and bytes in another folder, the newest row counts.
+        """
+        rows = self.by_commit("flight_photos", flight_id=flight_id, target_id=structure)
+        for same in (["name", "sha256"], ["path"]):
+            rows = rows.drop_duplicates(["flight_id", *same], keep="last")
+        return rows.reset_index(drop=True)
 
     def add_flight_photos(self, photos: Sequence[Mapping[str, Any]], by: str = "") -> int:
         """Register photos of flights in one commit; how many were new."""
-        known = set(self.flight_photos()["photo_id"])
-        new = {str(row["photo_id"]): {**row, "by": by} for row in photos if row["photo_id"] not in known}
+        known = set(self.flight_photos()[["photo_id", "path"]].itertuples(index=False, name=None))
+        new = {str(row["photo_id"]): {**row, "by": by}
+               for row in photos if (row["photo_id"], row["path"]) not in known}  # fmt: skip
         return self.add_rows("flight_photos", list(new.values()))
 
     def _entry(self, row: Mapping[str, Any], by: str) -> Row:

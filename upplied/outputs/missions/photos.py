@@ -83,7 +83,7 @@ def shots_of(
     if options.photos == "none":
         return Shots(path, fixed, none, 0.0, nan, nan, ())
     interval, why = interval_of(options, camera)
-    ready = f"the camera needs {interval:g} s for a photo, {why}"
+    ready = f"the camera needs {interval:g} s for a photo ({why})"
     surface, camera = Cloud(np.empty((0, 3))), camera or Camera()
     if states is not None:
         surface = Cloud(states.points, states.normals).at(states.state == 1)
@@ -105,9 +105,9 @@ def shots_of(
     apart = f", at least {took.min():.1f} s apart" if count > 1 else ""
     note = f"{count} photos{apart}{_share(result.shown)}: {ready}"
     if count > 1:
-        note += f"; overlap along {100 * np.median(result.along):.0f} %"
+        note += f"; overlap along the path {100 * np.median(result.along):.0f} %"
     if np.isfinite(result.across):
-        note += f", across {100 * result.across:.0f} %"
+        note += f", across it {100 * result.across:.0f} %"
     notes = (note, *_longer(result.slower_s))
     return Shots(result.path, result.photo, result.photo, 0.0, result.shown, result.across, notes)
 

@@ -103,7 +103,7 @@ upplied.table = function (caption, columns, rows, compared = false) {
 // Required zones with their results, as planned and as flown.
 upplied.zones = function (rows) {
   const result = (row, what) => upplied.element("span", { class: row[what] === "met" ? "" : "warned" }, upplied.element("b", {}, row[what]),
-    Number.isFinite(row[what + "_pct"]) ? " " + upplied.format(row[what + "_pct"], 1, " %") : "", row[what + "_why"] ? upplied.element("span", { class: "note" }, " " + row[what + "_why"]) : null);
+    Number.isFinite(row[what + "_pct"]) ? " " + upplied.format(row[what + "_pct"], 1, " % shown") : "", row[what + "_why"] ? upplied.element("span", { class: "note" }, " " + row[what + "_why"]) : null);
   return upplied.table("Required zones", ["Zone", "Planned", "Flown", "Required by"],
     rows.map((row) => [row.zone, result(row, "planned"), result(row, "flown"), row.asked_by + ", set " + row.set + ", version " + row.version]));
 };

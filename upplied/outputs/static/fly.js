@@ -119,23 +119,19 @@
       pen.beginPath();
       for (let i = 0; i < triangles.length; i += 3) {
         const [a, b, c] = [0, 1, 2].map((k) => places[triangles[i + k]]);
-        if (side * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) <= 0) continue;
+        if (side * across(a, b, c) <= 0) continue;
         pen.moveTo(...a); pen.lineTo(...b); pen.lineTo(...c);
       }
       pen.fill();
     }
-    pen.beginPath();
-    if (!triangles.length) for (const [x, y] of places) pen.rect(x, y, 1.5, 1.5);
-    pen.fill();
+    if (!triangles.length) for (const [x, y] of places) pen.fillRect(x, y, 1.5, 1.5);
     const views = pictured(flown, track.viewpoints);
-    pen.globalAlpha = Math.max(0.04, Math.min(0.3, 6 / Math.max(views.length, 1)));
+    pen.globalAlpha = Math.max(0.05, Math.min(0.3, 6 / Math.max(views.length, 1)));
     pen.fillStyle = "#e69f00";
     for (const view of views) {
-      const eye = at(flat(view.xyz));
-      const shown = upplied.corners(view.xyz, view.quat, data.demonstration.camera, track.path.standoff[nearest(track.path.xyz, view.xyz)]).map((corner) => at(flat(corner)));
-      const [low, high] = [Math.min, Math.max].map((end) => shown.reduce((best, p) => (end(aside(p, eye, shown), aside(best, eye, shown)) === aside(p, eye, shown) ? p : best)));
+      const shown = upplied.corners(view.xyz, view.quat, data.demonstration.camera, track.path.standoff[nearest(track.path.xyz, view.xyz)]);
       pen.beginPath();
-      pen.moveTo(...eye); pen.lineTo(...low); pen.lineTo(...high);
+      hull([view.xyz, ...shown].map((corner) => at(flat(corner)))).forEach((corner) => pen.lineTo(...corner));
       pen.fill();
     }
     pen.globalAlpha = 1;
@@ -167,10 +163,17 @@
     return [...new Set(photos.map((place) => viewpoints[nearest(places, place)]))];
   }
 
-  // How far a point lies to the left of the line from the eye to the middle of the picture, as an angle.
-  function aside([x, y], eye, shown) {
-    const [mx, my] = [0, 1].map((axis) => shown.reduce((sum, p) => sum + p[axis], 0) / shown.length - eye[axis]);
-    return Math.atan2(mx * (y - eye[1]) - my * (x - eye[0]), mx * (x - eye[0]) + my * (y - eye[1]));
+  // Twice the area of the triangle of three points; negative where they turn the other way.
+  const across = (a, b, c) => (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+
+  // The corners of the smallest convex area round some points, in order: along its lower side, and back.
+  function hull(points) {
+    const side = (sorted) => sorted.reduce((line, point) => {
+      while (line.length > 1 && across(line[line.length - 2], line[line.length - 1], point) <= 0) line.pop();
+      return [...line, point];
+    }, []);
+    const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
+    return [...side(sorted), ...side(sorted.reverse())];
   }
 
   // The number of the place, of x y z each, that is nearest to another.

@@ -235,9 +235,9 @@
         const ramp = ["#440154", "#3b528b", "#21918c", "#5ec962", "#fde725"].map((colour, at, all) => [(20 + (244 * at) / (all.length - 1)) / 264, colour]);
         await paint(values, { cmin: -10 * step, cmax: most, colorscale: [[0, "#c7cdd6"], [19.9 / 264, "#c7cdd6"], ...ramp], showscale: true, colorbar: { title: { text: name }, thickness: 12, len: 0.6, tickvals: [0, 0.25, 0.5, 0.75, 1].map((share) => share * most), tickformat: ".3~g" } });
       },
-      // Where places (x y z of each) lie close together: bright where many are within `reach` metres.
-      async heat(places, reach, title) {
-        const vertices = unpack(structure.vertices), triangles = unpack(structure.triangles);
+      // Where places (x y z of each) lie close together: bright where many are within `share` of the structure's size.
+      async heat(places, share, title) {
+        const reach = share * Math.hypot(...size), vertices = unpack(structure.vertices), triangles = unpack(structure.triangles);
         const count = (triangles.length || vertices.length) / 3, values = new Float32Array(count);
         for (let i = 0; i < count; i++) {
           const corners = triangles.length ? [0, 1, 2].map((at) => 3 * triangles[3 * i + at]) : [3 * i];

@@ -193,7 +193,7 @@
     list.setAttribute("aria-activedescendant", "viewpoint-" + at);
     const row = document.getElementById("viewpoint-" + at);
     if (row) list.scrollTop = Math.max(Math.min(list.scrollTop, row.offsetTop - list.offsetTop), row.offsetTop + row.offsetHeight - list.offsetTop - list.clientHeight);
-    for (const [name, , input] of fields) if (document.activeElement !== input) input.value = Number((name === "yaw_deg" ? turned(state.viewpoints[at][name]) : state.viewpoints[at][name]).toFixed(3));
+    for (const [name, , input] of fields) if (document.activeElement !== input) input.value = Number((name === "yaw_deg" ? turned(state.viewpoints[at][name]) : state.viewpoints[at][name]).toFixed(name.endsWith("deg") ? 2 : 3));
     follow();
   }
   // One drawing at a time: the last viewpoint that was chosen counts.
@@ -222,8 +222,8 @@
       const at = (code) => [0, 1, 2].map((axis) => ((code >> axis) & 1 ? high[axis] : low[axis]));
       for (const code of [0, 1, 3, 2, 0, 4, 5, 7, 6, 4, null, 1, 5, null, 3, 7, null, 2, 6, null]) ["x", "y", "z"].forEach((name, axis) => line[name].push(code === null ? null : at(code)[axis]));
     }
-    if (every.length || state.boxes.length) scene.overlay("boxes", line, { mode: "lines", line: { color: upplied.colour("--red"), width: 4 } });
-    else scene.overlay("boxes", { x: [null], y: [null], z: [null] }, { mode: "lines", line: { color: upplied.colour("--red"), width: 4 } });
+    if (!every.length) for (const name of ["x", "y", "z"]) line[name].push(null);
+    scene.overlay("boxes", line, { mode: "lines", line: { color: upplied.colour("--red"), width: 4 } });
   }
 
   // One question at a time, and only the answer to the last one counts.
@@ -266,7 +266,7 @@
   }
 
   function showZones(rows) {
-    zones.replaceChildren(rows.length ? element("ul", {}, rows.map((each) => element("li", {}, element("b", {}, each.zone + ": " + each.status), " " + format(each.pct, 1, " %") + (each.why ? ", " + each.why : "")))) : element("p", { class: "note" }, "No zones are required."));
+    zones.replaceChildren(rows.length ? element("ul", {}, rows.map((each) => element("li", {}, element("b", {}, each.zone + ": " + each.status), " " + format(each.pct, 1, " % shown") + (each.why ? ", " + each.why : "")))) : element("p", { class: "note" }, "No zones are required."));
   }
 
   // --- what is done -----------------------------------------------------------------------------

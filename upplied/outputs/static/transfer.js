@@ -228,7 +228,7 @@
   function measures(plans) {
     const columns = plans.flatMap((plan) => [
       { name: plan.preset, colour: COLOURS[plan.preset], status: badge(plan.status), values: { ...plan.measures, margin: margin(plan, plan.measures) } },
-      ...(plan.flown ? [{ name: plan.preset + ", flown", colour: COLOURS.flown, status: plan.flown.kind === "flown" ? "" : "simulated", values: { ...plan.flown.measures, margin: margin(plan, plan.flown.measures) } }] : []),
+      ...(plan.flown ? [{ name: plan.preset + ", flown", colour: COLOURS.flown, status: plan.flown.kind === "flown" ? "" : "in simulation", values: { ...plan.flown.measures, margin: margin(plan, plan.flown.measures) } }] : []),
     ]);
     const rows = RESEARCH.filter(([key]) => columns.some(({ values }) => Number.isFinite(values[key])));
     return element("section", {}, element("h2", {}, "All measures"), upplied.table("All measures",
@@ -262,6 +262,6 @@
         ["Source", upplied.structures[data.source].findings], ["Target", upplied.structures[data.target].findings], ["Notes", demonstration.notes],
         ["Inspected surface", demonstration.about || "inferred from the flight"]]),
       data.plans.map((plan) => element("details", { open: plan === data.plans[0] }, element("summary", {}, plan.preset),
-        upplied.facts([["Counterparts", plan.counterparts], ["Parts labelled by", plan.told_by], ["Stand-off", plan.standoff], ["Evidence", plan.evidence], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
+        upplied.facts([["Counterparts", plan.counterparts], ["Parts labelled by", plan.told_by], ["Stand-off", plan.standoff], ["Match", plan.evidence], ...Object.entries(plan.provenance).map(([name, value]) => [name.replaceAll("_", " "), value])]))));
   }
 })();

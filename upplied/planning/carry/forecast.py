@@ -152,16 +152,12 @@ def unlikely_together(likely: Forecast, counterpart: float, least: float) -> str
 
 
 def in_words(evidence: Evidence) -> str:
-    """The evidence as a sentence of figures."""
+    """The evidence as a row of figures."""
+    whole = f"residual of the whole structures {evidence.misfit:.2f}"
     if evidence.without >= 1:
-        return "nothing of what was inspected has a counterpart" + _whole(evidence)
+        return f"no inspected surface has a counterpart; {whole}"
     return (
-        f"{100 * (1 - evidence.without):.0f} % of what was inspected has a counterpart"
-        f", {100 * evidence.facing_away:.0f} % of that faces another way"
-        f", {100 * evidence.bent:.0f} % of the region's size is left by the best scaling"
-        f", the surfaces are {100 * evidence.gap:.0f} % of its size apart" + _whole(evidence)
+        f"matched surface {100 * (1 - evidence.without):.0f} %, facing another way "
+        f"{100 * evidence.facing_away:.0f} %, deviation from the best scaling {100 * evidence.bent:.0f} % "
+        f"and mean gap {100 * evidence.gap:.0f} % of the region's size; {whole}"
     )
-
-
-def _whole(evidence: Evidence) -> str:
-    return f"; misfit of the wholes {evidence.misfit:.2f}"

@@ -180,7 +180,7 @@ def _warnings(
         )
     short = measures.coverage_attainable_pct - measures.coverage_seen_pct
     if short > 5:
-        warnings.append(f"{short:.0f} % of what could be seen is missed")
+        warnings.append(f"{short:.0f} % of the surface that a camera could see here is not seen")
     if looks_scanned(target):
         warnings.append(
             "the target looks like a reconstruction of a scan and counts as drawn: "

@@ -201,10 +201,18 @@ def inspected_measures(shown: Shown, planned: Views, takes: Sequence[Take]) -> d
 
 
 def surface_states(shown: Shown) -> SurfaceStates:
-    """What became of each sample of the target: other, shown, missed or unattainable."""
-    wanted = (shown.inspected.need > 0) | (shown.attention > 0.5)
-    state = np.where(wanted, 2, 0)
-    state[shown.never] = 3
-    state[wanted & shown.as_well] = 1
-    cloud = shown.inspected.cloud
+    """What became of each sample of the target: other, shown, missed or unattainable.
+
+    Of what is missed as much area counts as the share of the need that is missed, the densest need first:
+    a rim that hardly matters to the coverage does not look like a hole in it.
+    """
+    need, cloud = shown.inspected.need, shown.inspected.cloud
+    well = shown.as_well & ((need > 0) | (shown.attention > 0.5))
+    lost = np.flatnonzero((need > 0) & ~shown.as_well)
+    lost = lost[np.argsort(-need[lost] / cloud.areas[lost], kind="stable")]
+    painted = np.cumsum(cloud.areas[lost])
+    missed = lost[painted * need[well].sum() <= need[lost].sum() * cloud.areas[well].sum()]
+    state = np.zeros(len(need), np.int64)
+    state[well] = 1
+    state[missed] = np.where(shown.never[missed], 3, 2)
     return SurfaceStates(cloud.points, state, cloud.normals)

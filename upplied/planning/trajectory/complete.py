@@ -90,13 +90,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         level=settings.transfer.plane,
     )
     best = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
-    missed = 1 - best.shown
-    if (
-        goal.standoff.in_metres
-        and goal.height_m is None
-        and settings.refine.added_passes
-        and missed >= _WORTHWHILE
-    ):
+    if goal.standoff.in_metres and goal.height_m is None and settings.refine.added_passes:
         longer = _with_passes(problem, best, ways, carried, goal, settings, safe)
         if longer is not None:
             return longer
@@ -114,6 +108,8 @@ def _with_passes(
     safe: Callable[[Floats], Floats],
 ) -> Waypoints | None:
     """The flight with passes added, where they show more than the best without in the time that there is."""
+    if best.shown > 1 - _WORTHWHILE:
+        return None
     timer, path = _Timer(carried, goal, settings), problem.starts[0].safe
     limit_s, pace = timer.allowed_s(problem.view), Pace(problem.speed_mps, problem.pan_radps)
     beside = Beside.of(path, problem.view, ways, pace, _half_rad(carried.take, settings))
@@ -125,7 +121,7 @@ def _with_passes(
             longer = _longer(beside, most_s, alone_s, timer, safe, longer)
             if longer is None:
                 return None
-            request = problem.along(longer.path, longer.origin, longer.added)
+            request = problem.along(longer.path, longer.origin, longer.added, best.path)
             result = optimise(request, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
             if result.shown - best.shown < _WORTHWHILE:
                 return None

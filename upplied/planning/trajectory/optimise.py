@@ -33,6 +33,8 @@ _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and la
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _COMFORTABLE = 2.5  # safety distances, at which to come nearer costs nothing yet
 _CORRECTIONS = 12  # that L-BFGS keeps
+_FURTHER = 3  # rounds at most, while the path still comes too near
+_NEAR_M2 = 1e-3  # mean square of the lack of safety distance, that pushing the path out mends without loss
 _LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
 
 
@@ -59,13 +61,18 @@ class Problem(Record):
     aside_rad: Floats  # (M,) of the expert's optical axis from what was inspected; NaN where none was seen
     level: bool = False  # the path stays in its plane
 
-    def along(self, path: Flown, origin: Ints, added: Bools) -> Problem:
-        """The same asked of a path with stations added to its own; `origin` is the one each belongs to."""
+    def along(self, path: Flown, origin: Ints, added: Bools, best: Flown) -> Problem:
+        """The same asked of a path with stations added to its own; `origin` is the one each belongs to.
+
+        It starts from there, and with its own stations where they are best without those that are added.
+        """
         own, fov_deg = np.flatnonzero(~added), self.view.fov_deg
-        shape = self.demonstrated
+        shape, led = self.demonstrated, [np.array(part) for part in (path.positions, path.yaw, path.pitch)]
+        for part, there in zip(led, (best.positions, best.yaw, best.pitch), strict=True):
+            part[own] = there[origin[own]]
         return replace(
             self,
-            starts=[Start(path, path)],
+            starts=[Start(path, path), Start(path, Flown(led[0], np.unwrap(led[1]), led[2]))],
             demonstrated=replace(shape, station=own if shape.station is None else own[shape.station]),
             view=self.view if fov_deg is None else replace(self.view, fov_deg=fov_deg[origin]),
             standoff=replace(self.standoff, station=own[self.standoff.station]),
@@ -185,7 +192,10 @@ class _Search(Record):
         """The best of the rounds, and what it is worth."""
         problem, weights, state = self.problem, self.weights, self.state
         variables, results = self.first, []
-        for number, width in enumerate(np.geomspace(_WIDEST, _NARROWEST, weights.rounds)):
+        widths = np.geomspace(_WIDEST, _NARROWEST, weights.rounds)
+        for number, width in enumerate([*widths, *widths[-1:].repeat(_FURTHER)]):
+            if number >= weights.rounds and self.near(variables) < _NEAR_M2:
+                break
             path = state.flown(variables)
             if number == weights.rounds // 2:  # what small moves can show is shown by now
                 turn = weights.turning / problem.turned_rad
