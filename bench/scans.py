@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from upplied.config import settings_for
 from upplied.geometry.scene import Scene, open3d, scene_of
-from upplied.inputs.separation import separated, structure_alone
+from upplied.geometry.separation import separated, structure_alone
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Floats, Ints, Structure, Surroundings
 from upplied.samples import bridge

@@ -17,6 +17,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,7 @@ from upplied.geometry.poses import angle_between, from_yaw_pitch, optical_axis, 
 from upplied.geometry.scene import scene_of
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.inputs.passport.conventions import NAMED, Change
+from upplied.inputs.passport.settings import CONVENTIONS
 
 _POSES = 300  # of a flight that is written in a wrong convention
 _LOCAL = (  # forms whose frame is the log's own
@@ -128,10 +130,25 @@ def indistinguishable(log: Made, wrong: Made) -> bool:
     return bool((near & ahead).mean() >= 0.9)
 
 
+def written_in(name: str, positions: np.ndarray, quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Poses as a log in a named convention holds them: what its change makes right again."""
+    if (factor := CONVENTIONS[name].get("factor")) is not None:
+        return positions / factor, quats
+    poses = positions, quats
+    for _ in range(4):  # as often done as it has axes, a change is undone
+        changed = NAMED[name].change(*poses)
+        if np.allclose(changed[0], positions) and angle_between(changed[1], quats).max() < 1e-5:
+            return poses
+        poses = changed
+    raise ValueError(name)
+
+
 def conventions(count: int, first: int = 0) -> None:
     """Print what becomes of right logs, and of wrong ones: every mistake in every form in turn."""
     total: dict[str, Counter[str]] = {"right": Counter()}
-    cases = [(name, form, item.change) for name, item in NAMED.items() for form in _LOCAL]
+    cases: list[tuple[str, str, Change]] = [
+        (name, form, partial(written_in, name)) for name in NAMED for form in _LOCAL
+    ]
     cases += [(name, form, change) for name, change in _OF_THE_EARTH.items() for form in _ON_EARTH]
     order = np.random.default_rng(1).permutation(len(cases))
     with tempfile.TemporaryDirectory() as folder:

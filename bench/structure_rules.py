@@ -17,7 +17,7 @@ from real_data import real_folder, real_structure
 from upplied.fleet.admission import shape_of
 from upplied.fleet.members import Member, judged
 from upplied.inputs.meshes import turn
-from upplied.inputs.structure_rules import StructureSettings, unlike_its_kind
+from upplied.inputs.rules import StructureSettings, unlike_its_kind
 from upplied.recommend.features import turned
 from upplied.samples.fleet import sample_structures
 

@@ -12,8 +12,8 @@ from upplied.catalog import open_catalog
 from upplied.fleet.flight_logs import add_flight_logs
 from upplied.fleet.gaps import plan_gaps
 from upplied.fleet.ingest import passed_over
-from upplied.inputs import structure_rules
 from upplied.inputs.passport import settings as passport
+from upplied.inputs.rules import changed as changed_bounds
 from upplied.inputs.sidecar import LogOptions
 
 from .artifacts import ingested_artifacts
@@ -52,7 +52,7 @@ def ingest_structures(
         bounds: Of the rules, where they differ from the defaults.
     """
     check_roots(catalog=catalog, manifest=manifest)
-    rules = fleet.RuleOptions(tuple(allow), strict, structure_rules.changed(bound_options(bounds)))
+    rules = fleet.RuleOptions(tuple(allow), strict, changed_bounds(bound_options(bounds)))
     makes = asset(catalog, "structures"), [source(manifest)]
     read = stored("ingest-structures", fleet.ingest_structures, *makes)
     files = read(open_catalog(catalog), manifest, workers, prune=prune, rules=rules)

@@ -23,8 +23,7 @@ from upplied.fleet.admission import Admission, shape_of
 from upplied.fleet.members import Member, judged
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
-from upplied.inputs.rules import from_json
-from upplied.inputs.structure_rules import StructureSettings, changed, unlike_its_kind
+from upplied.inputs.rules import StructureSettings, changed, from_json, unlike_its_kind
 from upplied.recommend.features import shape_features, turned
 from upplied.records import Cloud, Structure
 from upplied.samples.fleet import sample_structures

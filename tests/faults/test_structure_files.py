@@ -16,8 +16,7 @@ import mesh_files
 from upplied.errors import InputError
 from upplied.inputs.manifests import read_manifest
 from upplied.inputs.meshes import read_structure
-from upplied.inputs.rules import from_json
-from upplied.inputs.structure_rules import RULES, StructureSettings
+from upplied.inputs.rules import RULES, StructureSettings, from_json
 
 BOUNDS = StructureSettings()
 

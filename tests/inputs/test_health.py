@@ -12,9 +12,9 @@ import trimesh
 
 from upplied.errors import InputError
 from upplied.geometry.reconstruction import held
-from upplied.inputs.health import health_report
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
+from upplied.outputs.health import health_report
 
 
 def test_a_file_alone_is_reported_with_what_was_assumed(tmp_path: Path) -> None:

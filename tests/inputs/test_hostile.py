@@ -11,6 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from made_logs import flight
+from made_sources import WRITERS
 
 from upplied.errors import InputError
 from upplied.inputs.logs import LogOptions, read_demonstration
@@ -92,6 +94,19 @@ def test_a_hostile_file_is_an_error_that_names_it(tmp_path: Path, kind: str) -> 
         read_demonstration(path, LogOptions(structure_id="tank", unit_m=1.0))
     assert str(path) in str(caught.value) and caught.value.found
     assert path.read_bytes() == data
+
+
+def test_a_log_with_a_hole_is_read_as_damaged_and_nothing_is_printed(tmp_path: Path, capfd) -> None:
+    path, facts = WRITERS["dataflash"](tmp_path, flight(60, 10.0))
+    whole = path.read_bytes()
+    half = len(whole) // 2
+    path.write_bytes(whole[:half] + bytes(5000) + whole[half:])
+    flown = read_demonstration(path, LogOptions(structure_id="tank", **facts))
+    assert flown.degraded and "bytes between messages cannot be read" in flown.notes
+    assert len(flown.t_ns) >= 59 and capfd.readouterr() == ("", "")
+    path.write_bytes(whole[:half] + bytes(10 * len(whole)))
+    with pytest.raises(InputError, match=r"holds \d+ messages in \d+ bytes"):
+        read_demonstration(path, LogOptions(structure_id="tank", **facts))
 
 
 def test_pipes_and_broken_links_are_refused_by_name(tmp_path: Path) -> None:

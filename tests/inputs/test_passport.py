@@ -56,12 +56,15 @@ BREAKS = {  # of each rule, figures that break it
     "little-off-centre": {"off_centre_m": (1.0, 1.5), "off_centre_sure": 0.95},
     "stand-off": {"stand_off_varies": 0.9, "other_varies": 0.06, "other": "swapped-xy-poses"},
     "horizon": {"rolls_deg": 9.0, "other_rolls_deg": 0.1, "other": "inverse-quaternion"},
+    "near-otherwise": {"min_clearance_m": 1.2, "other_clearance_m": 3.0, "other": "mirrored-x-poses"},
+    "aim-otherwise": {"aside_deg": 30.0, "other_aside_deg": 3.0, "other": "swapped-xy-poses"},
     "velocity": {"motion_fit_pct": 20.0, "motion_ratio": 3.28},
     "turns-otherwise": {"felt_turn_pct": -98.0},
     "aim-drifts": {"aim_drift_deg": -22.0},
     "aim-off": {"aim_off_deg": 20.0},
     "pitch-otherwise": {"pitch_fit_pct": -80.0},
-    "pitch-unset": {"pitch_span_deg": 0.0, "pitch_want_deg": 40.0},
+    "pitch-unset": {"pitch_span_deg": 0.5, "pitch_want_deg": 40.0},
+    "pitch-missing": {"pitch_span_deg": 0.0, "pitch_want_deg": 21.0},
     "lens-differs": {"lens_ratio": 0.3},
     "leap-seconds": {"clock_ahead_s": 18.1},
     "fast": {"speed_p99_mps": 14.0},
@@ -84,6 +87,7 @@ ODD = {
     "looks-away": "looks-aside",
     "too-fast": "fast",
     "clock-steps": "clock-stepped",
+    "pitch-missing": "pitch-unset",
 }
 
 
@@ -113,7 +117,8 @@ def test_the_bounds_of_a_rule_are_settings_that_move_it(rule: rules.Rule) -> Non
     names = {item.name for item in fields(PassportSettings)}
     assert set(rule.bounds) <= names
     if (
-        rule.name in ("hovering", "gaps", "near-structure", "zoom", "undated", "leap-seconds")
+        rule.name
+        in ("hovering", "gaps", "near-structure", "near-otherwise", "zoom", "undated", "leap-seconds")
         or not rule.bounds
     ):
         return  # their bounds act where time and distance are measured
@@ -372,7 +377,9 @@ def test_the_convention_that_fits_clearly_better_is_named_before_the_steadier_on
     better, steadier = (fits.Fit(conventions.NAMED[each], share) for each in ("ned", "y-up"))
     monkeypatch.setattr(measured.Comparison, "best_fits", lambda *_: (0.6, [better]))
     monkeypatch.setattr(
-        measured.Comparison, "steadier", lambda *_: (np.array([0.9, 0.0]), np.array([0.1, 0.0]), [steadier])
+        measured.Comparison,
+        "steadier",
+        lambda *_: (np.array([0.9, 0.0, 0.3, 1.0]), np.array([0.1, 0.0, 0.3, 1.0]), [steadier]),
     )
     with pytest.raises(InputError) as error:
         taken(right(0), tmp_path / "a.mcap")

@@ -15,11 +15,11 @@ from test_separation import scanned
 from upplied.errors import InputError
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.geometry.scene import scene_of
+from upplied.geometry.separation import separated
 from upplied.inputs import repair
 from upplied.inputs.concerns import concerns, cut_off
-from upplied.inputs.flight.clean import UNSET, breaks, clean, steady
+from upplied.inputs.flight.clean import UNSET, breaks, clean, paced, steady
 from upplied.inputs.flight.inspection import phases
-from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.tracks import Track, at_times
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import StructureEntry
@@ -30,7 +30,6 @@ from upplied.inputs.passport.sight import aim_of, inside, sight_of
 from upplied.inputs.passport.velocity import steadiness
 from upplied.inputs.raw import RawMesh
 from upplied.inputs.repair import topology_of
-from upplied.inputs.separation import separated
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Camera, Surroundings
 from upplied.samples.fleet import member
@@ -123,13 +122,29 @@ def test_a_steadier_stand_off_is_named_beyond_its_ratio_alone(ratio: float, name
         near = lambda logged: logged.take(logged.positions[:, 0] < reach)  # noqa: E731 - what a mount is known for
         return fits.Comparison(track, near, scene_of(box), 0.0, 1e3).steadier(ratio)
 
-    assert steadier((places, quats)) == (pytest.approx([0, 0], abs=1e-6), pytest.approx([0, 0], abs=1e-6), [])
+    kept = pytest.approx([0, 0, 1 / 3, 0], abs=1e-4)  # the last in degrees, of single precision
+    assert steadier((places, quats)) == (kept, kept, [])
     varies, least, found = steadier(conventions.NAMED["swapped-xy-poses"].change(places, quats))
-    assert varies == pytest.approx([np.log(2) / 2, 0], abs=1e-3)
+    assert varies == pytest.approx([np.log(2) / 2, 0, 1 / 2, 0], abs=1e-3)
     assert [fit.convention.name for fit in found] == ["swapped-xy-poses"] * named
-    assert least == pytest.approx([0, 0] if named else varies, abs=1e-6)
+    assert least == (kept if named else pytest.approx(varies, abs=1e-4))
     poses = conventions.NAMED["swapped-xy-poses"].change(places, quats)
     assert not steadier(poses, 8.5)[2]  # by that convention half of the poses have no mount
+
+
+@pytest.mark.parametrize(("near_m", "named"), [(1.4, ["mirrored-x-poses"]), (1.6, [])])
+def test_a_flight_that_is_near_names_the_convention_in_which_it_keeps_clear(
+    near_m: float, named: list
+) -> None:
+    """Before a wall that stands twice as far from the origin as the path would be nearest, mirrored."""
+    wall = replace(CUBE, vertices=(CUBE.vertices - MIDDLE) / SIDE * [2, 30, 20] + [1, 0, 10])
+    along = np.linspace(-8, 8, 60)
+    places = np.column_stack([0 * along + 2 + near_m, along, 0 * along + 8])
+    quats = from_yaw_pitch(np.full(60, np.pi), np.zeros(60))
+    track = Track(np.arange(60) + 1, places, quats, np.arange(60) + 1)
+    _, least, found = fits.Comparison(track, lambda each: each, scene_of(wall), 0.0, 1e3).steadier(3.0)
+    assert [fit.convention.name for fit in found] == named
+    assert 1 / least[2] == pytest.approx(2 + near_m if named else near_m)
 
 
 def test_an_offset_is_told_with_its_sign() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from random_members import random_member
 
-from upplied.inputs.separation import CLASSES, Separation, separated, structure_alone
+from upplied.geometry.separation import CLASSES, Separation, separated, structure_alone
 from upplied.records import Structure
 from upplied.samples.fleet import member
 

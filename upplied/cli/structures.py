@@ -144,7 +144,7 @@ def check(
 
 def _rule_options(flags: RuleFlags) -> RuleOptions:
     from upplied.fleet import RuleOptions
-    from upplied.inputs.structure_rules import changed
+    from upplied.inputs.rules import changed
 
     return RuleOptions(flags.allow, flags.strict, changed(flags.set_))
 
@@ -171,10 +171,10 @@ def _checked(
     from upplied.fleet.admission import Admission, shape_of
     from upplied.fleet.members import Member
     from upplied.fleet.workers import JobKilled, Workers
-    from upplied.inputs.health import health_report
     from upplied.inputs.rules import refusals
     from upplied.outputs.figures import structure_png
     from upplied.outputs.files import replace_file
+    from upplied.outputs.health import health_report
 
     file, name = (what, what.stem) if isinstance(what, Path) else (what.path, what.structure_id)
     png = png or Path(f"{name}-check.png")
@@ -205,7 +205,7 @@ def _cleaned(structure: Structure, png: Path) -> None:
     """Write the structure without ground, clutter and neighbours, and a picture before and after."""
     from dataclasses import replace
 
-    from upplied.inputs.separation import CLASSES, separated, structure_alone
+    from upplied.geometry.separation import CLASSES, separated, structure_alone
     from upplied.outputs.figures import separation_png
     from upplied.outputs.files import replace_file
     from upplied.outputs.ply import ply_bytes

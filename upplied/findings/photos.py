@@ -163,7 +163,7 @@ def register_photos(
 def _photo_row(
     flight: Flown, path: Path, data: bytes, stated: dict[str, float], clock_s: float, number: int
 ) -> dict[str, Any]:
-    from upplied.inputs.sources.photo_tags import head_of
+    from upplied.inputs.sources.photos import head_of
 
     check_text(f"photo {path.name!a}", "name", path.name)
     head = head_of(path)

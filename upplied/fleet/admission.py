@@ -17,8 +17,17 @@ from upplied.fleet.reading import Ingested, Progress, each
 from upplied.geometry.scene import scene_of
 from upplied.inputs import meshes
 from upplied.inputs.manifests import StructureEntry, read_manifest
-from upplied.inputs.rules import Verdict, check_allowed, decided, from_json, refusals, refuse, to_json
-from upplied.inputs.structure_rules import RULES, StructureSettings
+from upplied.inputs.rules import (
+    RULES,
+    StructureSettings,
+    Verdict,
+    check_allowed,
+    decided,
+    from_json,
+    refusals,
+    refuse,
+    to_json,
+)
 from upplied.planning.surface.samples import surface_samples
 from upplied.recommend.features import ShapeFeatures, shape_features
 from upplied.recommend.shapes import Shapes, content_of

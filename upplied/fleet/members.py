@@ -14,8 +14,7 @@ import numpy as np
 
 from upplied.inputs.manifest_keys import UNITS
 from upplied.inputs.meshes import turn as file_turn
-from upplied.inputs.rules import Verdict, broken
-from upplied.inputs.structure_rules import RULES, StructureSettings
+from upplied.inputs.rules import RULES, StructureSettings, Verdict, broken
 from upplied.recommend.features import ShapeFeatures, library_of, turned, unlikeness
 from upplied.records import Floats
 

@@ -35,7 +35,14 @@ def read_face_labels(path: Path, faces: int, what: str) -> list[str]:
         raise InputError(str(path), f"has the suffix {suffix!r}", f"one of {', '.join(SUFFIXES)}")
     try:
         columns = _columns(suffix, read_regular(path, MAX_BYTES), faces)
-        labels = [_label(value) for value in _in_order(columns)]
+        if "label" not in columns:
+            raise ValueError("has no column 'label'")
+        if "face" in columns:
+            numbers = [int(number) for number in columns["face"]]
+            if sorted(numbers) != list(range(len(numbers))):
+                raise ValueError(f"its column 'face' does not name each of 0 to {len(numbers) - 1} once")
+            columns = columns.iloc[np.argsort(numbers)]
+        labels = [_label(value) for value in columns["label"].tolist()]
     except (ValueError, TypeError, EOFError, KeyError, OSError, pa.ArrowException) as error:
         raise InputError(str(path), f"cannot be read: {str(error)[:200]}", _RULE) from None
     if len(labels) != faces:
@@ -63,18 +70,6 @@ def _columns(suffix: str, data: bytes, faces: int) -> pd.DataFrame:
         return pd.DataFrame({"label": np.zeros(min(rows, 2 * faces + 1), np.int64)})
     names = [name for name in ("face", "label") if name in file.schema_arrow.names]
     return file.read(names).to_pandas(integer_object_nulls=True)
-
-
-def _in_order(columns: pd.DataFrame) -> list[Any]:
-    """The labels in the order of the faces; each face stands once."""
-    if "label" not in columns:
-        raise ValueError("has no column 'label'")
-    if "face" in columns:
-        numbers = [int(number) for number in columns["face"]]
-        if sorted(numbers) != list(range(len(numbers))):
-            raise ValueError(f"its column 'face' does not name each of 0 to {len(numbers) - 1} once")
-        columns = columns.iloc[np.argsort(numbers)]
-    return columns["label"].tolist()
 
 
 def _label(value: Any) -> str:

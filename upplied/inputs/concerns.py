@@ -11,8 +11,7 @@ from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.outliers import Outlier
 from upplied.inputs.raw import RawMesh
 from upplied.inputs.repair import Topology
-from upplied.inputs.rules import Verdict, broken, refusals
-from upplied.inputs.structure_rules import RULES, measured, unlike_its_kind
+from upplied.inputs.rules import RULES, Verdict, broken, measured, refusals, unlike_its_kind
 from upplied.records import Floats, Ints, Record
 
 _FAR_M = 10_000.0  # from the origin: single precision is off by a millimetre there

@@ -6,7 +6,7 @@ import stat
 import tempfile
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from importlib import resources
 from io import BufferedReader
 from pathlib import Path
@@ -74,6 +74,19 @@ def file_of(data: bytes, suffix: str) -> Iterator[str]:
         path = Path(folder) / f"file.{suffix}"
         path.write_bytes(data)
         yield str(path)
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """What libraries write of damaged files, also those in C, stays off the terminal."""
+    with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
+        terminal = os.dup(2)
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(terminal, 2)
+            os.close(terminal)
 
 
 def table(name: str) -> dict[str, Any]:

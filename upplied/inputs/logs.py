@@ -1,5 +1,6 @@
-"""From a log to a demonstration: the camera's poses in the frame of the structure."""
+"""From a log to a demonstration, and what it is known by: the hash of its bytes and of the facts about it."""
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -9,27 +10,26 @@ from typing import Any
 
 import numpy as np
 
+from upplied.config import digest
 from upplied.errors import InputError
 from upplied.geometry.poses import normalised
 from upplied.geometry.scene import scene_of
-from upplied.inputs.fingerprints import digest_of, fingerprint, sha256_of
 from upplied.inputs.flight import inspection as inspections
 from upplied.inputs.flight.choice import NOTHING, READERS, check_one, choose, nothing
-from upplied.inputs.flight.clean import breaks, check_dropped, clean, reasons, silence_s, steady, timed
+from upplied.inputs.flight.clean import breaks, check_dropped, clean, paced, reasons, silence_s, steady, timed
 from upplied.inputs.flight.mounts import camera_poses, in_frame, in_structure_frame, registered
-from upplied.inputs.flight.pace import paced
 from upplied.inputs.flight.tracks import FIELDS, Track
+from upplied.inputs.mcap.recording import open_recording
 from upplied.inputs.passport.conventions import converted
 from upplied.inputs.passport.measured import SEEN, Reading
 from upplied.inputs.passport.rules import RULES, passport_of
+from upplied.inputs.passport.settings import SHAPING, PassportSettings
 from upplied.inputs.rules import Verdict, broken
 from upplied.inputs.schemas import cameras, geodetic, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions, inspection, placed, sidecar_of, stated
 from upplied.inputs.sources import door
 from upplied.inputs.sources.source import Source
 from upplied.records import Demonstration, Placement, Structure
-
-__all__ = ["FIELDS", "LogOptions", "fingerprint", "read_demonstration"]
 
 _OF_FACTS = ("demonstration_id", "structure_id", "operator", "site", "about")
 
@@ -73,7 +73,7 @@ def read_demonstration(
     try:
         kind = door.kind_of(path)
         with ThreadPoolExecutor(1) as beside:  # hashing a large log takes longer than reading its poses
-            sha256 = beside.submit(sha256_of, path, kind)
+            sha256 = beside.submit(_sha256, path, kind)
             source = door.read(path, FIELDS)
             try:
                 demonstration, facts = _demonstration(
@@ -81,7 +81,7 @@ def read_demonstration(
                 )
             except InputError as error:
                 raise _in_context(error, path, source) from None
-            return replace(demonstration, sha256=digest_of(sha256.result(), facts))
+            return replace(demonstration, sha256=_digest(sha256.result(), facts))
     except OSError as error:
         raise InputError(str(path), f"cannot be read ({error.strerror})", "a readable file") from None
 
@@ -122,7 +122,13 @@ def _demonstration(
     track = clean(track, facts, where)
     check_one(track, facts, where)
     facts, placing = registered(facts, track, structure, where)
-    track = converted(_in_metres(track, facts, where), facts.convention)
+    if facts.unit_m is not None and track.parent != geodetic.STRUCTURE:
+        if not facts.unit_m > 0:  # a reconstruction has no unit of its own
+            remedy = "write unit_m of the project's mesh into the side-car"
+            rule = "unit_m: metres per unit of it"
+            raise InputError(where, "is a reconstruction without unit", rule, remedy)
+        track = replace(track, positions=track.positions * facts.unit_m)
+    track = converted(track, facts.convention)
     through = partial(cameras.through, camera, zoom, track, what=what)
     camera, fov_deg = through(facts)
     track = replace(track, fov_deg=fov_deg)
@@ -220,16 +226,6 @@ def _check_flown(metadata: Sequence[tuple[str, Mapping[str, str]]], what: str) -
             raise InputError(what, f"{finding}: its metadata say so", "the log of a vehicle that flew")
 
 
-def _in_metres(track: Track, facts: LogOptions, what: str) -> Track:
-    """The track with its lengths in metres; a reconstruction has no unit of its own (NaN)."""
-    if facts.unit_m is None or track.parent == geodetic.STRUCTURE:
-        return track
-    if not facts.unit_m > 0:
-        remedy = "write unit_m of the project's mesh into the side-car"
-        raise InputError(what, "is a reconstruction without unit", "unit_m: metres per unit of it", remedy)
-    return replace(track, positions=track.positions * facts.unit_m)
-
-
 def _check_length(track: Track, facts: LogOptions, what: str) -> None:
     seconds = float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0
     if len(track) < 2 or seconds < facts.min_duration_s:
@@ -237,3 +233,61 @@ def _check_length(track: Track, facts: LogOptions, what: str) -> None:
         finding = f"holds {len(track)} poses over {seconds:.2f} s{dropped}"
         rule, remedy = f"at least 2 poses and {facts.min_duration_s} s", "lower min_duration_s if this is all"
         raise InputError(what, finding, rule, remedy)
+
+
+# Facts that change nothing of a flight, and those that came later and leave the hash of older logs alone.
+_UNHASHED = ("demonstration_id", "allow", "strict", "passport")
+_LATER = (
+    "publisher", "convention", "unit_m", "takeoff_alt_m", "points", "body_T_antenna_position_m",
+    "camera_model", "camera_file_format", "camera_width_px", "camera_height_px", "camera_exposure_s",
+    "camera_trigger_s", "camera_focus_m", "camera_focal_mm", "camera_f_number", "camera_distortion",
+    "camera_distortion_model", "camera_middle_px", "accuracy_m",
+)  # fmt: skip
+_PHOTO_HEAD = 1 << 17  # bytes by which a photo is known: reading all of them would take longer than the rest
+
+
+def fingerprint(
+    path: str | Path, options: LogOptions | None = None, placements: Mapping[str, Placement] | None = None
+) -> tuple[str, str]:
+    """The id and the hash that `read_demonstration` would give; no message is read.
+
+    The hash differs where facts about the flight stand among the messages of a damaged log: such a log is
+    read to be known.
+
+    Raises
+    ------
+    InputError, OSError
+        If the file cannot be read or is no log.
+    """
+    path = Path(path)
+    kind = door.kind_of(path)
+    metadata = open_recording(path).metadata if kind == "mcap" else []
+    facts, _ = inspection(path, metadata, options or LogOptions())
+    facts = placed(facts, (placements or {}).get(facts.structure_id))
+    return facts.demonstration_id, _digest(_sha256(path, kind), facts)
+
+
+def _digest(log: str, facts: LogOptions) -> str:
+    """The hash of a flight: of the hash of its bytes and of all facts about it."""
+    hashed = {name: fact for name, fact in vars(facts).items() if fact or name not in _LATER}
+    hashed = {name: fact for name, fact in hashed.items() if name not in _UNHASHED}
+    shaped = {name: getattr(facts.passport, name) for name in SHAPING}
+    if shaped != {name: getattr(PassportSettings(), name) for name in SHAPING}:
+        hashed["shaped"] = shaped
+    return digest({"log": log, "said": hashed})
+
+
+def _sha256(path: Path, kind: str) -> str:
+    """The hash of the bytes of a file; where several hold a flight, of all of them, photos by their heads."""
+    names = door.parts_of(path, kind)
+    whole = hashlib.sha256()
+    for name in names:
+        with name.open("rb") as stream:
+            if names == [path]:
+                return hashlib.file_digest(stream, "sha256").hexdigest()
+            whole.update(f"{name.name}\0{name.stat().st_size}\0".encode())
+            if kind == "photos":
+                whole.update(stream.read(_PHOTO_HEAD))
+            else:
+                whole.update(hashlib.file_digest(stream, "sha256").digest())
+    return whole.hexdigest()

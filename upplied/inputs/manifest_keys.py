@@ -11,7 +11,7 @@ import numpy as np
 from upplied.checks import check_id
 from upplied.errors import InputError
 from upplied.inputs.files import table
-from upplied.inputs.structure_rules import RULES
+from upplied.inputs.rules import RULES
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "file": None}
 AXES = ("x", "y", "z", "-x", "-y", "-z")

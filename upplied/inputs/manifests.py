@@ -17,7 +17,7 @@ import numpy as np
 from upplied.errors import InputError
 from upplied.inputs import manifest_keys as keys
 from upplied.inputs.files import read_regular
-from upplied.inputs.structure_rules import StructureSettings
+from upplied.inputs.rules import StructureSettings
 from upplied.records import Placement, Surroundings
 
 MAX_BYTES = 16 << 20  # a row is some 200 bytes: 80 000 structures
@@ -26,6 +26,7 @@ _AS_DECLARED = (  # keys of a manifest that are fields of an entry
     "drop_outliers", "clip_ground", "notes", "allow",
 )  # fmt: skip
 
+_PLACE = ("lat", "lon", "alt", "heading")
 _AREAS = {"keep_out": (0, 2, 3), "geofence": (0, 2), "rally": (0, 3)}  # and the shapes of none
 
 
@@ -75,8 +76,13 @@ def read_manifest(path: Path | str, allow_outside: bool = False) -> list[Structu
         opened here.
     """
     path = Path(path)
-    text = _text(path)
-    rows = _toml_rows(path, text) if path.suffix.lower() == ".toml" else _csv_rows(path, text)
+    if (suffix := path.suffix.lower()) not in (".toml", ".csv"):
+        raise InputError(str(path), f"has the suffix {path.suffix!r}", "a manifest is a .toml or a .csv file")
+    try:
+        text = read_regular(path, MAX_BYTES, remedy="split it").decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(str(path), f"byte {error.start} is not UTF-8", "text in UTF-8") from None
+    rows = _toml_rows(path, text) if suffix == ".toml" else _csv_rows(path, text)
     entries: dict[str, StructureEntry] = {}
     for what, row in rows:
         entry = _entry(row, what, path.parent, allow_outside)
@@ -86,16 +92,6 @@ def read_manifest(path: Path | str, allow_outside: bool = False) -> list[Structu
     if not entries:
         raise InputError(str(path), "declares no structure", "at least one [[structure]] table or CSV row")
     return list(entries.values())
-
-
-def _text(path: Path) -> str:
-    if path.suffix.lower() not in (".toml", ".csv"):
-        raise InputError(str(path), f"has the suffix {path.suffix!r}", "a manifest is a .toml or a .csv file")
-    data = read_regular(path, MAX_BYTES, remedy="split it")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(str(path), f"byte {error.start} is not UTF-8", "text in UTF-8") from None
 
 
 def _toml_rows(path: Path, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -135,12 +131,17 @@ def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool)
     up, forward = keys.axes(given, what)
     if given.get("clip_ground") and "ground_z" not in given:
         raise InputError(what, "has clip_ground but no ground_z", "the height of the ground to clip at")
+    missing = [key for key in _PLACE if key not in given]
+    if 0 < len(missing) < len(_PLACE):
+        rule = "lat, lon, alt and heading (deg of +X, clockwise from north) are given together or not at all"
+        raise InputError(what, f"has no {' and no '.join(missing)}", rule)
+    placed = [] if missing else [*(given[key] for key in _PLACE), given.get("datum", "ellipsoid")]
     declared = {name: given[name] for name in _AS_DECLARED if name in given}
     areas = {f"{key}_m": np.asarray(given.get(key, np.empty(shape)), float) for key, shape in _AREAS.items()}
     around = Surroundings(ground_z_m=given.get("ground_z"), ceiling_z_m=given.get("ceiling_z"), **areas)
     return StructureEntry(
         given["id"], given["kind"], _inside(folder, given["path"], what, allow_outside), given["units"], up,
-        forward, placement=_placement(given, what), surroundings=around,
+        forward, placement=Placement(*placed) if placed else None, surroundings=around,
         nominal_m=tuple(given.get(f"nominal_{side}_m") for side in ("length", "width", "height")),  # type: ignore[arg-type]
         **declared,
     )  # fmt: skip
@@ -156,15 +157,3 @@ def _inside(folder: Path, name: str, what: str, allow_outside: bool) -> Path:
         rule = "paths relative to the manifest, inside its folder"
         raise InputError(what, finding, rule, "move the file there, or allow outside paths explicitly")
     return folder / path
-
-
-def _placement(given: Mapping[str, Any], what: str) -> Placement | None:
-    parts = ("lat", "lon", "alt", "heading")
-    missing = [key for key in parts if key not in given]
-    if len(missing) == len(parts):
-        return None
-    if missing:
-        rule = "lat, lon, alt and heading (deg of +X, clockwise from north) are given together or not at all"
-        raise InputError(what, f"has no {' and no '.join(missing)}", rule)
-    datum = given.get("datum", "ellipsoid")
-    return Placement(given["lat"], given["lon"], given["alt"], given["heading"], datum)

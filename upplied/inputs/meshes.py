@@ -19,15 +19,14 @@ from upplied.inputs.outliers import find_outliers
 from upplied.inputs.outside import look, outward_normals
 from upplied.inputs.raw import RawMesh, counted
 from upplied.inputs.repair import clean, clip_below, compact, topology_of, used_vertices
-from upplied.inputs.rules import decided, refuse, to_json
-from upplied.inputs.structure_rules import measured
+from upplied.inputs.rules import decided, measured, refuse, to_json
 from upplied.records import Bools, Floats, Ints, Structure
 
 _AS_DECLARED = (
     "structure_id", "kind", "site", "placement", "surroundings", "symmetric", "surface", "surface_error_m"
 )  # fmt: skip
 Clean = tuple[Floats, Ints, Floats | None, Findings]  # vertices, triangles, normals, and what was found
-_COARSEST = 0.1  # of the size: round a surface of which less is known nothing can be planned
+
 _FARTHEST_M = 1e9  # beyond, the file is damaged; single precision and squares stay in range below
 
 
@@ -95,7 +94,15 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
         verdicts_json=to_json(verdicts) if verdicts else "",
         **{name: getattr(entry, name) for name in _AS_DECLARED},
     )
-    _check_surface(structure, entry)
+    what, stated = f"{entry.path} ({entry.structure_id})", entry.surface_error_m
+    most = structure.diagonal_m / 10
+    if structure.is_scan and structure.surface == "drawn":
+        remedy = "leave out surface; where its points are exact, state surface_error_m"
+        raise InputError(what, "is a point cloud and declared to be drawn", "a cloud is a scan", remedy)
+    if stated is not None and stated > most:  # round a surface of which less is known nothing can be planned
+        finding = f"surface_error_m is {stated:g} m, of a structure of {structure.diagonal_m:.3g} m"
+        rule = f"at most {most:.3g} m, a tenth of its size"
+        raise InputError(what, finding, rule, "give it in metres, or leave it out")
     return structure, findings
 
 
@@ -179,10 +186,8 @@ def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
 def _cloud(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     finite = np.isfinite(vertices).all(axis=1)
     places, first = np.unique(vertices[finite], axis=0, return_index=True)
-    centred, rounding = (
-        places - places.sum(axis=0) / max(len(places), 1),
-        1e-9 * np.abs(places).max(initial=0),
-    )
+    centred = places - places.sum(axis=0) / max(len(places), 1)
+    rounding = 1e-9 * np.abs(places).max(initial=0)
     if len(places) < 4 or np.linalg.matrix_rank(centred, rounding) < 2:
         rule, remedy = "a mesh, or at least four points that do not lie on a line", "export the surface again"
         raise InputError(str(entry.path), f"holds no triangles and {len(places)} points", rule, remedy)
@@ -191,30 +196,14 @@ def _cloud(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     given = None if raw.normals is None else raw.normals[distinct] @ turn(entry.up, entry.forward).T
     normals, word = outward_normals(points, given)
     dropped = counted((len(vertices) - len(points), "points dropped that stood twice or nowhere"))
-    done = (
-        *dropped,
-        *filter(None, [word]),
-        "a point cloud: sizes and sight lines are as dense as its points",
-    )
-    findings = Findings(**_declared(raw, entry), done=done)
+    words = filter(None, [word, "a point cloud: sizes and sight lines are as dense as its points"])
+    findings = Findings(**_declared(raw, entry), done=(*dropped, *words))
     return points, np.empty((0, 3), np.int64), normals, findings
 
 
 def _check_left(triangles: Ints, entry: StructureEntry) -> None:
     if not len(triangles):
         raise InputError(str(entry.path), "holds no triangle that has an area", "a mesh", "export it again")
-
-
-def _check_surface(structure: Structure, entry: StructureEntry) -> None:
-    what = f"{entry.path} ({entry.structure_id})"
-    if structure.is_scan and structure.surface == "drawn":
-        remedy = "leave out surface; where its points are exact, state surface_error_m"
-        raise InputError(what, "is a point cloud and declared to be drawn", "a cloud is a scan", remedy)
-    stated, most = structure.surface_error_m, _COARSEST * structure.diagonal_m
-    if stated is not None and stated > most:
-        finding = f"surface_error_m is {stated:g} m, of a structure of {structure.diagonal_m:.3g} m"
-        rule = f"at most {most:.3g} m, a tenth of its size"
-        raise InputError(what, finding, rule, "give it in metres, or leave it out")
 
 
 def _declared(raw: RawMesh, entry: StructureEntry) -> dict[str, Any]:

@@ -42,37 +42,26 @@ def find_outliers(vertices: Floats, triangles: Ints, topology: Topology) -> list
     The planes come first: a wake that trebles the box would hide a gap in it.
     """
     component = topology.component
-    planes = _planes(vertices, triangles, component)
+    flat, planes = _flat(vertices, triangles, component), np.empty(0, np.int64)
+    if not flat.all():  # flat components that stick out of the box of those that are not flat
+        low, high = _box(vertices, triangles[~flat[component]])
+        lows, highs = _boxes(vertices, triangles, component)
+        beyond = np.maximum(low - lows, highs - high).max(axis=1)
+        planes = np.flatnonzero(flat & (beyond > _STICKS_OUT * np.linalg.norm(high - low)))
     rest = np.flatnonzero(~np.isin(component, planes))
     cluster = _clusters(vertices, triangles[rest])
-    far = [rest[cluster == label] for label in _far(vertices, triangles[rest], cluster)]
-    lone = [np.flatnonzero(component == label) for label in planes]
-    plane = "a plane that sticks out (a wake, a light, a billboard?)"
-    named = [*((plane, which) for which in lone), *(("a part far off the rest", which) for which in far)]
-    return [Outlier(words, which, *_box(vertices, triangles[which])) for words, which in named]
-
-
-def _planes(vertices: Floats, triangles: Ints, component: Ints) -> Ints:
-    """Flat components that stick out of the box of those that are not flat."""
-    flat = _flat(vertices, triangles, component)
-    if flat.all():
-        return np.empty(0, np.int64)
-    low, high = _box(vertices, triangles[~flat[component]])
-    lows, highs = _boxes(vertices, triangles, component)
-    beyond = np.maximum(low - lows, highs - high).max(axis=1)
-    return np.flatnonzero(flat & (beyond > _STICKS_OUT * np.linalg.norm(high - low)))
-
-
-def _far(vertices: Floats, triangles: Ints, cluster: Ints) -> Ints:
-    """Clusters that are small against the main one and stick out of its box."""
-    labels = np.unique(cluster)
-    low, high = _boxes(vertices, triangles, np.searchsorted(labels, cluster))
+    labels = np.unique(cluster)  # far are those that are small beside the main one and stick out of its box
+    low, high = _boxes(vertices, triangles[rest], np.searchsorted(labels, cluster))
     side = high - low
     volume = np.prod(np.maximum(side, 1e-3 * side.max(axis=1, keepdims=True)), axis=1)
     main = int(np.argmax(volume))
     beyond = np.maximum(low[main] - low, high - high[main]).max(axis=1)
-    far = (volume < _SMALL * volume[main]) & (beyond > _STICKS_OUT * np.linalg.norm(side[main]))
-    return labels[far]
+    sticks_out = beyond > _STICKS_OUT * np.linalg.norm(side[main])
+    far = [rest[cluster == label] for label in labels[(volume < _SMALL * volume[main]) & sticks_out]]
+    lone = [np.flatnonzero(component == label) for label in planes]
+    plane = "a plane that sticks out (a wake, a light, a billboard?)"
+    named = [*((plane, which) for which in lone), *(("a part far off the rest", which) for which in far)]
+    return [Outlier(words, which, *_box(vertices, triangles[which])) for words, which in named]
 
 
 def _clusters(vertices: Floats, triangles: Ints) -> Ints:

@@ -46,7 +46,10 @@ def look(
     wanted[fragments] = 0
     rng = np.random.default_rng(seed)
     sample = _chosen(patch, area, wanted, rng)
-    points, normals = _sample_points(corners[sample], rng)
+    root, along = np.sqrt(rng.random(len(sample)))[:, None], rng.random(len(sample))[:, None]
+    a, b, c = corners[sample].swapaxes(0, 1)
+    points, normals = a * (1 - root) + root * (b * (1 - along) + c * along), area_vectors(corners[sample])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     scene = Scene(vertices, triangles)
     reach = 2 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     front, back = (
@@ -79,15 +82,6 @@ def _chosen(patch: Ints, area: Floats, wanted: Ints, rng: np.random.Generator) -
     return order[np.clip(np.searchsorted(cumulated, at), first[owner], last[owner])]
 
 
-def _sample_points(corners: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """A random point in each triangle, and its unit normal."""
-    root, along = np.sqrt(rng.random(len(corners)))[:, None], rng.random(len(corners))[:, None]
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    normals = area_vectors(corners)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return a * (1 - root) + root * (b * (1 - along) + c * along), normals
-
-
 def _escaped(scene: Scene, origins: Floats, normals: Floats, reach: float, ground: float | None) -> Floats:
     """How many rays of each origin leave the structure, (N,)."""
     rays = _around(normals)
@@ -115,7 +109,13 @@ def outward_normals(points: Floats, given: Floats | None = None, seed: int = 0) 
     Given normals are kept, but turned as a whole where most of them point inwards. Others come from the
     plane of the nearest of the points (N, 3), m, N >= 4, each turned by the side from which more rays escape.
     """
-    normals = planes(points) if given is None else _repaired(points, given)
+    if given is None:
+        normals = planes(points)
+    else:  # those without a direction come from the plane of their neighbours
+        length = np.linalg.norm(given, axis=1)
+        bad: Bools = ~(np.isfinite(length) & (length > 1e-9))
+        normals = np.where(bad[:, None], 0.0, given) / np.where(bad, 1.0, length)[:, None]
+        normals[bad] = planes(points)[bad] if bad.any() else 0.0
     rng = np.random.default_rng(seed)
     judged = np.sort(rng.permutation(len(points))[:_JUDGED])
     vote = _votes(points[judged], normals[judged])
@@ -140,16 +140,6 @@ def planes(points: Floats) -> Floats:
 
 def _chunks(count: int) -> list[slice]:
     return [slice(at, at + _CHUNK) for at in range(0, count, _CHUNK)]
-
-
-def _repaired(points: Floats, given: Floats) -> Floats:
-    """Given normals with unit length; those without a direction come from the plane of their neighbours."""
-    length = np.linalg.norm(given, axis=1)
-    bad: Bools = ~(np.isfinite(length) & (length > 1e-9))
-    normals = np.where(bad[:, None], 0.0, given) / np.where(bad, 1.0, length)[:, None]
-    if bad.any():
-        normals[bad] = planes(points)[bad]
-    return normals
 
 
 def _votes(points: Floats, normals: Floats) -> Floats:

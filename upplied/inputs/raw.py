@@ -13,7 +13,7 @@ import numpy as np
 
 from upplied.errors import InputError
 from upplied.inputs.files import read_regular
-from upplied.records import Bools, Floats, Ints, Record
+from upplied.records import Floats, Ints, Record
 
 MAX_BYTES = 2 << 30
 _MAX_DEPTH = 256
@@ -179,7 +179,11 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> tuple[Ints, Int
         which = np.flatnonzero(sizes == size)
         rings = corners[first[which, None] + np.arange(size)]
         points = vertices[rings]
-        convex = np.ones(len(rings), bool) if size == 3 else _convex(points)
+        convex = np.ones(len(rings), bool)
+        if size > 3:
+            edge, normal = np.roll(points, -1, axis=1) - points, _newell(points)
+            bend = np.einsum("pnk,pk->pn", np.cross(edge, np.roll(edge, -1, axis=1)), normal)
+            convex = (bend >= -1e-9 * (normal**2).sum(axis=1)[:, None]).all(axis=1)
         step = np.arange(1, size - 1)
         fans = np.stack([np.zeros_like(step), step, step + 1], axis=1)
         triangles.append(rings[convex][:, fans].reshape(-1, 3))
@@ -197,13 +201,6 @@ def _newell(points: Floats) -> Floats:
     """Normals (P, 3) of polygons (P, n, 3), as long as twice their area."""
     centred = points - points[:, :1]
     return np.cross(centred, np.roll(centred, -1, axis=1)).sum(axis=1)
-
-
-def _convex(points: Floats) -> Bools:
-    normal = _newell(points)
-    edge = np.roll(points, -1, axis=1) - points
-    bend = np.einsum("pnk,pk->pn", np.cross(edge, np.roll(edge, -1, axis=1)), normal)
-    return np.asarray((bend >= -1e-9 * (normal**2).sum(axis=1)[:, None]).all(axis=1), bool)
 
 
 def _ears(points: Floats) -> Ints:

@@ -20,6 +20,7 @@ import numpy as np
 from upplied.cameras import FILE_FORMATS, known_cameras
 from upplied.checks import check_id
 from upplied.errors import InputError
+from upplied.inputs.files import read_regular
 from upplied.inputs.manifest_keys import DATUMS, Parser, array, choice, number, points, text
 from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings
 from upplied.records import Placement
@@ -136,7 +137,15 @@ def inspection(
         if name == "inspection":
             facts = _merged(facts, values, f"{path}: metadata inspection", strict=False)
     if (sidecar := sidecar_of(path)).is_file():
-        facts = _merged(facts, _read_toml(sidecar), str(sidecar), strict=True)
+        text = read_regular(sidecar, MAX_SIDECAR_BYTES, remedy="keep facts alone in it")
+        try:
+            table = tomllib.loads(text.decode("utf-8")).get("inspection")
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+            finding = f"is no TOML ({str(error)[:120]})"
+            raise InputError(str(sidecar), finding, "a table [inspection]") from None
+        if not isinstance(table, dict):
+            raise InputError(str(sidecar), "has no table [inspection]", f"keys {', '.join(_NAMES)}")
+        facts = _merged(facts, table, str(sidecar), strict=True)
     for item in fields(LogOptions):
         option, used = getattr(options, item.name), getattr(facts, item.name)
         if item.name in _CHOICES and option not in ("", None):
@@ -177,18 +186,6 @@ def safe_id(text: str) -> str:
     """
     safe = re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-_")[:64].rstrip("-_")
     return safe or "flight"
-
-
-def _read_toml(path: Path) -> Mapping[str, Any]:
-    if path.stat().st_size > MAX_SIDECAR_BYTES:
-        raise InputError(str(path), "is too large for a side-car", f"at most {MAX_SIDECAR_BYTES} bytes")
-    try:
-        table = tomllib.loads(path.read_text("utf-8")).get("inspection")
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(str(path), f"is no TOML ({str(error)[:120]})", "a table [inspection]") from None
-    if not isinstance(table, dict):
-        raise InputError(str(path), "has no table [inspection]", f"keys {', '.join(_NAMES)}")
-    return table
 
 
 def _merged(facts: LogOptions, values: Mapping[str, Any], what: str, strict: bool) -> LogOptions:

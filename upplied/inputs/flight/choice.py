@@ -120,17 +120,16 @@ def _agreeing(usable: list[Table], tables: Sequence[Table], facts: LogOptions) -
         )
     except InputError:
         return usable
-    return usable[:1] if all(_same(first, each, facts) for each in others) else usable
-
-
-def _same(first: Track, other: Track, facts: LogOptions) -> bool:
-    positions, quats = at_times(first, other.t_ns, facts.gap_s)
-    known = np.isfinite(positions).all(axis=1)
-    if known.mean() < 0.5:
-        return False
-    apart = np.linalg.norm(positions[known] - other.positions[known], axis=1)
-    turned = angle_between(quats[known], other.quat_xyzw[known])
-    return bool(np.median(apart) < SAME_M and np.median(turned) < SAME_RAD)
+    for other in others:
+        positions, quats = at_times(first, other.t_ns, facts.gap_s)
+        known = np.isfinite(positions).all(axis=1)
+        if known.mean() < 0.5:
+            return usable
+        apart = np.linalg.norm(positions[known] - other.positions[known], axis=1)
+        turned = angle_between(quats[known], other.quat_xyzw[known])
+        if not (np.median(apart) < SAME_M and np.median(turned) < SAME_RAD):
+            return usable
+    return usable[:1]
 
 
 def one_publisher(tables: Sequence[Table], facts: LogOptions, what: str) -> Table:

@@ -1,7 +1,10 @@
-"""From the track of a log to one that can be trusted: what is dropped, and where it breaks."""
+"""From the track of a log to one that can be trusted: what is dropped, where it breaks, and its time.
 
-from collections import Counter
-from dataclasses import replace
+Long gaps become transits, and long hovering is shortened: otherwise every plan would wait as long as the
+recorder was silent, or the vehicle stood still.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -10,6 +13,7 @@ from upplied.errors import InputError
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import normalised
 from upplied.inputs.flight.tracks import AT_THE_ENDS, Track, are_unit
+from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints
@@ -48,7 +52,11 @@ def clean(track: Track, limits: LogOptions, what: str) -> Track:
     unset = (track.quat_xyzw[:, :3] == 0).all(axis=1) & (np.abs(track.quat_xyzw[:, 3]) == 1)
     if _UNSET[0] <= unset.sum() <= _UNSET[1] * len(track):
         track = track.keep(~unset, UNSET)
-    track = _unrepeated(track.take(np.argsort(track.t_ns, kind="stable")))
+    track = track.take(np.argsort(track.t_ns, kind="stable"))
+    again = np.diff(track.t_ns, prepend=-1) == 0
+    values = np.column_stack([track.positions, track.quat_xyzw])
+    same = again & np.append(False, (np.diff(values, axis=0) == 0).all(axis=1))[: len(track)]
+    track = track.keep(~same, REPEATED).keep(~again[~same], "stamp used twice")
     jumps = np.pad(_jumps(track), 1)[: len(track) + 1]  # single samples off the flight before and after them
     track = track.keep(~(jumps[:-1] & jumps[1:]), "far off its neighbours")
     check_dropped(track, limits, what)
@@ -71,7 +79,7 @@ def check_dropped(track: Track, limits: LogOptions, what: str) -> None:
 
     Raises InputError with the reasons and their numbers.
     """
-    harmless = {name for name in track.dropped if name in (REPEATED, UNSET) or name.endswith(AT_THE_ENDS)}
+    harmless = (REPEATED, UNSET, *(name for name in track.dropped if name.endswith(AT_THE_ENDS)))
     lost = sum(number for reason, number in track.dropped.items() if reason not in harmless)
     if not len(track):
         raise InputError(what, f"holds no usable pose ({reasons(track) or 'no message'})", "at least 2 poses")
@@ -102,16 +110,6 @@ def breaks(track: Track, gap_s: float) -> tuple[Ints, list[str]]:
     counts["estimator reset"] = max(resets.sum() - track.clock_steps, 0)
     words = [f"{number} {kind}{'s' if number > 1 else ''}" for kind, number in counts.items() if number]
     return np.flatnonzero(gaps | jumps | resets) + 1, words
-
-
-def _unrepeated(track: Track) -> Track:
-    same_time = np.diff(track.t_ns, prepend=-1) == 0
-    values = np.column_stack([track.positions, track.quat_xyzw])
-    same_pose = np.concatenate([[False], (np.diff(values, axis=0) == 0).all(axis=1)])[: len(track)]
-    dropped = Counter(track.dropped)
-    dropped[REPEATED] += int((same_time & same_pose).sum())
-    dropped["stamp used twice"] += int((same_time & ~same_pose).sum())
-    return replace(track.take(~same_time), dropped=+dropped)
 
 
 def _jumps(track: Track) -> Bools:
@@ -181,3 +179,96 @@ def _ahead(t_ns: Ints, log_ns: Ints) -> Ints:
         if min(len(before), len(after)) >= 10 and jump > 10 * _TOLERANCE_NS and spread < 0.1 * jump:
             steps.append(at)
     return np.array(steps, np.int64)
+
+
+_STILL_M, _STILL_RAD = 0.5, np.radians(5.0)  # from the beginning of a hover: wind moves a vehicle so far
+_LEAST_MPS = 0.5  # of a transit
+
+
+@dataclass(frozen=True)
+class Pace:
+    """A flight's time, s and m."""
+
+    span_s: float = 0.0  # from the first pose to the last, as recorded
+    recorded_s: float = 0.0  # of it, without the gaps
+    gaps: int = 0  # longer than the reader's bound
+    long_gaps: int = 0  # that were flown as a transit
+    longest_gap_s: float = 0.0
+    skipped_m: float = 0.0  # from one end of the gaps to the other
+    cut_gap_s: float = 0.0
+    hover_s: float = 0.0  # standing still, longer than the cap
+    cut_hover_s: float = 0.0
+    frozen_s: float = 0.0  # without any change of the pose at all
+
+    @property
+    def words(self) -> list[str]:
+        """What was done, for the notes."""
+        words = []
+        if self.long_gaps:
+            gaps = f"{self.long_gaps} gaps of up to {self.longest_gap_s:.0f} s"
+            words.append(f"{gaps}: pieces joined by transits, {self.cut_gap_s:.0f} s less")
+        if self.cut_hover_s:
+            words.append(f"hovering of {self.hover_s:.0f} s in all: {self.cut_hover_s:.0f} s of it cut")
+        return words
+
+
+def paced(
+    track: Track, gap_s: float, settings: PassportSettings, between_s: float = 0.0
+) -> tuple[Track, Pace]:
+    """The clean track of a camera with its gaps and hovers shortened, and what was found.
+
+    Of its gaps `between_s`, s, were recorded, and lie between two inspections.
+    """
+    step_ns = np.diff(track.t_ns)
+    step_m = leg_lengths(track.positions)
+    gap = step_ns > gap_s * 1e9
+    long = step_ns > max(gap_s, settings.long_gap_s) * 1e9
+    moving = step_m[~gap] / np.maximum(step_ns[~gap] * 1e-9, 1e-9)
+    moving = moving[moving > 0.1]
+    speed = max(float(np.median(moving)) if len(moving) else 0.0, _LEAST_MPS)
+    transit_ns = (np.maximum(step_m / speed, gap_s) + 1e-3) * 1e9  # still a gap, so that it stays a break
+    shorter = np.where(long, np.minimum(transit_ns, step_ns), step_ns).astype(np.int64)
+    keep, hover_s = _hovers(track, gap, settings.hover_cap_s)
+    frozen = (step_m == 0) & (np.diff(track.quat_xyzw, axis=0) == 0).all(axis=1) & ~gap
+    cut = np.where(keep[1:], 0, shorter)  # the time that goes with the samples that are cut
+    pace = Pace(
+        span_s=float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 - between_s if len(track) else 0.0,
+        recorded_s=float(step_ns[~gap].sum()) * 1e-9,
+        gaps=int(gap.sum()),
+        long_gaps=int(long.sum()),
+        longest_gap_s=float(step_ns[gap].max(initial=0)) * 1e-9,
+        skipped_m=float(step_m[gap].sum()),
+        cut_gap_s=float((step_ns - shorter).sum()) * 1e-9,
+        hover_s=hover_s,
+        cut_hover_s=float(cut.sum()) * 1e-9,
+        frozen_s=float(step_ns[frozen].sum()) * 1e-9,
+    )
+    if not pace.words:
+        return track, pace
+    t_ns = track.t_ns[0] + np.concatenate([[0], np.cumsum(shorter - cut)])
+    after = np.unique(np.cumsum(keep)[np.flatnonzero(long) + 1] - 1)  # among the samples that are kept
+    return replace(replace(track, t_ns=t_ns).take(keep), long_gaps=after), pace
+
+
+def _hovers(track: Track, gap: Bools, cap_s: float) -> tuple[Bools, float]:
+    """Which samples to keep, and how long the flight stood still for longer than the cap, s."""
+    keep, total = np.ones(len(track), bool), 0.0
+    seconds = (track.t_ns - track.t_ns[0]) // 10**9
+    ticks = np.unique(np.concatenate([[0], np.flatnonzero(np.diff(seconds)) + 1, [len(track) - 1]]))
+    broken = np.concatenate([[0], np.cumsum(gap)])
+    places, quats, alike = track.positions, track.quat_xyzw, np.cos(_STILL_RAD / 2)
+    first = last = 0
+    while first < len(ticks) - 1:
+        start, last = ticks[first], first
+        for later in ticks[first + 1 :]:
+            off, turned = places[later] - places[start], abs(quats[later] @ quats[start]) < alike
+            if turned or off @ off >= _STILL_M**2 or broken[later] > broken[start]:
+                break
+            last += 1
+        lasted = float(track.t_ns[ticks[last]] - track.t_ns[start]) * 1e-9
+        if lasted > cap_s:
+            total += lasted
+            passed = (track.t_ns[start : ticks[last] + 1] - track.t_ns[start]) * 1e-9
+            keep[start : ticks[last] + 1] &= (passed <= cap_s / 2) | (passed >= lasted - cap_s / 2)
+        first = max(last, first + 1)
+    return keep, total

@@ -51,7 +51,10 @@ def inspected(
         words = f"{len(spans)} events in the log"
     else:
         return track, [], False
-    inside = _inside(track, spans)
+    for clock in (track.t_ns, track.log_ns):  # the recorder's where the times are of its domain
+        inside = np.any([(clock >= start) & (clock <= stop) for start, stop in spans], axis=0)
+        if inside.any():
+            break
     if not inside.any():
         seconds = f"0 to {(int(track.t_ns.max()) - first) * 1e-9:.1f} s" if len(track) else "none"
         rule = f"times within {seconds}"
@@ -59,15 +62,6 @@ def inspected(
     if inside.all():
         return track, [], True
     return track.take(inside), [f"cut to {words}: {int(inside.sum())} of {len(track)} samples"], True
-
-
-def _inside(track: Track, spans: list[Span]) -> Bools:
-    """By the clock of the poses, or by the recorder's where the times are of its domain."""
-    for clock in (track.t_ns, track.log_ns):
-        inside = np.any([(clock >= start) & (clock <= stop) for start, stop in spans], axis=0)
-        if inside.any():
-            break
-    return np.asarray(inside)
 
 
 def _events(tables: Sequence[Table]) -> list[Span]:
@@ -98,14 +92,13 @@ class Phases:
 
     def inspected(self, since_s: Floats) -> Bools:
         """Which times (N,), s, lie in an inspection; each flight that looks at the structure has one."""
-        spans = [
-            (since_s >= start) & (since_s <= stop) for name, start, stop in self.parts if name == _INSPECTION
-        ]
-        return np.asarray(np.any(spans, axis=0))
+        spans = [(start, stop) for name, start, stop in self.parts if name == _INSPECTION]
+        inside = [(since_s >= start) & (since_s <= stop) for start, stop in spans]
+        return np.asarray(np.any(inside, axis=0))
 
-    def lasting_s(self, *names: str) -> float:
-        """How long the parts of these names last together, s."""
-        return sum(stop - start for name, start, stop in self.parts if name in names)
+    def lasting_s(self, name: str) -> float:
+        """How long the parts of a name last together, s."""
+        return sum(stop - start for each, start, stop in self.parts if each == name)
 
     @property
     def share(self) -> float:
@@ -141,20 +134,17 @@ def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases 
     if not ground.any():
         return None
     flights = _runs(~ground)
-    ways = []  # stations at which the climb of each flight ends, and its descent begins
+    outs, flying = [], np.zeros(len(at), bool)  # stations at which climbs end; between climb and descent
     for first, stop in flights:
-        out = first + _aside(places[first - 1], places[first:stop]) if first else first
+        outs.append(first + _aside(places[first - 1], places[first:stop]) if first else first)
         back = stop - _aside(places[stop], places[first:stop][::-1]) if stop < len(at) else stop
-        ways.append((out, max(out, back)))
-    flying = np.zeros(len(at), bool)
-    for out, back in ways:
-        flying[out:back] = True
+        flying[outs[-1] : back] = True
     distance = scene.distance(places)
     usual = float(np.median(distance[looks & flying])) if (looks & flying).any() else 0.0
     good = looks & flying & (distance <= _FAR * usual)
     parts: list[tuple[str, float, float]] = []
     landed_s = 0.0
-    for (first, stop), (out, _) in zip(flights, ways, strict=True):
+    for (first, stop), out in zip(flights, outs, strict=True):
         seconds, inspects = at[first:stop], good[first:stop]
         begin = first + _begins(seconds, inspects) if first else first
         end = stop - 1 - _begins(-seconds[::-1], inspects[::-1]) if stop < len(at) else stop - 1

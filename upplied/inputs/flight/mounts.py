@@ -27,7 +27,8 @@ def camera_poses(
     the camera's optical frame, and at last the body itself, with the camera looking ahead.
     """
     seen = "optical" in track.child or (track.child and track.child == camera_frame)
-    frame = facts.body_frame or ("optical" if seen and not _is_mounted(facts) else "body")
+    is_mounted = facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None
+    frame = facts.body_frame or ("optical" if seen and not is_mounted else "body")
     if frame == "camera":
         return track
     if frame == "optical":
@@ -36,10 +37,15 @@ def camera_poses(
     turn = Rotation.from_quat(facts.body_T_camera_quat_xyzw or (0.0, 0.0, 0.0, 1.0))
     if gimbal is not None:
         return _on_gimbal(track, gimbal, offset, turn, facts)
-    if _is_mounted(facts):
+    if is_mounted:
         return mounted(track, offset, turn)
     camera_frame = camera_frame or tree.camera()
-    if body := _body(track, tree, camera_frame):
+    body = ""  # the tracked frame if it carries the camera, else the top of its rigid parts
+    if camera_frame:
+        carries = track.child and tree.path(camera_frame, track.child)
+        above = [track.child] if carries else tree.rigid(camera_frame)[::-1]
+        body = next((frame for frame in above if frame not in (track.parent, camera_frame)), "")
+    if body:
         return _on_tree(track, tree, body, camera_frame, facts)
     return _noted(track, NO_MOUNT)
 
@@ -88,20 +94,6 @@ def mounted(track: Track, position: Floats, rotation: Rotation) -> Track:
     body = Rotation.from_quat(track.quat_xyzw)
     positions = track.positions + body.apply(position)
     return replace(track, positions=positions, quat_xyzw=(body * rotation).as_quat())
-
-
-def _is_mounted(facts: LogOptions) -> bool:
-    return facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None
-
-
-def _body(track: Track, tree: Tree, camera_frame: str) -> str:
-    """The frame of the body: the tracked one if it carries the camera, else the top of its rigid parts."""
-    if not camera_frame:
-        return ""
-    if track.child and tree.path(camera_frame, track.child):
-        return track.child
-    above = tree.rigid(camera_frame)[::-1]
-    return next((frame for frame in above if frame not in (track.parent, camera_frame)), "")
 
 
 def _on_gimbal(track: Track, gimbal: Gimbal, offset: Floats, turn: Rotation, facts: LogOptions) -> Track:
@@ -161,7 +153,11 @@ def registered(
         raise InputError(what, "registers by points on one line", rule, "add one beside the line")
     free = facts.unit_m is not None and not facts.unit_m > 0
     unit_m = 1.0 if free or facts.unit_m is None else facts.unit_m
-    scale, turn, shift = _similarity(logged * unit_m, wanted, free)
+    middle, goal = unit_m * logged.mean(axis=0), wanted.mean(axis=0)
+    around = unit_m * logged - middle
+    turn = Rotation.align_vectors(wanted - goal, around)[0].as_matrix()
+    scale = float(((wanted - goal) * (around @ turn.T)).sum() / (around**2).sum()) if free else 1.0
+    shift = goal - scale * turn @ middle
     unit = scale if free else facts.unit_m
     off_m = np.linalg.norm((unit or 1.0) * logged @ turn.T + shift - wanted, axis=1)
     listed = ", ".join(f"{name} {off:.2f} m" for name, off in zip(names, off_m, strict=True))
@@ -175,12 +171,3 @@ def registered(
         structure_quat_xyzw=tuple(quat.tolist()), frame_id=""
     )  # fmt: skip
     return placed, f"registered by {len(names)} points at a scale of {unit or 1.0:.6g}: off by {listed}"
-
-
-def _similarity(points: Floats, goals: Floats, scaled: bool) -> tuple[float, Floats, Floats]:
-    """Scale, turn (3, 3) and shift (3,) that bring points (N, 3) nearest to goals (N, 3)."""
-    middle, goal = points.mean(axis=0), goals.mean(axis=0)
-    turn = Rotation.align_vectors(goals - goal, points - middle)[0].as_matrix()
-    along = ((goals - goal) * ((points - middle) @ turn.T)).sum()
-    scale = float(along / ((points - middle) ** 2).sum()) if scaled else 1.0
-    return scale, turn, goal - scale * turn @ middle

@@ -204,11 +204,9 @@ def pose_track(table: Table, shape: PoseShape, only: str = "") -> Track:
 
 def groups_of(table: Table, shape: PoseShape) -> dict[tuple[str, str], Ints]:
     """The rows (k,) of each pair of frames."""
-    parents, children = names(table, shape.parent), names(table, shape.child)
-    if (parents == parents[0]).all() and (children == children[0]).all():
-        return {(parents[0], children[0]): np.arange(len(parents))}
     rows: dict[tuple[str, str], list[int]] = {}
-    for row, pair in enumerate(zip(parents.tolist(), children.tolist(), strict=True)):
+    pairs = zip(names(table, shape.parent).tolist(), names(table, shape.child).tolist(), strict=True)
+    for row, pair in enumerate(pairs):
         rows.setdefault(pair, []).append(row)
     return {pair: np.array(of_pair) for pair, of_pair in rows.items()}
 

@@ -47,7 +47,14 @@ def read_e57(source: Source) -> RawMesh:
     with extra("formats"):
         import pye57
 
-    counts = [int(points.get("recordCount", "0")) for points in _e57_xml(source).iter("points")]
+    start, length, page = struct.unpack_from("<QQQ", source.data.ljust(48, b"\0"), 24)
+    if not 64 <= page <= 1 << 20 or start >= len(source.data) or length > len(source.data):
+        remedy = "export it again, or save it as PLY in double precision (e.g. with CloudCompare)"
+        raise source.error("its header points beyond its end", "a complete E57", remedy)
+    first, last = start // page, (start + length) // page + length // page + 2
+    pages = [source.data[at * page : (at + 1) * page - 4] for at in range(first, last)]  # then a CRC
+    root = plain_xml(b"".join(pages)[start % page :][:length])
+    counts = [int(points.get("recordCount", "0")) for points in root.iter("points")]
     for count in (*counts, sum(counts)):
         source.most(count, "points", *_PACKED)
     pieces = [np.empty((0, 3))]
@@ -58,18 +65,6 @@ def read_e57(source: Source) -> RawMesh:
             read = file.read_scan(scan, ignore_missing_fields=True)
             pieces.append(np.column_stack([read[f"cartesian{axis}"] for axis in "XYZ"]))
     return RawMesh(np.concatenate(pieces), unit_m=1.0, up="z")  # metres by specification
-
-
-def _e57_xml(source: Source) -> Any:
-    """The XML of an E57, taken from its pages, without DTD and entities, its namespaces left aside."""
-    start, length, page = struct.unpack_from("<QQQ", source.data.ljust(48, b"\0"), 24)
-    if not 64 <= page <= 1 << 20 or start >= len(source.data) or length > len(source.data):
-        remedy = "export it again, or save it as PLY in double precision (e.g. with CloudCompare)"
-        raise source.error("its header points beyond its end", "a complete E57", remedy)
-    first, last = start // page, (start + length) // page + length // page + 2
-    pages = [source.data[at * page : (at + 1) * page - 4] for at in range(first, last)]  # then a CRC
-    text = b"".join(pages)[start % page :][:length]
-    return plain_xml(text)
 
 
 def read_pcd(source: Source) -> RawMesh:

@@ -38,23 +38,24 @@ class _Reader:
 
     def read(self) -> RawMesh:
         assembly = Assembly(self._source)
-        for element, matrix in flatten(self._source, self._roots(), self._children):
+        instance = self._root.find("scene/instance_visual_scene")
+        scene = self._root.find(".//visual_scene") if instance is None else self._target(instance)
+        roots = self._root.findall(".//geometry") if scene is None else scene.findall("node")
+        placed = [(element, self._placed(element)) for element in roots]
+        for element, matrix in flatten(self._source, placed, self._children):
             if element.tag == "geometry":
-                vertices, triangles = self._geometry(element)
+                if (mesh := element.find("mesh")) is None:
+                    raise self._source.error("holds a geometry that is no mesh", "polygons", "tessellate it")
+                if id(mesh) not in self._geometries:
+                    self._geometries[id(mesh)] = self._mesh(mesh)
                 name = element.get("name") or element.get("id") or ""
-                assembly.add(vertices, triangles, matrix, name)
+                assembly.add(*self._geometries[id(mesh)], matrix, name)
         unit, up = self._root.find("asset/unit"), self._root.findtext("asset/up_axis", "").strip()
         return assembly.mesh(
             unit_m=1.0 if unit is None else float(unit.get("meter", "1")),
             up=_UP.get(up, "y"),
             remarks=counted(*((count, what) for what, count in self._counts.items())),
         )
-
-    def _roots(self) -> list[tuple[Any, Floats]]:
-        instance = self._root.find("scene/instance_visual_scene")
-        scene = self._root.find(".//visual_scene") if instance is None else self._target(instance)
-        elements = self._root.findall(".//geometry") if scene is None else scene.findall("node")
-        return [(element, self._placed(element)) for element in elements]
 
     def _children(self, element: Any) -> list[tuple[Any, Floats]]:
         """Nodes, and what a node or a controller stands for."""
@@ -86,13 +87,6 @@ class _Reader:
                     raise self._source.error("a node is skewed", "matrix, translate, rotate, scale or lookat")
         return matrix
 
-    def _geometry(self, element: Any) -> tuple[Floats, Ints]:
-        if (mesh := element.find("mesh")) is None:
-            raise self._source.error("holds a geometry that is no mesh", "polygons", "tessellate it")
-        if id(element) not in self._geometries:
-            self._geometries[id(element)] = self._mesh(mesh)
-        return self._geometries[id(element)]
-
     def _mesh(self, mesh: Any) -> tuple[Floats, Ints]:
         vertices: list[Floats] = []
         triangles: list[Ints] = []
@@ -104,8 +98,15 @@ class _Reader:
                 continue
             source = self._input(group)
             if id(source) not in known:
-                known[id(source)] = (sum(map(len, vertices)), self._positions(source))
-                vertices.append(known[id(source)][1])
+                accessor = source.find("technique_common/accessor")
+                values = numbers((source.findtext("float_array") or "").encode())
+                defaults = {"count": "0", "stride": "1", "offset": "0"}
+                count, stride, offset = (int(accessor.get(*each)) for each in defaults.items())
+                if stride < 3 or min(count, offset) < 0 or offset + count * stride > len(values):
+                    raise self._source.error("its positions are fewer than it says", f"{count} triples")
+                places = values[offset : offset + count * stride].reshape(count, stride)[:, :3]
+                known[id(source)] = (sum(map(len, vertices)), places)
+                vertices.append(places)
             first, positions = known[id(source)]
             corners, sizes = self._corners(group)
             if group.tag in ("trifans", "tristrips"):  # the assembly checks their indices
@@ -123,15 +124,6 @@ class _Reader:
                     if inner.get("semantic") == "POSITION":
                         return self._target(inner, "source")
         raise self._source.error("holds faces without positions", "an input VERTEX with an input POSITION")
-
-    def _positions(self, element: Any) -> Floats:
-        accessor = element.find("technique_common/accessor")
-        values = numbers((element.findtext("float_array") or "").encode())
-        defaults = {"count": "0", "stride": "1", "offset": "0"}
-        count, stride, offset = (int(accessor.get(*each)) for each in defaults.items())
-        if stride < 3 or min(count, offset) < 0 or offset + count * stride > len(values):
-            raise self._source.error("its positions are fewer than it says", f"{count} triples")
-        return values[offset : offset + count * stride].reshape(count, stride)[:, :3]
 
     def _corners(self, group: Any) -> tuple[Ints, Ints]:
         """Vertex indices and the number of corners of each face of a group."""
@@ -170,11 +162,6 @@ def _placing(axes: Floats, origin: Floats) -> Floats:
     return np.vstack([np.column_stack([axes, origin.reshape(3)]), [0.0, 0.0, 0.0, 1.0]])
 
 
-def _rotate(values: Floats) -> Floats:
-    turn = values[:3] / np.linalg.norm(values[:3]) * np.radians(values[3])
-    return _placing(Rotation.from_rotvec(turn).as_matrix(), np.zeros(3))
-
-
 def _lookat(values: Floats) -> Floats:
     eye, target, up = values.reshape(3, 3)
     back = (eye - target) / np.linalg.norm(eye - target)
@@ -185,7 +172,10 @@ def _lookat(values: Floats) -> Floats:
 _TRANSFORMS = {
     "matrix": lambda values: values.reshape(4, 4),
     "translate": lambda values: _placing(np.eye(3), values),
-    "rotate": _rotate,
+    "rotate": lambda values: _placing(
+        Rotation.from_rotvec(values[:3] / np.linalg.norm(values[:3]) * np.radians(values[3])).as_matrix(),
+        np.zeros(3),
+    ),
     "scale": lambda values: np.diag([*values.reshape(3), 1.0]),
     "lookat": _lookat,
 }

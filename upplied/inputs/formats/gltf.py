@@ -7,7 +7,6 @@ places a node that is named twice once: all in silence, so these are refused or 
 import base64
 import io
 import json
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from upplied.inputs.raw import Assembly, RawMesh, Source, counted
 _BITS = {5120: 7, 5121: 8, 5122: 15, 5123: 16, 5125: 32, 5126: 32}  # of each component; without its sign
 _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_TOO_OLD = "is glTF 1.0", "glTF 2.0", "convert it, e.g. `npx gltf-pipeline -i old.glb -o new.glb`"
 # Required extensions that do not touch the geometry, by prefix.
 _HARMLESS = ("KHR_materials", "KHR_texture", "EXT_texture", "KHR_lights", "KHR_mesh_quantization", "KHR_xmp")
 
@@ -29,7 +29,14 @@ def read_gltf(source: Source) -> RawMesh:
         document = json.loads(text)
     except (ValueError, RecursionError):
         raise source.error("its JSON cannot be understood", "a complete glTF 2.0 file") from None
-    _check_version(source, document)
+    if not isinstance(document, dict) or not isinstance(document.get("asset"), dict):
+        raise source.error("has no 'asset'", "a glTF 2.0 file")
+    if not str(document["asset"].get("version", "")).startswith("2"):
+        raise source.error(*_TOO_OLD)
+    for name in map(str, document.get("extensionsRequired", [])):
+        if not name.startswith(_HARMLESS):
+            remedy = "export it without compression or extensions"
+            raise source.error(f"requires the extension {name[:60]}", "plain glTF 2.0", remedy)
     buffers = _buffers(source, document, binary)
     _check_accessors(source, document, buffers)
     skinned = _plain_tree(source, document)
@@ -59,7 +66,7 @@ def _chunks(source: Source) -> tuple[bytes, bytes]:
     data = source.data
     version, length = (int.from_bytes(data[at : at + 4], "little") for at in (4, 8))
     if version == 1:
-        raise _too_old(source)
+        raise source.error(*_TOO_OLD)
     if version != 2 or length > len(data) or length < 20:
         stated = f"says it is version {version} and {length} bytes long, it has {len(data)}"
         raise source.error(stated, "a complete GLB 2")
@@ -72,22 +79,6 @@ def _chunks(source: Source) -> tuple[bytes, bytes]:
         chunks.setdefault(kind, data[at + 8 : at + 8 + size])
         at += 8 + size
     return chunks.get(b"JSON", b""), chunks.get(b"BIN\0", b"")
-
-
-def _check_version(source: Source, document: Any) -> None:
-    if not isinstance(document, dict) or not isinstance(document.get("asset"), dict):
-        raise source.error("has no 'asset'", "a glTF 2.0 file")
-    if not str(document["asset"].get("version", "")).startswith("2"):
-        raise _too_old(source)
-    for name in map(str, document.get("extensionsRequired", [])):
-        if not name.startswith(_HARMLESS):
-            remedy = "export it without compression or extensions"
-            raise source.error(f"requires the extension {name[:60]}", "plain glTF 2.0", remedy)
-
-
-def _too_old(source: Source) -> Exception:
-    remedy = "convert it, e.g. `npx gltf-pipeline -i old.glb -o new.glb`, or export it again"
-    return source.error("is glTF 1.0", "glTF 2.0", remedy)
 
 
 def _buffers(source: Source, document: dict, binary: bytes) -> list[bytes]:

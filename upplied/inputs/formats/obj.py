@@ -19,7 +19,13 @@ def read_obj(source: Source) -> RawMesh:
     lines = _Lines(source)
     at_vertices, at_faces, at_names = (lines.of(kind) for kind in ("v", "f", "og"))
     vertices = first_three(source, lines.text(at_vertices), "v x y z")
-    corners, sizes = _faces(source, lines.text(at_faces))
+    text = _REST.sub(b"", lines.text(at_faces))
+    try:
+        corners, sizes = integers(text), widths(text)
+    except ValueError:
+        raise source.error("holds a face that is no list of vertices", "f v1 v2 v3 ...") from None
+    if len(corners) != sizes.sum() or (corners == 0).any():
+        raise source.error("holds a face with a vertex 0", "vertices count from 1, or from -1 backwards")
     # A negative index counts back from the last vertex above its face.
     above = np.repeat(np.searchsorted(at_vertices, at_faces), sizes)
     corners = np.where(corners > 0, corners - 1, above + corners)
@@ -78,18 +84,6 @@ def first_three(source: Source, text: bytes, rule: str) -> Floats:
     if len(values) != counts.sum() or (counts < 3).any():
         raise source.error("holds a vertex that is no three numbers", rule)
     return values[(np.cumsum(counts) - counts)[:, None] + np.arange(3)]
-
-
-def _faces(source: Source, text: bytes) -> tuple[Ints, Ints]:
-    """Vertex indices as in the file and the number of corners of each face."""
-    text = _REST.sub(b"", text) if b"/" in text else text
-    try:
-        corners, sizes = integers(text), widths(text)
-    except ValueError:
-        raise source.error("holds a face that is no list of vertices", "f v1 v2 v3 ...") from None
-    if len(corners) != sizes.sum() or (corners == 0).any():
-        raise source.error("holds a face with a vertex 0", "vertices count from 1, or from -1 backwards")
-    return corners, sizes
 
 
 _KEYWORD = re.compile(rb"\s*(ST)?(C)?(N)?(4)?(n)?OFF\b[ \t]*(BINARY)?", re.ASCII)

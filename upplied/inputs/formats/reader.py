@@ -18,6 +18,7 @@ READERS: dict[str, Callable[[Source], RawMesh]] = {
     "pcd": clouds.read_pcd, "las": clouds.read_las, "laz": clouds.read_las, "e57": clouds.read_e57,
 }  # fmt: skip
 
+_KNOWN = f"one of {', '.join(READERS)}"
 _TABLES = table("kinds.toml")["mesh"]
 #: Formats that are not read, and what to do with each.
 REFUSED: dict[str, str] = _TABLES["refused"]
@@ -46,7 +47,12 @@ def read_raw(path: Path | str) -> tuple[RawMesh, str]:
     except Exception as error:  # whatever a damaged file provokes leaves as one kind of error
         finding = f"cannot be understood as {suffix.upper()} ({type(error).__name__}: {str(error)[:120]})"
         raise source.error(finding, "a complete file of its format") from None
-    return _checked(source, raw), source.sha256
+    if not len(raw.vertices):
+        raise source.error("holds no triangles and no points", "a mesh or a point cloud")
+    used = used_vertices(raw.triangles, len(raw.vertices))  # points of clouds without a position are dropped
+    if not np.isfinite(raw.vertices[used]).all():
+        raise source.error("has vertices that are not finite", "finite coordinates")
+    return raw, source.sha256
 
 
 def _check_content(source: Source, suffix: str) -> None:
@@ -59,9 +65,9 @@ def _check_content(source: Source, suffix: str) -> None:
         raise source.error(f"is {content.upper()} by its content", "the suffix of it", f"name it .{content}")
     refused = content if content in REFUSED else suffix
     if refused in REFUSED:
-        raise source.error(f"is {refused.upper()}, which is not read", _known(), REFUSED[refused])
+        raise source.error(f"is {refused.upper()}, which is not read", _KNOWN, REFUSED[refused])
     if suffix not in READERS:
-        raise source.error(f"has the suffix .{suffix[:20]}", _known(), "export it in one of these formats")
+        raise source.error(f"has the suffix .{suffix[:20]}", _KNOWN, "export it in one of these formats")
     remedy = f"name it .{content}, or export it again" if content in READERS else "export it again"
     raise source.error(f"is named .{suffix} but holds {content.upper()}", "suffix and content agree", remedy)
 
@@ -79,18 +85,3 @@ def content_of(data: bytes) -> str:
     ):
         return "stl"
     return "obj" if b"\0" not in head and _OBJ.search(head) else ""
-
-
-def _checked(source: Source, raw: RawMesh) -> RawMesh:
-    """The same, or an error where nothing is there; points without a position are dropped from clouds."""
-    if len(raw.triangles):
-        if not np.isfinite(raw.vertices[used_vertices(raw.triangles, len(raw.vertices))]).all():
-            raise source.error("has vertices that are not finite", "finite coordinates")
-        return raw
-    if len(raw.vertices) == 0:
-        raise source.error("holds no triangles and no points", "a mesh or a point cloud")
-    return raw
-
-
-def _known() -> str:
-    return f"one of {', '.join(READERS)}"

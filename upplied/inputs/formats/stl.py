@@ -15,7 +15,7 @@ def read_stl(source: Source) -> RawMesh:
     from trimesh.exchange.stl import load_stl_binary
 
     if is_text_stl(source.data):
-        return _soup(_text(source))
+        return _text(source)
     count, body = int.from_bytes(source.data[80:_HEAD], "little"), source.data[_HEAD:]
     spare = body[count * _FACET :]
     if len(body) < count * _FACET or (len(spare) >= _FACET and any(spare)):
@@ -25,8 +25,8 @@ def read_stl(source: Source) -> RawMesh:
     return _soup([loaded] if count else [], counted((len(spare), "bytes after the last triangle left aside")))
 
 
-def _text(source: Source) -> list[dict]:
-    """Each solid. What trimesh leaves out in silence, after a damaged number, is missed by its count."""
+def _text(source: Source) -> RawMesh:
+    """Of text. What trimesh leaves out in silence, after a damaged number, is missed by its count."""
     from trimesh.exchange.stl import load_stl_ascii
 
     text = source.data.lower().replace(b"\r\n", b"\n").replace(b"\r", b"\n")
@@ -38,7 +38,7 @@ def _text(source: Source) -> list[dict]:
     good = sum(len(solid["vertices"]) for solid in solids)
     if not rows == good == 3 * facets:
         raise source.error(f"has {good} good vertices for {facets} facets", "three vertices per facet")
-    return solids
+    return _soup(solids)
 
 
 def _soup(solids: list[dict], remarks: tuple[str, ...] = ()) -> RawMesh:

@@ -101,24 +101,18 @@ class _Handler(ContentHandler):
             self._objects[(self._name, attrs["id"])] = self._object
         elif name in ("component", "item"):
             path = next((value for key, value in attrs.items() if key.endswith(":path")), self._name)
-            placed = ((path, attrs["objectid"]), _matrix(attrs.get("transform", "")))
+            matrix = np.eye(4)
+            if text := attrs.get("transform", ""):  # three columns of four numbers, for row vectors
+                matrix[:3] = np.array([float(word) for word in text.split()]).reshape(4, 3).T
+            placed = ((path, attrs["objectid"]), matrix)
             (self._object.components if name == "component" else self._built).append(placed)
         elif name == "model":
             self.unit = attrs.get("unit", "millimeter")
-            self._check(attrs)
-
-    def _check(self, attrs: Any) -> None:
-        if self.unit not in _UNITS:
-            raise self._source.error(f"its unit is {self.unit[:40]!r}", f"one of {', '.join(_UNITS)}")
-        for prefix in attrs.get("requiredextensions", "").split():
-            uri = attrs.get(f"xmlns:{prefix}", "")
-            if not uri.endswith(_HARMLESS):
-                raise self._source.error(f"requires the extension {uri[:80]!r}", "meshes", "export meshes")
-
-
-def _matrix(text: str) -> Floats:
-    """Three columns of four numbers, for row vectors, into a matrix (4, 4) for columns."""
-    matrix = np.eye(4)
-    if text:
-        matrix[:3] = np.array([float(word) for word in text.split()]).reshape(4, 3).T
-    return matrix
+            if self.unit not in _UNITS:
+                raise self._source.error(f"its unit is {self.unit[:40]!r}", f"one of {', '.join(_UNITS)}")
+            for prefix in attrs.get("requiredextensions", "").split():
+                uri = attrs.get(f"xmlns:{prefix}", "")
+                if not uri.endswith(_HARMLESS):
+                    raise self._source.error(
+                        f"requires the extension {uri[:80]!r}", "meshes", "export meshes"
+                    )

@@ -150,12 +150,9 @@ def _row(value: Any) -> list[float] | None:
     """A list of numbers; empty where there is none, None where it is anything else."""
     if value is None:
         return []
-    if isinstance(value, str | bytes | dict | int | float):
+    if isinstance(value, str | bytes | dict) or not isinstance(value, Iterable):
         return None
-    try:
-        items = list(value)
-    except TypeError:
-        return None
+    items = list(value)
     return [_float(item) for item in items] if all(isinstance(item, int | float) for item in items) else None
 
 
@@ -189,7 +186,11 @@ def read_tables(recording: Recording, fields: Callable[[Channel], Iterable[str]]
                 held = sum(one.rows for one in builders.values())
                 held += builder.decode(recording.limit(MAX_MESSAGES) - held)
                 recording.check(held, MAX_MESSAGES, "messages of poses")
-    tables = [builders[channel_id].table() for channel_id in sorted(builders)]
+    tables = []
+    for _, builder in sorted(builders.items()):
+        builder.table.columns, times = stacked(builder.pieces)
+        builder.table.log_ns, builder.table.publish_ns = times[:, 0], times[:, 1]
+        tables.append(builder.table)
     recording.compare({table.channel.channel_id: table.messages for table in tables})
     return tables
 
@@ -200,40 +201,34 @@ class _Builder:
     def __init__(self, channel: Channel, paths: tuple[str, ...]) -> None:
         self.sink: Sink = []
         self.rows = 0
-        self._table = Table(channel)
+        self.table = Table(channel)
         self._paths = paths
-        self._pieces: list[Piece] = []
+        self.pieces: list[Piece] = []
         self._decoder: Decoder | None = None
         try:
             self._decoder = Decoder(channel)
         except DefinitionError as error:
-            self._table.problem = str(error)
-
-    def table(self) -> Table:
-        """What was collected."""
-        self._table.columns, times = stacked(self._pieces)
-        self._table.log_ns, self._table.publish_ns = times[:, 0], times[:, 1]
-        return self._table
+            self.table.problem = str(error)
 
     def decode(self, most: int) -> int:
         """How many rows the messages that wait hold, once they are columns; about `most` are read."""
-        self._table.messages += len(self.sink)
+        self.table.messages += len(self.sink)
         held = [message for message in self.sink if len(message[2]) <= _MAX_PAYLOAD_BYTES]
         if len(held) < len(self.sink):
-            self._table.dropped["too large a message"] += len(self.sink) - len(held)
+            self.table.dropped["too large a message"] += len(self.sink) - len(held)
         self.sink.clear()
         if self._decoder is None or not held:
             return 0
         log_ns, publish_ns, payloads = zip(*held, strict=True)
-        if self._table.channel.encoding == "cdr" and payloads[0].startswith(_ZSTD_MAGIC):
+        if self.table.channel.encoding == "cdr" and payloads[0].startswith(_ZSTD_MAGIC):
             payloads = tuple(map(_unwrapped, payloads))
         columns, row, unreadable = self._decoder.columns(payloads, self._paths, most)
         if unreadable:
-            self._table.dropped["unreadable message"] += unreadable
+            self.table.dropped["unreadable message"] += unreadable
         self.rows += len(row)
         if len(row):
             times = np.array([log_ns, publish_ns], np.uint64).T.astype(np.int64)
-            self._pieces.append((columns, np.maximum(times, 0)[row]))
+            self.pieces.append((columns, np.maximum(times, 0)[row]))
         return len(row)
 
 

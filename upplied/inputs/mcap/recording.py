@@ -60,10 +60,6 @@ class Recording:
     read_to: int = 0  # byte at which a salvaged log ends
     lost_bytes: int = 0  # of damaged chunks
 
-    def unsummarised(self) -> None:
-        """Forget which channels a chunk holds: without a summary any chunk may define one."""
-        self.chunks = [Ref(ref.start, ref.stop) for ref in self.chunks]
-
     def channel(self, channel_id: int) -> Channel | None:
         """The channel of this id with its schema, or None where the log does not define it."""
         record = self.channels.get(channel_id)
@@ -221,7 +217,7 @@ def _walk(stream: BinaryIO, recording: Recording) -> None:
             recording.losses.append(f"{following - at} bytes lost at byte {at}")
             recording.lost_bytes += following - at
             at = following
-    recording.unsummarised()
+    recording.chunks = [Ref(ref.start, ref.stop) for ref in recording.chunks]  # any may define a channel
     if end is None:
         recording.read_to = at
         recording.losses.append(f"the log was not closed; read up to byte {at} of {size}")
@@ -244,7 +240,7 @@ def _close(
             recording.add(record)
         if recording.channels and summary:
             return
-    recording.unsummarised()
+    recording.chunks = [Ref(ref.start, ref.stop) for ref in recording.chunks]
 
 
 def _crc(stream: BinaryIO, start: int, stop: int) -> int:

@@ -7,6 +7,7 @@ inspection.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -50,12 +51,15 @@ def _turned(positions: Floats, quats: Floats, first: float, last: float, whole: 
     return (left.apply(positions) if whole else positions), (left * Rotation.from_quat(quats)).as_quat()
 
 
-def _axes(positions: Floats, quats: Floats, world: str, body: str, alone: str) -> Poses:
-    """Positions, and what is seen, by the axes that are ours; or the positions alone."""
-    if alone:
-        return positions @ _matrix(alone).T, quats
+def _axes(
+    places: Floats, quats: Floats, world: str = "", body: str = "x y z", positions: str = "x y z",
+    factor: float = 1.0,
+) -> Poses:  # fmt: skip
+    """Positions, and what is seen, by the axes that are ours; without a world the positions alone."""
+    if not world:
+        return factor * (places @ _matrix(positions).T), quats
     turns = _matrix(world) @ Rotation.from_quat(quats).as_matrix() @ _matrix(body)
-    return positions @ _matrix(world).T, Rotation.from_matrix(turns).as_quat()
+    return places @ _matrix(world).T, Rotation.from_matrix(turns).as_quat()
 
 
 def _matrix(axes: str) -> Floats:
@@ -63,14 +67,9 @@ def _matrix(axes: str) -> Floats:
     return np.array([np.eye(3)["xyz".index(axis[-1])] * (1 - 2 * ("-" in axis)) for axis in axes.split()])
 
 
-def _raised(positions: Floats, quats: Floats, factor: float) -> Poses:
-    """Heights above the first pose in another unit."""
-    heights = positions[0, 2] + factor * (positions[:, 2] - positions[0, 2])
-    return np.column_stack([positions[:, :2], heights]), quats
-
-
-def _moved(positions: Floats, quats: Floats, offset: Floats) -> Poses:
-    return positions + offset, quats
+def _moved(positions: Floats, quats: Floats, offset: Floats | float = 0.0, factor: float = 1.0) -> Poses:
+    """Positions elsewhere, with heights above the first pose in another unit."""
+    return positions[0] + (positions - positions[0]) * (1.0, 1.0, factor) + offset, quats
 
 
 _SPECIAL: dict[str, Change] = {
@@ -84,24 +83,17 @@ _SPECIAL: dict[str, Change] = {
 }
 
 
-def _named(
-    name: str, words: str, world: str = "", body: str = "x y z", positions: str = "", factor: float = 0.0
-) -> Convention:
-    change: Change = partial(_axes, world=world, body=body, alone=positions)
-    if factor:
-        change = lambda p, q: (p * factor, q)  # noqa: E731
-    of_camera = name == "pitch-sign"
-    return Convention(name, words, _SPECIAL.get(name, change), rare=0.03 * of_camera, of_camera=of_camera)
+def _named(name: str, words: str, **axes: Any) -> Convention:
+    change, of_camera = _SPECIAL.get(name, partial(_axes, **axes)), name == "pitch-sign"
+    return Convention(name, words, change, rare=0.03 * of_camera, of_camera=of_camera)
 
 
 #: What `convention` in a side-car may say.
 NAMED: dict[str, Convention] = {name: _named(name, **row) for name, row in CONVENTIONS.items()}
-
-
 #: The mistakes in logs of places on the Earth: those have no axes that could be others.
 ON_EARTH = (
-    Convention("heights-in-feet", "heights in feet", partial(_raised, factor=0.3048), "export metres"),
-    Convention("heights-as-feet", "heights in metres read as feet", partial(_raised, factor=1 / 0.3048),
+    Convention("heights-in-feet", "heights in feet", partial(_moved, factor=0.3048), "export metres"),
+    Convention("heights-as-feet", "heights in metres read as feet", partial(_moved, factor=1 / 0.3048),
                "export metres"),
 )  # fmt: skip
 
@@ -164,7 +156,7 @@ def offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
     steps = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
     steps = steps[np.abs(steps).sum(axis=1) > 0]
     away = (scene.box[0] + scene.box[1]) / 2 - np.median(given[0], axis=0)
-    moves = [size * step for size in (3.0, 6.0, 12.0, 25.0, 50.0) for step in steps]
+    moves = [size * step for size in (3.0, 6.0, 9.0, 12.0, 18.0, 25.0, 35.0, 50.0) for step in steps]
     moves += [away * (1, 1, 0), away * (0, 0, 1)]
     return [
         Convention(

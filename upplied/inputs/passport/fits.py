@@ -8,15 +8,22 @@ from scipy.spatial.transform import Rotation
 
 from upplied.geometry.polylines import chosen_evenly
 from upplied.geometry.scene import Scene
+from upplied.geometry.vectors import unit
 from upplied.inputs.flight.inspection import met_in_the_middle, phases_of
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.conventions import MOUNTS, NAMED, ON_EARTH, Convention, Poses, offsets, turns
-from upplied.inputs.passport.sight import inside
+from upplied.inputs.passport.settings import CONVENTIONS
+from upplied.inputs.passport.sight import inside, left_of
 from upplied.inputs.schemas.geodetic import STRUCTURE
 from upplied.records import Bools, Floats
 
 _POSES = 96  # of a flight, spread evenly, on which conventions are compared
-_STEADY = np.array([0.05, 1.0])  # logarithm of the stand-off, and roll, deg: no pilot keeps them better
+# Logarithm of the stand-off, roll, deg, one over the least distance, 1/m, and how far the camera looks aside
+# of the nearest surface, deg: no pilot keeps them better.
+_STEADY = np.array([0.05, 1.0, 1 / 3, 5.0])
+_HEADINGS = 30  # of the poses that are compared: fewer tell of no aim
+NEARER = 2.0  # times nearer than in another convention: no pilot who might keep clear flies so
+_SCALES = {name for name, row in CONVENTIONS.items() if "factor" in row} | {item.name for item in ON_EARTH}
 AS_WELL = 0.02  # share of the poses by which what is steadier may fit worse
 _SLOWEST_MPS = 0.2  # of the fastest tenth: shrunk to a point, every flight would look at its structure
 _TIPPED = np.sin(np.radians(60.0)), np.cos(np.radians(110.0))  # rolled by so much, no camera inspects
@@ -72,14 +79,18 @@ class Comparison:
     def steadier(self, ratio: float) -> tuple[Floats, Floats, list[Fit]]:
         """How unsteady the flight is, and is in other conventions, and those in which it is the steadier.
 
-        Both are (2,): the standard deviation of the logarithm of the stand-off, and the roll, deg. One is so
-        much less, in a ratio, in a named convention, in which as many poses could be of an inspection.
+        Both are (4,): the standard deviation of the logarithm of the stand-off, the roll, deg, one over the
+        least distance, 1/m, and how far the camera looks aside of the nearest surface, deg. One is so much
+        less, in a ratio, in a named convention, in which as many poses could be of an inspection; of the
+        distance in one of the same scale.
         """
-        as_given = _unsteadiness(self._given, self.scene)
-        if (as_given < ratio * _STEADY).all():
+        as_given, ratios = _unsteadiness(self._given, self.scene), np.array([ratio, ratio, NEARER, ratio])
+        if (as_given < ratios * _STEADY).all():
             return as_given, as_given, []
         measured = [(_unsteadiness(poses, self.scene), item, poses) for item, poses in self._as_logged()]
-        tried = [each for each in measured if (ratio * np.maximum(each[0], _STEADY) <= as_given).any()]
+        for varies, item, _ in measured:
+            varies[2] = np.inf if item.name in _SCALES else varies[2]
+        tried = [each for each in measured if (ratios * np.maximum(each[0], _STEADY) <= as_given).any()]
         poses = [self._given, *(poses for *_, poses in tried)]
         share, *shares = (self._shares(poses) * self._moves(poses)).tolist()
         fitting = [(varies, Fit(item, fit)) for (varies, item, _), fit in zip(tried, shares, strict=True)]
@@ -112,12 +123,16 @@ class Comparison:
 
 
 def _unsteadiness(poses: Poses, scene: Scene) -> Floats:
-    """Standard deviation of the logarithm of the stand-off; roll, deg, that nine in ten poses keep within."""
+    """Spread of the logarithm of the stand-off; roll, deg; 1 / distance, 1/m; look aside, deg, or NaN."""
     turns = Rotation.from_quat(poses[1]).as_matrix()
     roll_deg = np.degrees(np.arcsin(np.abs(turns[:, 2, 1]).clip(0, 1)))
     roll_deg[turns[:, 2, 2] < 0] = 90.0  # upside down
-    stand_off = np.log(np.maximum(scene.distance(poses[0]), 0.05))
-    return np.array([np.std(stand_off), np.percentile(roll_deg, 90)])
+    near = scene.closest(poses[0])[0] - poses[0]
+    stand_off = np.maximum(np.linalg.norm(near, axis=1), 0.05)
+    left = left_of(turns[:, :, 0], unit(near))
+    left = np.abs(left[np.isfinite(left)])
+    aside = float(np.percentile(left, 75)) if len(left) >= _HEADINGS else np.nan
+    return np.array([np.std(np.log(stand_off)), np.percentile(roll_deg, 90), 1 / stand_off.min(), aside])
 
 
 def fits(

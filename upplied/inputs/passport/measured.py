@@ -9,14 +9,13 @@ import numpy as np
 from upplied.geometry.polylines import chosen_evenly, leg_lengths
 from upplied.geometry.poses import optical_axis
 from upplied.geometry.scene import scene_of
-from upplied.inputs.flight.clean import UNSET
+from upplied.inputs.flight.clean import UNSET, Pace
 from upplied.inputs.flight.mounts import NO_MOUNT
-from upplied.inputs.flight.pace import Pace
 from upplied.inputs.flight.tracks import Track
-from upplied.inputs.passport import velocity
-from upplied.inputs.passport.fits import AS_WELL, Comparison, Fit
+from upplied.inputs.passport.fits import AS_WELL, NEARER, Comparison, Fit
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.sight import Aim, Sight, aim_of, ground_of, sight_of
+from upplied.inputs.passport.velocity import Steadiness, steadiness, turning_of
 from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, UNVERIFIED, ZOOM_UNHEARD
 from upplied.inputs.sources.source import Source
@@ -49,7 +48,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Measured(velocity.Steadiness, velocity.Motion, velocity.Pace99, Aim, Pace):
+class Measured(Steadiness, Aim, Pace):
     """The figures of a passport; NaN where one could not be measured."""
 
     poses: int = 0
@@ -67,10 +66,14 @@ class Measured(velocity.Steadiness, velocity.Motion, velocity.Pace99, Aim, Pace)
     other_words: str = ""  # with its name, and what fits as well
     other_advice: str = ""
     other_fit_pct: float = 0.0
+    other_rare_pct: float = 0.0  # by how much better it must fit than a mistake that is met more often
     stand_off_varies: float = 0.0  # standard deviation of its logarithm
     other_varies: float = 0.0  # in that convention, where it is the steadier
     rolls_deg: float = 0.0  # of the camera, in nine of ten poses
     other_rolls_deg: float = 0.0
+    other_clearance_m: float = 0.0  # in that convention, where it is far more
+    aside_deg: float = 0.0  # of the nearest surface, in three of four poses
+    other_aside_deg: float = 0.0
     off_centre_m: tuple[float, float] = (0.0, 0.0)  # by the stand-off, horizontally
     off_centre_sure: float = 0.0  # share of the stand-off's variance that it explains
     felt_turn_pct: float = float("nan")  # correlation of how the poses turn with inertial units
@@ -113,12 +116,14 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     if steady and (not others or others[0].share - given < settings.fit_gain_pct / 100):
         others = steady
     least = least if others is steady else varies
-    zoomed = _zoomed(flown, settings.zoom_pct) or [(camera.hfov_deg, 0.0)]
+    angles = [camera.hfov_deg] if flown.fov_deg is None else flown.fov_deg[:, 0].tolist()
+    views: list[tuple[float, float]] = []
+    for angle, at in zip(angles, flown.t_ns.tolist(), strict=False):
+        if not views or abs(angle / views[-1][0] - 1) > settings.zoom_pct / 100:
+            views.append((angle, (at - int(flown.t_ns[0])) * 1e-9))
     return Measured(
         **vars(pace),
-        **vars(velocity.steadiness(logged, flown, reading.gap_s)),
-        **vars(velocity.motion_of(logged, reading.velocity)),
-        **vars(velocity.pace99_of(flown, reading.gap_s) if reading.source.timed else velocity.Pace99()),
+        **vars(steadiness(logged, flown, reading.gap_s, reading.velocity, reading.source.timed)),
         **vars(aim_of(flown.positions, flown.quat_xyzw, scene)),
         **_best(others),
         poses=len(reading.shortened),
@@ -136,9 +141,12 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         other_varies=float(least[0]),
         rolls_deg=float(varies[1]),
         other_rolls_deg=float(least[1]),
+        other_clearance_m=float(1 / least[2]) if NEARER * least[2] <= varies[2] else 0.0,
+        aside_deg=float(varies[3]),
+        other_aside_deg=float(least[3]),
         off_centre_m=(round(off[0], 1), round(off[1], 1)),
         off_centre_sure=sure,
-        felt_turn_pct=100 * velocity.turning_of(logged, reading.gyroscopes),
+        felt_turn_pct=100 * turning_of(logged, reading.gyroscopes),
         unset=flown.dropped.get(UNSET, 0),
         stills=reading.source.stills,
         timed=reading.source.timed,
@@ -148,8 +156,8 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
         clock_steps=logged.clock_steps,
         recorded_pct=100 * pace.recorded_s / pace.span_s if pace.span_s else 100.0,
         lens_ratio=reading.lens_ratio,
-        hfov_deg=tuple(angle for angle, _ in zoomed),
-        hfov_from_s=tuple(at for _, at in zoomed),
+        hfov_deg=tuple(angle for angle, _ in views[:_ZOOMS]),
+        hfov_from_s=tuple(at for _, at in views[:_ZOOMS]),
         assumed=_assumed(reading),
         frame=logged.parent,
         child=logged.child,
@@ -175,7 +183,7 @@ def _best(others: Sequence[Fit]) -> dict[str, Any]:
     words = ", or as ".join(f"{each.words} ({each.name})" for each in (item, *alike))
     advice = f"the poses fit both alike: of the first, {item.advice}" if alike else item.advice
     named = {"other": item.name, "other_words": words, "other_advice": advice}
-    return named | {"other_fit_pct": 100 * others[0].share}
+    return named | {"other_fit_pct": 100 * others[0].share, "other_rare_pct": 100 * item.rare}
 
 
 def _least_clearance(flown: Track, spread: Ints, sight: Sight, distance: Callable[[Floats], Floats]) -> float:
@@ -202,17 +210,6 @@ def _off_centre(sight: Sight, turns: Floats) -> tuple[tuple[float, float], float
     variance = float(np.var(far))
     sure = 1 - float(np.var(far - rows @ weights)) / variance if variance > 1e-9 else 0.0
     return (-float(weights[1]), -float(weights[2])), sure
-
-
-def _zoomed(track: Track, change_pct: float) -> list[tuple[float, float]]:
-    """The fields of view, deg, each with the time, s, from which on it held; none where it does not zoom."""
-    if track.fov_deg is None:
-        return []
-    views: list[tuple[float, float]] = []
-    for angle, at in zip(track.fov_deg[:, 0].tolist(), track.t_ns.tolist(), strict=True):
-        if not views or abs(angle / views[-1][0] - 1) > change_pct / 100:
-            views.append((angle, (at - int(track.t_ns[0])) * 1e-9))
-    return views[:_ZOOMS]
 
 
 def _assumed(reading: Reading) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
+from upplied.inputs.passport.fits import NEARER
 from upplied.inputs.passport.measured import Measured, Reading, measure
 from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.rules import Rule, Verdict, broken, decided, refusals, refuse, rules_of
@@ -15,6 +16,9 @@ from upplied.records import Structure
 
 _NED = re.compile(r"(^|[_/-])(ned|frd)([_/-]|$)", re.IGNORECASE)
 _SURE = 0.8  # least share of the stand-off's variance that a place off the structure explains
+# Of those that name a convention the first alone counts.
+_STEADIER = {"fits-otherwise", "stand-off", "horizon", "aim-otherwise", "near-otherwise"}
+_STILL_DEG = 0.01  # between the pitches of a flight: no gimbal is as still
 _ROLLED_OVER = range(1995, 2010)  # years of receivers that count 1024 weeks too few
 _SIGNS = {"<": operator.lt, ">": operator.gt}
 
@@ -28,14 +32,14 @@ def judged(
     measured: Measured, settings: PassportSettings, allow: tuple[str, ...] = (), strict: bool = False
 ) -> tuple[Verdict, ...]:
     """The rules that a flight breaks, in the order of the table, those of the names in `allow` overruled."""
-    verdicts = []
+    verdicts: list[Verdict] = []
     for rule in CHECKS:
         if rule.name in _BROKEN:
             is_broken = _BROKEN[rule.name](measured, settings)
         else:
             figure, sign, bound = rule.broken.split()
             is_broken = _SIGNS[sign](getattr(measured, figure), getattr(settings, bound, 0))
-        if is_broken:
+        if is_broken and not (rule.name in _STEADIER and _STEADIER & {verdict.rule for verdict in verdicts}):
             words = _WORDS[rule.name](measured) if rule.name in _WORDS else ""
             finding = rule.finding.format(m=measured, s=settings, words=words)
             verdicts.append(broken(rule, finding, remedy=rule.remedy or measured.other_advice))
@@ -59,13 +63,17 @@ def _ned(m: Measured) -> list[str]:
 
 _BROKEN: dict[str, Callable[[Measured, PassportSettings], object]] = {
     "fits-otherwise": lambda m, s: (
-        m.other_fit_pct - m.fit_pct >= s.fit_gain_pct and m.other_fit_pct >= s.fit_least_pct
+        m.other_fit_pct - m.other_rare_pct - m.fit_pct >= s.fit_gain_pct
+        and m.other_fit_pct >= s.fit_least_pct
     ),
     "stand-off": lambda m, s: s.steadier_ratio * max(m.other_varies, 0.05) <= m.stand_off_varies,
     "horizon": lambda m, s: s.steadier_ratio * max(m.other_rolls_deg, 1.0) <= m.rolls_deg,
+    "aim-otherwise": lambda m, s: s.steadier_ratio * max(m.other_aside_deg, 5.0) <= m.aside_deg,
+    "near-otherwise": lambda m, s: NEARER * m.min_clearance_m <= min(m.other_clearance_m, NEARER * s.near_m),
     "looks-away": lambda m, s: (
         m.axis_pct < s.least_axis_pct or (m.axis_pct < s.odd_axis_pct and m.fit_pct < s.least_fit_pct)
     ),
+    "pitch-missing": lambda m, s: m.pitch_span_deg < _STILL_DEG and m.pitch_want_deg > s.missing_pitch_deg,
     "off-centre": lambda m, s: s.off_centre_m <= _off_m(m) < 100,
     "little-off-centre": lambda m, s: s.odd_off_centre_m <= _off_m(m) < s.off_centre_m,
     "frame-name": lambda m, s: _ned(m),
@@ -125,12 +133,9 @@ def passport_of(reading: Reading, structure: Structure, facts: LogOptions, what:
     measured = measure(reading, structure, facts.passport)
     verdicts = (*reading.overruled, *judged(measured, facts.passport, facts.allow, facts.strict))
     refuse(f"{what}, flown on {facts.structure_id}", _with_hint(verdicts, measured))
+    overruled = any(verdict.overruled for verdict in verdicts)
     return {
-        "verdict": "overruled"
-        if any(verdict.overruled for verdict in verdicts)
-        else "warned"
-        if verdicts
-        else "good",
+        "verdict": "overruled" if overruled else "warned" if verdicts else "good",
         "findings": [asdict(verdict) for verdict in verdicts],
         "allowed": sorted(facts.allow),
         "structure_sha256": structure.sha256,
@@ -148,7 +153,7 @@ def _with_hint(verdicts: tuple[Verdict, ...], measured: Measured) -> list[Verdic
     """What is refused, the last of it with the convention that comes nearest to making sense of it."""
     hinted = list(verdicts)
     refused = {verdict.rule for verdict in refusals(verdicts)}
-    named = refused & {"fits-otherwise", "stand-off", "horizon"}
+    named = refused & _STEADIER
     if refused and not named and measured.other_fit_pct - measured.fit_pct >= 5:
         share = f"{measured.other_fit_pct:.0f} %, as given {measured.fit_pct:.0f} %"
         hint = f"; the nearest other convention, {measured.other_words}, fits {share}"

@@ -54,6 +54,7 @@ class PassportSettings:
     least_pitch_fit_pct: float = -50.0  # correlation of the pitch with the elevation of the surface
     least_pitch_span_deg: float = 1.0  # of a pitch that changes at all
     most_pitch_want_deg: float = 10.0  # elevation of the nearest surface to which it should have changed
+    missing_pitch_deg: float = 15.0  # the same of a pitch that never changes by a hundredth of a degree
     odd_step_s: float = 2.0  # between poses, but for photos
     odd_year: int = 2100
     clock_ratio: float = 1.1  # of the source's clock and the recorder's, either way

@@ -10,8 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from upplied.geometry.polylines import chosen_evenly
-from upplied.geometry.poses import optical_axis
+from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.geometry.scene import Scene
+from upplied.geometry.vectors import unit
 from upplied.records import Bools, Camera, Floats, Record, Structure
 
 _PICTURE = 5  # rays along each side of a picture
@@ -43,7 +44,12 @@ def sight_of(
     turns = Rotation.from_quat(quat_xyzw)
     ahead = turns.apply([1.0, 0.0, 0.0])
     range_m = scene.cast(positions, ahead)[0]
-    rays = picture_rays(camera)
+    across, up = (
+        np.radians(angle) / 2 * np.linspace(-0.9, 0.9, _PICTURE)
+        for angle in (min(camera.hfov_deg, 340.0), min(camera.vfov_deg, 170.0))
+    )
+    yaw, pitch = (part.ravel() for part in np.meshgrid(across, up))
+    rays = optical_axis(from_yaw_pitch(yaw, pitch))
     directions = (turns.as_matrix() @ rays.T).swapaxes(1, 2).reshape(-1, 3)
     depth = scene.cast(np.repeat(positions, len(rays), axis=0), directions)[0].reshape(-1, len(rays))
     return Sight(
@@ -59,16 +65,6 @@ def ground_of(structure: Structure) -> float:
     """The declared ground, or the lowest point of the structure, m."""
     ground = structure.surroundings.ground_z_m
     return float(structure.vertices[:, 2].min()) if ground is None else float(ground)
-
-
-def picture_rays(camera: Camera) -> Floats:
-    """Unit vectors (R, 3) spread over the picture, camera frame."""
-    across, up = (
-        np.radians(angle) / 2 * np.linspace(-0.9, 0.9, _PICTURE)
-        for angle in (min(camera.hfov_deg, 340.0), min(camera.vfov_deg, 170.0))
-    )
-    yaw, pitch = (part.ravel() for part in np.meshgrid(across, up))
-    return np.column_stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
 
 
 def inside(positions: Floats, scene: Scene) -> Bools:
@@ -113,17 +109,24 @@ def aim_of(positions: Floats, quat_xyzw: Floats, scene: Scene) -> Aim:
     some = chosen_evenly(len(positions), _POSES)
     ahead = optical_axis(quat_xyzw[some])
     near = scene.closest(positions[some])[0] - positions[some]
-    near /= np.maximum(np.linalg.norm(near, axis=1, keepdims=True), 1e-9)
+    near = unit(near)
     pitch, want = (np.degrees(np.arcsin(np.clip(part[:, 2], -1, 1))) for part in (ahead, near))
     fit = float("nan")
     if len(some) >= _LEAST and min(np.std(pitch), np.std(want)) > _PITCHES_DEG:
         fit = 100 * float(np.corrcoef(pitch, want)[0, 1])
     span = float(np.ptp(np.percentile(pitch, [5, 95]))) if len(some) >= _LEAST else float("nan")
+    left = left_of(ahead, near)
+    level = np.isfinite(left)
+    line = _line(np.linspace(-0.5, 0.5, len(some))[level], left[level])
+    return Aim(*line, fit, span, float(np.percentile(np.abs(want), 75)))
+
+
+def left_of(ahead: Floats, near: Floats) -> Floats:
+    """How far unit vectors (N, 3) point to the left of others, deg; NaN where one of the two is steep."""
     level = (np.hypot(*ahead[:, :2].T) > _LEVEL) & (np.hypot(*near[:, :2].T) > _LEVEL)
     across = near[:, 0] * ahead[:, 1] - near[:, 1] * ahead[:, 0]
-    left = np.degrees(np.arctan2(across, (ahead[:, :2] * near[:, :2]).sum(axis=1)))[level]
-    line = _line(np.linspace(-0.5, 0.5, len(some))[level], left)
-    return Aim(*line, fit, span, float(np.percentile(np.abs(want), 75)))
+    left = np.degrees(np.arctan2(across, (ahead[:, :2] * near[:, :2]).sum(axis=1)))
+    return np.where(level, left, np.nan)
 
 
 def _line(time: Floats, left: Floats) -> tuple[float, float]:

@@ -5,6 +5,7 @@ An estimator's velocity does not come from exported poses: those in other axes o
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -22,23 +23,6 @@ _LEAST = 30  # moments that are compared
 _LONGEST_S = 2.0  # between poses that are differenced
 
 
-@dataclass(frozen=True)
-class Motion:
-    """How the motion of the poses compares with the velocity in the log; NaN where that has none."""
-
-    motion_fit_pct: float = float("nan")  # mean cosine between the two, the worse of moving and turning
-    motion_ratio: float = float("nan")  # speed of the poses over the speed in the log
-
-
-@dataclass(frozen=True)
-class Pace99:
-    """What 99 % of a flight keep within."""
-
-    speed_p99_mps: float = 0.0
-    acceleration_p99_mps2: float = 0.0
-    turn_p99_degps: float = 0.0
-
-
 def _strided(track: Track, least: int) -> tuple[Ints, Floats]:
     """Poses about half a second apart, and the times of all, s; none where there are less than `least`."""
     if len(track) < least:
@@ -48,23 +32,23 @@ def _strided(track: Track, least: int) -> tuple[Ints, Floats]:
     return np.arange(0, len(track), stride), seconds
 
 
-def pace99_of(track: Track, gap_s: float) -> Pace99:
-    """Speeds and turns over half a second, but for gaps and resets."""
+def _pace99(track: Track, gap_s: float) -> dict[str, Any]:
+    """Speed, acceleration and turn over half a second that 99 % keep within, but for gaps and resets."""
     at, seconds = _strided(track, 4)
     if len(at) < 4:
-        return Pace99()
+        return {}
     breaks = np.diff(seconds) > gap_s
     if track.epoch is not None:
         breaks |= np.diff(track.epoch) != 0
     lasted, whole = np.diff(seconds[at]), np.diff(np.append(0, np.cumsum(breaks))[at]) == 0
     if not whole.any():
-        return Pace99()
+        return {}
     velocity = np.diff(track.positions[at], axis=0) / lasted[:, None]
     turned = np.degrees(angle_between(track.quat_xyzw[at][1:], track.quat_xyzw[at][:-1])) / lasted
     gained = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / ((lasted[1:] + lasted[:-1]) / 2)
     gained, speed = gained[whole[1:] & whole[:-1]], np.linalg.norm(velocity[whole], axis=1)
-    parts = (speed, gained if len(gained) else np.zeros(1), turned[whole])
-    return Pace99(*(float(np.percentile(values, 99)) for values in parts))
+    parts = {"speed_p99_mps": speed, "acceleration_p99_mps2": gained, "turn_p99_degps": turned[whole]}
+    return {name: float(np.percentile(values, 99)) for name, values in parts.items() if len(values)}
 
 
 def turning_of(track: Track, gyroscopes: Sequence[tuple[Ints, Floats]]) -> float:
@@ -98,14 +82,11 @@ def _steps(track: Track) -> tuple[Ints, Ints, Floats]:
     return at[:-1][whole], at[1:][whole], lasted[whole]
 
 
-def motion_of(track: Track, logged: tuple[Ints, Floats] | None) -> Motion:
-    """Compare the motion of poses, as logged, with the velocity in their log.
-
-    Of that when (N,), ns, and (N, 6), m/s and rad/s, in the axes of the body (REP-105) or of the world.
-    """
+def _motion(track: Track, logged: tuple[Ints, Floats] | None) -> dict[str, Any]:
+    """Compare the motion of poses, as logged, with the velocity in their log, of the body or of the world."""
     first, last, lasted = _steps(track)
     if logged is None or min(len(first), len(logged[0])) < _LEAST:
-        return Motion()
+        return {}
     order = np.argsort(logged[0], kind="stable")
     middle = (track.t_ns[first] + track.t_ns[last] - 2 * track.t_ns[0]) * 0.5e-9
     velocity = interpolated(middle, (logged[0][order] - track.t_ns[0]) * 1e-9, logged[1][order])
@@ -121,7 +102,7 @@ def motion_of(track: Track, logged: tuple[Ints, Floats] | None) -> Motion:
     speeds, wanted = np.linalg.norm(moved, axis=1), np.linalg.norm(linear, axis=1)
     both = (speeds > _SLOWEST_MPS / 10) & (wanted > _SLOWEST_MPS)
     ratio = float(np.median(speeds[both] / wanted[both])) if both.sum() >= _LEAST else float("nan")
-    return Motion(100 * min(known) if known else float("nan"), ratio)
+    return {"motion_fit_pct": 100 * min(known) if known else float("nan"), "motion_ratio": ratio}
 
 
 def _fit(moved: Floats, logged: Floats, least: float) -> float:
@@ -143,8 +124,13 @@ _TELLING = 20  # poses, and s, that tell
 
 @dataclass(frozen=True)
 class Steadiness:
-    """Figures of a flight; NaN where nothing tells."""
+    """How a flight moves; NaN where nothing tells."""
 
+    motion_fit_pct: float = float("nan")  # mean cosine with the log's velocity, the worse of two
+    motion_ratio: float = float("nan")  # speed of the poses over the speed in the log
+    speed_p99_mps: float = 0.0  # what 99 % of the flight keep within
+    acceleration_p99_mps2: float = 0.0
+    turn_p99_degps: float = 0.0
     jumps: int = 0
     jump_m: float = 0.0  # the largest
     spikes: int = 0
@@ -154,19 +140,30 @@ class Steadiness:
     step_s: float = 0.0  # usual
 
 
-def steadiness(logged: Track, flown: Track, gap_s: float) -> Steadiness:
-    """The figures of a flight as it was logged, clean, and of its camera, but for silences of `gap_s`."""
+def steadiness(
+    logged: Track, flown: Track, gap_s: float, velocity: tuple[Ints, Floats] | None = None, timed: bool = True
+) -> Steadiness:
+    """The figures of a flight as it was logged, clean, and of its camera, but for silences of `gap_s`.
+
+    Of the velocity in the log when (N,), ns, and (N, 6), m/s and rad/s, in axes of the body (REP-105) or of
+    the world. Poses that are not timed have no pace.
+    """
     off_m, lasting = _off(flown, gap_s)
     ratio = ahead_s = float("nan")
     spans = [float(np.ptp(clock)) * 1e-9 for clock in (logged.t_ns, logged.log_ns) if len(clock)]
     if min(spans, default=0.0) > _TELLING and not logged.clock_steps:
         ratio, ahead_s = spans[0] / spans[1], float(np.median(logged.t_ns - logged.log_ns)) * 1e-9
     dropped = logged.dropped.get("far off its neighbours", 0)
+    turns = Rotation.from_quat(flown.quat_xyzw).as_matrix()
+    turns = turns[np.abs(turns[:, 2, 0]) < _STEEP]
+    rolls = np.degrees(np.abs(np.arctan2(turns[:, 2, 1], turns[:, 2, 2])))
     return Steadiness(
+        **_motion(logged, velocity),
+        **(_pace99(flown, gap_s) if timed else {}),
         jumps=int(lasting.sum()),
         jump_m=float(off_m[lasting].max(initial=0.0)),
         spikes=int(((off_m > 0) & ~lasting).sum() + 1) // 2 + dropped,
-        roll_deg=_roll_deg(flown.quat_xyzw),
+        roll_deg=float(np.median(rolls)) if len(rolls) >= _TELLING else float("nan"),
         clock_ratio=ratio,
         clock_ahead_s=ahead_s,
         step_s=float(np.median(np.diff(flown.t_ns))) * 1e-9 if len(flown) > 1 else 0.0,
@@ -190,10 +187,3 @@ def _off(track: Track, gap_s: float) -> tuple[Floats, Bools]:
     later, before = (np.clip(np.arange(len(off_m)) + by, 0, len(off_m) - 1) for by in (_LASTS, -1 - _LASTS))
     moved = np.linalg.norm(whole[later] - whole[before], axis=1)
     return off_m, (off_m > 0) & (moved > 0.6 * off_m)
-
-
-def _roll_deg(quats: Floats) -> float:
-    turns = Rotation.from_quat(quats).as_matrix()
-    turns = turns[np.abs(turns[:, 2, 0]) < _STEEP]
-    rolls = np.degrees(np.abs(np.arctan2(turns[:, 2, 1], turns[:, 2, 2])))
-    return float(np.median(rolls)) if len(rolls) >= _TELLING else float("nan")

@@ -142,7 +142,16 @@ def camera_of(
         notes += filter(None, [unverified(facts.camera_model, stated)])
     camera = replace(camera, **declared)
     if facts.camera_distortion is not None:
-        camera = replace(camera, lens=_declared_lens(camera, facts, what))
+        size = np.array([camera.width_px, camera.height_px], float)
+        if facts.camera_middle_px is not None and not size.all():
+            rule = "camera_width_px, camera_height_px"
+            raise InputError(f"{what}, camera_middle_px", "has no size of the picture", rule)
+        values, size = np.array(facts.camera_distortion, float), np.where(size > 0, size, 1.0)
+        middle = np.array(facts.camera_middle_px or size / 2, float)
+        lens, note = lens_of(facts.camera_distortion_model, values, middle, size)
+        if note:
+            raise InputError(f"{what}, camera_distortion", note, "at most 8 numbers, of a fisheye 4")
+        camera = replace(camera, lens=lens)
     if camera.focus_m > camera.min_range_m and facts.camera_min_range_m is None:
         camera = replace(camera, min_range_m=camera.focus_m)
     if camera.min_range_m >= camera.max_range_m:
@@ -190,16 +199,3 @@ def through(
     camera = replace(camera, hfov_deg=float(narrow[0]), vfov_deg=float(narrow[1]))
     widest = narrow[0] * (1 + facts.passport.zoom_pct / 100)
     return camera, fov_deg if len(fov_deg) == len(track) and fov_deg[:, 0].max() > widest else None
-
-
-def _declared_lens(camera: Camera, facts: LogOptions, what: str) -> Lens | None:
-    values, model = np.array(facts.camera_distortion, float), facts.camera_distortion_model
-    size = np.array([camera.width_px, camera.height_px], float)
-    middle = size / 2 if facts.camera_middle_px is None else np.array(facts.camera_middle_px)
-    if facts.camera_middle_px is not None and not size.all():
-        rule = "camera_width_px, camera_height_px"
-        raise InputError(f"{what}, camera_middle_px", "has no size of the picture", rule)
-    lens, note = lens_of(model, values, middle, np.where(size > 0, size, 1.0))
-    if note:
-        raise InputError(f"{what}, camera_distortion", note, "at most 8 numbers, of a fisheye 4")
-    return lens

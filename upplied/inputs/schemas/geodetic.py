@@ -43,7 +43,11 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     Raises InputError if the structure's place is not known, lies elsewhere, or uses another altitude
     datum; or if nothing in the log tells the attitude.
     """
-    _check_placed(table, facts)
+    wanted = ("structure_lat_deg", "structure_lon_deg", "structure_alt_m", "structure_heading_deg")
+    if missing := [name for name in wanted if getattr(facts, name) is None]:
+        finding = f"gives positions on the Earth, but the structure's place is unknown ({', '.join(missing)})"
+        rule = "latitude, longitude, altitude and heading of the structure"
+        raise InputError(table.channel.topic, finding, rule, "write them into the side-car")
     times, clock, place, datum = _fixes(table, facts)
     lat, lon, alt = np.where(np.abs(place) < 1e7, place, np.nan).T
     lift, own, words = _lifts(datum, facts, table)
@@ -60,32 +64,14 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     track = Track(times, enu, np.full((len(table), 4), np.nan), table.log_ns, "enu", "base_link", clock)
     notes = (f"altitudes above the {_NAMES[datum]}", *words)
     track = replace(track.during(_valid(table), "fix"), notes=notes)
-    return placed(_with_attitude(track, table, tables, facts), facts)
-
-
-def placed(track: Track, facts: LogOptions) -> Track:
-    """From east, north, up of the structure's origin to the structure's frame."""
-    turn = structure_R_enu(facts)
-    return replace(
-        track,
-        positions=turn.apply(track.positions),
-        quat_xyzw=px4.turned(turn, track.quat_xyzw, Rotation.identity()),
-        parent=STRUCTURE,
-    )
+    track, turn = _with_attitude(track, table, tables, facts), structure_R_enu(facts)
+    quats = px4.turned(turn, track.quat_xyzw, Rotation.identity())
+    return replace(track, positions=turn.apply(track.positions), quat_xyzw=quats, parent=STRUCTURE)
 
 
 def structure_R_enu(facts: LogOptions) -> Rotation:
     """Of east, north, up to the structure's frame, by the heading of its +X."""
     return Rotation.from_euler("z", -(90.0 - (facts.structure_heading_deg or 0.0)), degrees=True)
-
-
-def _check_placed(table: Table, facts: LogOptions) -> None:
-    wanted = ("structure_lat_deg", "structure_lon_deg", "structure_alt_m", "structure_heading_deg")
-    missing = [name for name in wanted if getattr(facts, name) is None]
-    if missing:
-        finding = f"gives positions on the Earth, but the structure's place is unknown ({', '.join(missing)})"
-        rule = "latitude, longitude, altitude and heading of the structure"
-        raise InputError(table.channel.topic, finding, rule, "write them into the side-car")
 
 
 def _fixes(table: Table, facts: LogOptions) -> tuple[Ints, str, Floats, str]:

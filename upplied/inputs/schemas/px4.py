@@ -37,11 +37,16 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     """
     if table.schema == "px4_msgs/VehicleOdometry":
         return _odometry(table)
-    track, turns = _local(table), attitude(tables, facts)
+    turns = attitude(tables, facts)
     if turns is None:
         finding = "has no attitude, and the log holds no px4_msgs/VehicleAttitude"
         remedy = "record vehicle_attitude, or vehicle_odometry, too"
         raise InputError(table.channel.topic, finding, "position and attitude", remedy)
+    times, clock = stamps_us(table)
+    epoch = (table.integers("xy_reset_counter") << 8) + table.integers("z_reset_counter")
+    places, nothing = _enu(table.stack("x", "y", "z")), np.full((len(table), 4), np.nan)
+    track = Track(times, places, nothing, table.log_ns, "", "base_link", clock, epoch)
+    track = track.during(flag(table, "xy_valid") & flag(table, "z_valid"), "valid position")
     return with_attitude(track, turns, facts)
 
 
@@ -103,15 +108,6 @@ def _odometry(table: Table) -> Track:
     epoch = table.integers("reset_counter")
     track = Track(times, positions, quats, table.log_ns, "", "base_link", clock, epoch, notes=notes)
     return track.keep(frame == (_NED if ned else _FRD), _OTHER_FRAME)
-
-
-def _local(table: Table) -> Track:
-    times, clock = stamps_us(table)
-    nothing = np.full((len(table), 4), np.nan)
-    epoch = (table.integers("xy_reset_counter") << 8) + table.integers("z_reset_counter")
-    ned = table.stack("x", "y", "z")
-    track = Track(times, _enu(ned), nothing, table.log_ns, "", "base_link", clock, epoch)
-    return track.during(flag(table, "xy_valid") & flag(table, "z_valid"), "valid position")
 
 
 def _enu(ned: Floats) -> Floats:

@@ -22,6 +22,7 @@ from upplied.records import Bools, Floats, Ints
 
 SCHEMAS = shapes_of("tf")
 _MAX_FRAMES = 1000
+_VALUES = ("t_ns", "positions", "quat_xyzw", "log_ns")  # of links that several topics give
 _BODIES = ("base_link", "body", "fcu", "base_footprint", "imu")
 
 Link = tuple[str, str]  # parent, child
@@ -111,7 +112,11 @@ def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
         raise InputError(tree.topic, f"holds more than {_MAX_FRAMES} links", "fewer")
     for link, tracks in loose.items():
         try:
-            track = clean(_merged(tracks), replace(limits, max_dropped=1.0), "a transform")
+            parts = {name: [getattr(one, name) for one in tracks] for name in _VALUES}
+            whole: dict[str, Any] = {name: np.concatenate(part) for name, part in parts.items()}
+            order = np.argsort(whole["log_ns"], kind="stable")  # as recorded
+            merged = replace(tracks[0], **whole).take(order)
+            track = clean(merged, replace(limits, max_dropped=1.0), "a transform")
         except InputError:  # nothing usable: as if the link had never been published
             continue
         if len(track) > 1 and np.ptp(np.hstack([track.positions, track.quat_xyzw]), axis=0).any():
@@ -164,12 +169,6 @@ def _links(table: Table) -> list[tuple[Link, Track]]:
         for link, rows in groups.items()
         if link[1] and link[0] != link[1]  # what has no name, or hangs on itself, hangs nowhere
     ]
-
-
-def _merged(tracks: list[Track]) -> Track:
-    names = ("t_ns", "positions", "quat_xyzw", "log_ns")
-    whole: dict[str, Any] = {name: np.concatenate([getattr(it, name) for it in tracks]) for name in names}
-    return replace(tracks[0], **whole).take(np.argsort(whole["log_ns"], kind="stable"))  # as recorded
 
 
 def _hold(tree: Tree, link: Link, track: Track) -> None:

@@ -3,6 +3,8 @@
 Where both the filter's origin and satellites are logged, the place of the structure decides.
 """
 
+import mmap
+import re
 import struct
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -12,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from upplied.extras import extra
-from upplied.inputs.files import read_regular
+from upplied.inputs.files import read_regular, silent
 from upplied.inputs.sources import source as fill
 from upplied.inputs.sources.source import MAX_ROWS, Fields, Source, refusal
 from upplied.inputs.tables import Table
@@ -20,6 +22,7 @@ from upplied.records import Floats, Ints
 
 MAX_BYTES = 2 << 30
 _DATE_S = 1e9  # earlier, it is no date but the time since the start
+_LONGEST, _SPARE = 255, 528  # bytes of a message; behind the last one, where logs are kept in blocks
 _V1, _V2, _SIGNED = 0xFE, 0xFD, 1
 Rows = dict[str, list[tuple[int, Any]]]
 
@@ -88,10 +91,18 @@ def _dataflash(path: Path, text: bool, source: Source) -> Rows:
     from pymavlink import DFReader
 
     rows: Rows = defaultdict(list)
-    dated, log = True, None
+    dated, log, size = True, None, path.stat().st_size
+    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        heads = size if text else sum(1 for _ in re.finditer(rb"\xa3\x95", data))
+    if 2 * _LONGEST * heads < size:  # passed over byte by byte, it would take for ever
+        raise refusal(
+            f"holds {heads} messages in {size} bytes", "a whole log", "copy it again from the autopilot"
+        )
     for _ in range(MAX_ROWS):
         try:
-            log = log or (DFReader.DFReader_text if text else DFReader.DFReader_binary)(str(path))
+            if log is None:
+                with silent():  # a line for each byte that is passed over
+                    log = (DFReader.DFReader_text if text else DFReader.DFReader_binary)(str(path))
             message = log.recv_match(type=list(_MESSAGES))
         except Exception as error:  # the library raises `Exception` itself of damaged logs
             finding = f"cannot be read as ArduPilot log: {str(error)[:200]}"
@@ -101,6 +112,9 @@ def _dataflash(path: Path, text: bool, source: Source) -> Rows:
         dated &= message._timestamp > _DATE_S
         values = [getattr(message, name, np.nan) for name in _MESSAGES[message.get_type()][0]]
         rows[message.get_type()].append((round(message._timestamp * 1e9), values))
+    if log is not None and not text:
+        held = sum(len(at) * log.formats[kind].len for kind, at in enumerate(log.offsets) if len(at))
+        _lost(source, size - held - _SPARE, size)
     if not dated:
         source.notes.append("times count from the start of the autopilot: the log holds no date")
     return rows
@@ -150,6 +164,11 @@ def _packets(data: bytes, source: Source) -> Iterator[tuple[int, bytes]]:
             continue
         yield struct.unpack_from(">Q", data, at)[0], data[at + 8 : at + 8 + size]
         at += 8 + size
-    if lost:
-        source.losses.append(f"{lost} bytes between packets cannot be read")
-        source.read_pct = 100 * (1 - lost / len(data))
+    _lost(source, lost, len(data))
+
+
+def _lost(source: Source, lost: int, size: int) -> None:
+    """Note how many bytes between messages were passed over."""
+    if lost > 0:
+        source.losses.append(f"{lost} bytes between messages cannot be read")
+        source.read_pct = 100 * (1 - lost / size)

@@ -30,20 +30,16 @@ def read(path: Path, fields: Fields) -> Source:
     """The images of a model; `path` is its file of images, that of its cameras lies beside it."""
     data, beside = read_regular(path, MAX_BYTES), path.with_name(f"cameras{path.suffix}")
     lenses = _lenses(read_regular(beside, MAX_BYTES), path.suffix) if beside.is_file() else {}
-    images = sorted(_binary(data) if path.suffix == ".bin" else _text(data.decode("utf-8")))
+    lines = [] if path.suffix == ".bin" else data.decode("utf-8").split("\n")
+    lines = [line for line in lines if not line.startswith("#")]
+    rows = [line.split(maxsplit=9) for line in lines[::2]]  # every other line lists points
+    texts = [(row[9].strip(), tuple(map(float, row[1:8])), int(row[8])) for row in rows if len(row) == 10]
+    images = sorted(texts or (_binary(data) if path.suffix == ".bin" else []))
     values = np.array([pose for _, pose, _ in images]).reshape(-1, 7)
     turns = Rotation.from_quat(values[:, [1, 2, 3, 0]]).inv() if len(images) else Rotation.identity(0)
     centres = -turns.apply(values[:, 4:]) if len(images) else np.empty((0, 3))
     sizes = [lenses.get(camera, NO_SIZE) for _, _, camera in images]
     return reconstructed(turns.as_matrix(), centres, sizes=sizes)
-
-
-def _text(text: str) -> Iterator[Image]:
-    lines = [line for line in text.split("\n") if not line.startswith("#")]
-    for line in lines[::2]:  # every other line lists points
-        words = line.split(maxsplit=9)
-        if len(words) == 10:
-            yield words[9].strip(), tuple(float(word) for word in words[1:8]), int(words[8])
 
 
 def _binary(data: bytes) -> Iterator[Image]:

@@ -10,7 +10,7 @@ import sqlite3
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -71,12 +71,11 @@ def kind_of(path: Path) -> str:
             head = stream.read(_HEAD)
     except OSError as error:
         raise InputError(str(path), error.strerror or "cannot be read", "a readable file") from None
-    for reason, pattern in _UNREAD.items():
-        if pattern.match(head) and (head[0] != 0x1F or ".tar" not in path.name):
-            raise InputError(str(path), reason)
-    for reason, pattern in _TABLES["unread_names"].items():
-        if re.fullmatch(pattern, path.name):
-            raise InputError(str(path), reason)
+    tar = head[:1] == b"\x1f" and ".tar" in path.name
+    unread = [reason for reason, pattern in _UNREAD.items() if pattern.match(head) and not tar]
+    unread += [reason for reason, name in _TABLES["unread_names"].items() if re.fullmatch(name, path.name)]
+    if unread:
+        raise InputError(str(path), unread[0])
     kind = next((kind for kind, pattern in _BYTES.items() if pattern.match(head)), "")
     kind = kind or _binary(path, head) or ("" if b"\0" in head[:4096] else _text(path, head))
     if not kind and path.suffix.lower() in _LOGS:
@@ -183,8 +182,12 @@ def _file(path: Path, alone: bool = False) -> list[FileKind]:
 def _folder(folder: Path) -> list[FileKind]:
     files: list[FileKind] = []
     count = 0
-    for place, names in _walked(folder):
-        count += len(names)
+    for at, folders, names in os.walk(folder):  # links to folders are not followed
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        if "catalog.json" in names and "heads" in folders:  # a catalog holds no flights of others
+            folders.clear()
+            continue
+        place, count = Path(at), count + len(names)
         if count > MAX_FILES:
             rule = "the folder of some flights"
             raise InputError(str(folder), f"holds more than {MAX_FILES} files", rule, "name a folder in it")
@@ -192,17 +195,7 @@ def _folder(folder: Path) -> list[FileKind]:
         if images:
             words = f"{len(images)} photos" if len(images) > 1 else "one photo: no flight"
             files.append(FileKind(place, _FLIGHT if len(images) > 1 else _OTHER, words))
-        for name in names:
+        for name in sorted(names):
             if not name.startswith(".") and place / name not in images:
                 files += _file(place / name)
     return files
-
-
-def _walked(folder: Path) -> Iterator[tuple[Path, Sequence[str]]]:
-    """A folder and those in it, with the names of their files in order; links to folders are not followed."""
-    for place, folders, names in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        if "catalog.json" in names and "heads" in folders:  # a catalog holds no flights of others
-            folders.clear()
-            continue
-        yield Path(place), sorted(names)

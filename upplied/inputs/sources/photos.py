@@ -4,16 +4,21 @@ The gimbal's yaw counts from true north, on some small models from the nose, whi
 count from take-off, since other datums are unknown, unless RTK fixed them.
 """
 
+import logging
+import re
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import exifread
 import numpy as np
+from defusedxml import ElementTree
+from defusedxml.common import DefusedXmlException
 
 from upplied.cameras import named_by_exif
+from upplied.inputs.files import open_regular, table
 from upplied.inputs.sources import source as fill
-from upplied.inputs.sources.photo_tags import head_of
 from upplied.inputs.sources.source import Fields, Source, refusal
 from upplied.inputs.tables import Table
 from upplied.records import Floats, Ints
@@ -22,6 +27,12 @@ ENDINGS = (".jpg", ".jpeg", ".dng", ".tif", ".tiff")
 MAX_PHOTOS = 100_000
 _RTK_FIXED, _RTK_M = 50, 0.05
 _NADIR_DEG, _TURN_DEG, _STILL_DEG = 85.0, 60.0, 15.0
+_HEAD = 1 << 18  # bytes in which the XMP begins and ends
+_NAMES: dict[str, list[str]] = table("kinds.toml")["photo"]
+_LENS = {"exposure_s": "ExposureTime", "f_number": "FNumber", "focal_mm": "FocalLength"}
+_NED = re.compile(r"(Camera)OrientationNED", re.IGNORECASE)  # Skydio: yaw, pitch and roll within
+
+logging.getLogger("exifread").setLevel(logging.CRITICAL)  # damaged tags are no news
 
 
 def members(folder: Path) -> list[Path]:
@@ -37,69 +48,66 @@ def read(path: Path, fields: Fields) -> Source:
         raise refusal(f"holds more than {MAX_PHOTOS} photos", "one flight", "split the folder")
     with ThreadPoolExecutor(4) as threads:
         heads = list(threads.map(head_of, names))
-    placed = [
-        head for head in heads if np.isfinite(head["lat"] + head["lon"]) and (head["lat"] or head["lon"])
-    ]
+    placed = [it for it in heads if np.isfinite(it["lat"] + it["lon"]) and (it["lat"] or it["lon"])]
     finding = f"{len(placed)} of {len(heads)} photos have a place"
     if len(placed) < 2:
         remedy = "copy the originals: programs that resize or edit photos drop their tags"
         raise refusal(finding, "at least two", remedy)
-    notes: list[str] = []
     models = sorted({head.pop("camera") for head in placed})
     if len(models) > 1:
         finding = f"holds photos of {len(models)} cameras ({', '.join(models[:5])})"
         raise refusal(finding, "one flight", "put the photos of each flight into a folder of its own")
     at = {name: np.array([head[name] for head in placed], float) for name in placed[0]}
-    t_ns = _times(at["t_ms"], notes)
+    timed = bool(np.isfinite(at["t_ms"]).all())
+    if timed:
+        notes = ["times of photos are taken to be UTC where they name no zone"]
+        t_ns = fill.spread(np.round(at["t_ms"] * 1e6).astype(np.int64))
+    else:
+        notes = ["not all photos hold a time: by their names, one every 2 s"]
+        t_ns = fill.numbered(len(placed))
     order = np.argsort(t_ns, kind="stable")
     at, t_ns = {name: column[order] for name, column in at.items()}, t_ns[order]
-    facts = _lens(at, models[0]) | ({"accuracy_m": _accuracy_m(at)} if _fixed(at) else {})
-    timed = bool(np.isfinite(at["t_ms"]).all())
+    facts = _lens(at, models[0])
     lost = [finding] if len(placed) < len(heads) else []
-    return Source(
-        [*_tables(at, t_ns, notes)], [], lost, notes=notes, stills=True, defaults=facts, timed=timed
-    )
+    tables = [*_tables(at, t_ns, notes)]
+    return Source(tables, [], lost, notes=notes, stills=True, defaults=facts, timed=timed)
 
 
 def _lens(at: dict[str, Floats], model: str) -> dict[str, Any]:
-    """What EXIF says of camera and lens, as facts: of exposures the longest, which blurs the most."""
+    """What photos say of camera, lens and places, as facts; of exposures the longest, which blurs most."""
     counts: dict[str, Any] = {"exposure_s": np.max, "f_number": np.median, "focal_mm": np.median}
     known = {name: at[name][np.isfinite(at[name]) & (at[name] > 0)] for name in counts}
     facts: dict[str, Any] = {
         f"camera_{name}": float(counts[name](values)) for name, values in known.items() if len(values)
     }
     name = named_by_exif(model, facts.get("camera_focal_mm", 0.0))
-    return facts | ({"camera_model": name} if name else {})
+    facts |= {"camera_model": name} if name else {}
+    return facts if (accuracy_m := _accuracy_m(at)) is None else facts | {"accuracy_m": accuracy_m}
 
 
-def _fixed(at: dict[str, Floats]) -> bool:
-    """Whether RTK fixed the place of every photo."""
-    return bool((at["rtk"] == _RTK_FIXED).all() and np.isfinite(at["absolute"]).all())
-
-
-def _accuracy_m(at: dict[str, Floats]) -> float:
-    """One sigma of the worst place that RTK fixed, m; what is usual where some photo does not state it."""
+def _accuracy_m(at: dict[str, Floats]) -> float | None:
+    """One sigma of the worst place, m, where RTK fixed all; the usual where some photo does not state it."""
+    if not ((at["rtk"] == _RTK_FIXED).all() and np.isfinite(at["absolute"]).all()):
+        return None
     sigma = np.sqrt(at["sigma"] ** 2 + at["sigma_east"] ** 2 + at["sigma_north"] ** 2)
     return float(sigma.max()) if np.isfinite(sigma).all() else _RTK_M
 
 
 def _tables(at: dict[str, Floats], t_ns: Ints, notes: list[str]) -> Iterator[Table]:
-    def mostly(name: str) -> bool:
-        return bool(np.isfinite(at[name]).mean() >= 0.5)
-
-    if _fixed(at):
-        notes.append(f"fixed by RTK to {_accuracy_m(at):.2f} m")
+    mostly = {name: np.isfinite(column).mean() >= 0.5 for name, column in at.items()}
+    if (accuracy_m := _accuracy_m(at)) is not None:
+        notes.append(f"fixed by RTK to {accuracy_m:.2f} m")
         yield fill.fixes("/photos", t_ns, at["lat"], at["lon"], alt_ellipsoid=at["absolute"])
-    elif mostly("relative"):
+    elif mostly["relative"]:
         yield fill.fixes("/photos", t_ns, at["lat"], at["lon"], alt_takeoff=at["relative"])
-    elif mostly("exif_alt"):
+    elif mostly["exif_alt"]:
         notes.append("altitudes of EXIF are taken to be above mean sea level")
         yield fill.fixes("/photos", t_ns, at["lat"], at["lon"], alt=at["exif_alt"])
     else:
         raise refusal("photos hold no height", "a height above take-off or sea level", "use the originals")
-    if mostly("pitch"):
+    if mostly["pitch"]:
         yield fill.gimbals("/photos", t_ns, _yaw(at, notes), at["pitch"], np.nan_to_num(at["roll"]))
-    elif mostly("flight"):
+    elif mostly["flight"]:
         notes.append("no gimbal in the photos: the camera is taken to look ahead, level")
         yield fill.attitudes("/photos", t_ns, at["flight"], 0 * at["flight"], 0 * at["flight"])
     if np.isfinite(at["focal_px"]).any() and np.isfinite(at["width"]).any():
@@ -122,10 +130,70 @@ def _yaw(at: dict[str, Floats], notes: list[str]) -> Floats:
     return np.where(np.isfinite(yaw), yaw, flight)
 
 
-def _times(t_ms: Floats, notes: list[str]) -> Ints:
-    """Times, ns, of photos in the order of their names; those of one second are spread over it."""
-    if not np.isfinite(t_ms).all():
-        notes.append("not all photos hold a time: by their names, one every 2 s")
-        return fill.numbered(len(t_ms))
-    notes.append("times of photos are taken to be UTC where they name no zone")
-    return fill.spread(np.round(t_ms * 1e6).astype(np.int64))
+def head_of(path: Path) -> dict[str, Any]:
+    """Values in the head of one photo; NaN where it has none."""
+    try:
+        with open_regular(path) as stream:
+            xmp = _xmp(stream.read(_HEAD))
+            stream.seek(0)
+            tags = exifread.process_file(stream, details=False, extract_thumbnail=False)
+    except OSError:
+        raise
+    except Exception:  # tags that are damaged say nothing
+        tags, xmp = {}, {}
+    values: dict[str, Any] = {
+        name: next((xmp[local] for local in written if local in xmp), float("nan"))
+        for name, written in _NAMES.items()
+    }
+    for name, axis, minus in (("lat", "GPS GPSLatitude", "S"), ("lon", "GPS GPSLongitude", "W")):
+        if not np.isfinite(values[name]):
+            degrees = sum(part / 60**at for at, part in enumerate(_numbers(tags.get(axis), 3)))
+            values[name] = -degrees if str(tags.get(f"{axis}Ref")) == minus else degrees
+    values["camera"] = " ".join(str(tags.get(f"Image {name}", "?")).strip() for name in ("Make", "Model"))
+    below = -1.0 if str(tags.get("GPS GPSAltitudeRef", "0")) == "1" else 1.0
+    values["exif_alt"] = below * _numbers(tags.get("GPS GPSAltitude"))[0]
+    values["absolute"] = values["absolute"] if np.isfinite(values["absolute"]) else values["exif_alt"]
+    values["width"] = _numbers(tags.get("EXIF ExifImageWidth", tags.get("Image ImageWidth")))[0]
+    values["height"] = _numbers(tags.get("EXIF ExifImageLength", tags.get("Image ImageLength")))[0]
+    focal_mm = _numbers(tags.get("EXIF FocalLengthIn35mmFilm"))[0]
+    if np.isnan(values["focal_px"]) and focal_mm > 0:
+        values["focal_px"] = float(fill.focal_of_35mm(values["width"], values["height"], focal_mm))
+    values |= {name: _numbers(tags.get(f"EXIF {tag}"))[0] for name, tag in _LENS.items()}
+    text = str(tags.get("EXIF DateTimeOriginal", tags.get("Image DateTime", "")))
+    part = str(tags.get("EXIF SubSecTimeOriginal", "")).strip()
+    part_s = float(f"0.{part}") if part.isdigit() else 0.0
+    zone = re.fullmatch(r"([+-])(\d\d):(\d\d)", str(tags.get("EXIF OffsetTimeOriginal", "")).strip())
+    ahead_s = float(f"{zone[1]}1") * (int(zone[2]) * 60 + int(zone[3])) * 60 if zone else 0.0
+    t_ms = fill.dated(text.replace(":", "-", 2)) + (part_s - ahead_s) * 1e3
+    return values | {"t_ms": values["utc_us"] / 1e3 if np.isfinite(values["utc_us"]) else t_ms}
+
+
+def _xmp(head: bytes) -> dict[str, float]:
+    """Numbers of the XMP by local name, whether attributes or elements."""
+    start, stop = head.find(b"<x:xmpmeta"), head.find(b"</x:xmpmeta>")
+    if not 0 <= start < stop:
+        return {}
+    try:
+        root = ElementTree.fromstring(head[start : stop + 12], forbid_dtd=True)
+    except (ElementTree.ParseError, DefusedXmlException, ValueError):
+        return {}
+    numbers: dict[str, float] = {}
+    for node in root.iter():
+        inside = _NED.search(node.tag)
+        for name, text in [(node.tag, node.text or ""), *node.attrib.items()]:
+            local = name.rsplit("}", 1)[-1]
+            if (inside or _NED.search(name)) and (axis := re.search(r"(Yaw|Pitch|Roll)$", local)):
+                local = f"Gimbal{axis[1]}Degree"
+            try:
+                numbers.setdefault(local, float(text))
+            except ValueError:
+                continue
+    return numbers
+
+
+def _numbers(tag: Any, most: int = 1) -> list[float]:
+    """The first numbers of a tag; one that is not finite where it holds none."""
+    try:
+        return [float(value) for value in tag.values[:most]] or [float("nan")]
+    except (AttributeError, TypeError, ValueError, ZeroDivisionError):
+        return [float("nan")]

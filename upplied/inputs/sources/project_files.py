@@ -38,17 +38,6 @@ class Project:
     folder: Path
 
 
-def surface_of(cameras: Path) -> tuple[Path, Path] | None:
-    """The surface that belongs to a file of cameras, and the project's folder; None without or of several."""
-    for root in list(cameras.resolve().parents)[:_DEEP]:
-        for name in SURFACES:
-            if (root / name).is_file():
-                return root / name, root
-    folder = cameras.resolve().parent
-    beside = [each for each in folder.iterdir() if each.suffix.lower() in _ENDINGS and each.is_file()]
-    return (beside[0], folder) if len(beside) == 1 else None
-
-
 def project_at(cameras: Path, options: LogOptions) -> Project | None:
     """The structure and the flight of a project; None where a structure is named, or no surface is there.
 
@@ -58,9 +47,13 @@ def project_at(cameras: Path, options: LogOptions) -> Project | None:
     Raises InputError if its kind, its scale or its vertical is unknown, or the cameras cannot be read.
     """
     declared, _ = inspection(cameras, [], options)
-    surface = None if declared.structure_id else surface_of(cameras)
-    if surface is None:
+    roots = list(cameras.resolve().parents)[:_DEEP]
+    surfaces = [(root / name, root) for root in roots for name in SURFACES if (root / name).is_file()]
+    beside = [each for each in roots[0].iterdir() if each.suffix.lower() in _ENDINGS and each.is_file()]
+    surfaces = surfaces[:1] or [(each, roots[0]) for each in beside]
+    if declared.structure_id or len(surfaces) != 1:
         return None
+    surface = surfaces[0]
     what = str(cameras)
     if not declared.kind:
         rule = "a structure is planned for among its kind alone"

@@ -128,16 +128,14 @@ def _nerfstudio(content: dict[str, Any]) -> Source:
     if "applied_transform" in content:  # from the frame of the reconstruction to that of the file
         applied = np.vstack([np.array(content["applied_transform"], float)[:3], [0, 0, 0, 1]])
         matrices = np.linalg.inv(applied) @ matrices
-    sizes = [_pinhole(content | frame) for frame in frames]
+    sizes = []
+    for frame in (content | frame for frame in frames):
+        width, height = float(frame.get("w", math.nan)), float(frame.get("h", math.nan))
+        focal = frame.get("fl_x") or width / 2 / math.tan(float(frame.get("camera_angle_x", math.nan)) / 2)
+        middle = float(frame.get("cx", width / 2)) / width, float(frame.get("cy", height / 2)) / height
+        lens = lens_by(frame, str(frame.get("camera_model", "OPENCV")), middle)
+        sizes.append((width, height, float(focal), lens))
     return reconstructed(matrices[:, :3, :3] @ _FLIPPED, matrices[:, :3, 3], sizes=sizes)
-
-
-def _pinhole(frame: dict[str, Any]) -> Size:
-    width = float(frame.get("w", math.nan))
-    focal = frame.get("fl_x") or width / 2 / math.tan(float(frame.get("camera_angle_x", math.nan)) / 2)
-    height = float(frame.get("h", math.nan))
-    middle = float(frame.get("cx", width / 2)) / width, float(frame.get("cy", height / 2)) / height
-    return width, height, float(focal), lens_by(frame, str(frame.get("camera_model", "OPENCV")), middle)
 
 
 def _bundler(lines: list[str]) -> Source:

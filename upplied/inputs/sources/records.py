@@ -46,9 +46,7 @@ def _record(text: str) -> Source:
     at = _named(next(reader, []))
     least = max(at["lat"][0], at["lon"][0])
     rows = [row for row, _ in zip(reader, range(MAX_ROWS), strict=False) if len(row) > least]
-    cells = {
-        name: [row[place] if place < len(row) else "" for row in rows] for name, (place, _) in at.items()
-    }
+    cells = {name: [it[place] if place < len(it) else "" for it in rows] for name, (place, _) in at.items()}
     dates = np.array([fill.dated(cell) for cell in cells.pop("date", [""] * len(rows))])
     columns = {
         name: at[name][1] * np.asarray(pd.to_numeric(pd.Series(cell, dtype=object), errors="coerce"), float)
@@ -94,21 +92,17 @@ def _captions(text: str) -> Source:
         raise refusal("holds captions of two kinds", "one flight", "split it where another camera begins")
     columns = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
     notes = []
-    if "lat" not in columns:
-        columns["lat"], columns["lon"], order = _ordered(columns)
-        notes.append(order)
+    if "lat" not in columns:  # of GPS(a, b, c): most models write the longitude first, some do not
+        first, second = columns["first"], columns["second"]
+        far = np.nanmax(np.abs(first)) > 90
+        ordered = np.nanmax(np.abs(second)) > 90 or (not far and columns["latitude_first"].any())
+        columns["lat"], columns["lon"] = (first, second) if ordered else (second, first)
+        order = "latitude, longitude" if ordered else "longitude, latitude"
+        notes.append(f"captions give GPS({order})")
     if "takeoff" not in columns and "baro" in columns:
         columns["takeoff"] = columns["baro"]
     dates = np.array([fill.dated(block) for block in blocks])
     return _source("/captions", _times(np.array(since), dates, notes), columns, notes)
-
-
-def _ordered(columns: dict[str, Floats]) -> tuple[Floats, Floats, str]:
-    """Latitude and longitude of ``GPS(a, b, c)``: most models write the longitude first, some do not."""
-    first, second = columns["first"], columns["second"]
-    if np.nanmax(np.abs(second)) > 90 or (np.nanmax(np.abs(first)) <= 90 and columns["latitude_first"].any()):
-        return first, second, "captions give GPS(latitude, longitude)"
-    return second, first, "captions give GPS(longitude, latitude)"
 
 
 def _source(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str]) -> Source:

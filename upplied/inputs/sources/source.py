@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
@@ -133,11 +134,8 @@ def numbered(count: int) -> Ints:
 
 def spread(t_ns: Ints) -> Ints:
     """Stamps, ns, those that are the same spread over their second."""
-    _, stamp, count = np.unique(t_ns, return_inverse=True, return_counts=True)
-    order = np.argsort(stamp, kind="stable")
-    nth = np.empty_like(order)
-    nth[order] = np.arange(len(order)) - np.repeat(np.cumsum(count) - count, count)
-    return np.asarray(t_ns + nth * 10**9 // count[stamp])
+    alike = pd.Series(t_ns).groupby(t_ns)
+    return np.asarray(t_ns + alike.cumcount() * 10**9 // alike.transform("size"), np.int64)
 
 
 def dated(text: str) -> float:

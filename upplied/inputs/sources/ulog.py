@@ -8,7 +8,7 @@ import numpy as np
 from pyulog import ULog
 from pyulog.exceptions import ULogException
 
-from upplied.inputs.files import open_regular
+from upplied.inputs.files import open_regular, silent
 from upplied.inputs.sources.source import Fields, Source, refusal, table
 
 ERRORS = (ULogException, TypeError)  # what `pyulog` raises of damaged logs
@@ -27,13 +27,19 @@ def read(path: Path, fields: Fields) -> Source:
     # The log calls px4_msgs/VehicleLocalPosition vehicle_local_position.
     names = {re.sub(r"(?<!^)(?=[A-Z])", "_", schema.removeprefix("px4_msgs/")).lower(): schema
              for schema in fields if schema.startswith("px4_msgs/")}  # fmt: skip
-    log = ULog(str(path), [*names, *_GPS])
+    with silent():
+        log = ULog(str(path), [*names, *_GPS])
     offset_us, notes = _start(log)
     tables = []
     for number, data in enumerate(log.data_list):
         if data.name not in names or not len(data.data["timestamp"]):
             continue
-        columns = _columns(data.data, fields[names[data.name]])
+        columns = {}
+        for name in (*fields[names[data.name]], "timestamp"):
+            if name in data.data:
+                columns[name] = np.asarray(data.data[name])
+            elif parts := [part for at in range(16) if (part := f"{name}[{at}]") in data.data]:
+                columns[name] = np.column_stack([data.data[part] for part in parts])
         if offset_us:
             for stamp in {"timestamp", "timestamp_sample"} & columns.keys():
                 columns[stamp] = np.where(columns[stamp] > 0, columns[stamp].astype(np.int64) + offset_us, 0)
@@ -54,14 +60,3 @@ def _start(log: Any) -> tuple[int, list[str]]:
             if good.any():
                 return int(np.median(utc[good] - since[good])), []
     return 0, ["times count from the start of the autopilot: the log holds no date"]
-
-
-def _columns(data: dict[str, Any], wanted: Any) -> dict[str, Any]:
-    """The wanted fields; elements of an array side by side."""
-    columns = {}
-    for name in (*wanted, "timestamp"):
-        if name in data:
-            columns[name] = np.asarray(data[name])
-        elif parts := [f"{name}[{at}]" for at in range(16) if f"{name}[{at}]" in data]:
-            columns[name] = np.column_stack([data[part] for part in parts])
-    return columns
