@@ -3,6 +3,8 @@
 A structure with its flight, and a transfer; PNGs drawn by casting rays.
 """
 
+from pathlib import Path
+
 from upplied.config import settings_for
 from upplied.outputs import figures
 from upplied.planning.plan import plan_transfer
@@ -14,5 +16,5 @@ flight = fly(cube, "sides", seed=1)
 plan = plan_transfer(flight, cube, cuboid, settings_for("recommended"))
 
 path = ("demonstrated path", flight, "#d55e00")
-figures.save("cube.png", figures.structure_png(cube, ["three-quarter"], trajectories=[path], width=600))
-figures.save("transfer.png", figures.transfer_png(cube, cuboid, flight, plan, width=800))
+Path("cube.png").write_bytes(figures.structure_png(cube, ["three-quarter"], trajectories=[path], width=600))
+Path("transfer.png").write_bytes(figures.transfer_png(cube, cuboid, flight, plan, width=800))
