@@ -205,9 +205,10 @@ def test_a_stand_off_in_metres_is_kept_round_a_structure_twice_as_large(fleet):
     plan = plan_transfer(flight, fleet["a320-v1"], fleet["b747-v1"], kept)
     assert plan.status == "ok", plan.reason
     assert plan.measures.standoff_kept_pct > 90  # 94 with this flight, 97 with another
-    # With passes added: the surface is 3.5 times as large, and so the carried part may stray, by 1.4 or 1.8 of
-    # its spread as the processor computes. The measure divides metres up by a tenth of a level flight's deviation.
-    assert plan.measures.frechet_floored < 2.5 and plan.added.any()
+    # With passes added: the surface is 3.5 times as large, so the carried part may stray, 10 m along 70 m.
+    # The other measure divides metres up by a tenth of a level deviation: 1.4 or 1.8 by the processor.
+    assert plan.measures.frechet_demonstrated_m < 12 and plan.added.any()
+    assert plan.measures.frechet_floored < 2.0
     assert (
         plan.measures.gsd_within_pct > 97 and plan.measures.frechet_demonstrated_m < plan.measures.frechet_m
     )

@@ -34,7 +34,7 @@ _APART = 0.15  # stand-offs flown plus radians turned, between stations that are
 _COMFORTABLE = 2.5  # safety distances, at which to come nearer costs nothing yet
 _CORRECTIONS = 12  # that L-BFGS keeps
 _FURTHER = 3  # rounds at most, while the path still comes too near
-_NEAR_M2 = 1e-3  # mean square of the lack of safety distance, that pushing the path out mends without loss
+_NEAR_M2 = 1e-3  # mean square of the lack of safety distance, from which a path comes too near
 _LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
 
 
@@ -62,17 +62,17 @@ class Problem(Record):
     level: bool = False  # the path stays in its plane
 
     def along(self, path: Flown, origin: Ints, added: Bools, best: Flown) -> Problem:
-        """The same asked of a path with stations added to its own; `origin` is the one each belongs to.
+        """The same for a path with stations added to its own; `origin` is the own one that each belongs to.
 
-        It starts from there, and with its own stations where they are best without those that are added.
+        It starts from that path, and from it with its own stations on the best path without added ones.
         """
         own, fov_deg = np.flatnonzero(~added), self.view.fov_deg
-        shape, led = self.demonstrated, [np.array(part) for part in (path.positions, path.yaw, path.pitch)]
-        for part, there in zip(led, (best.positions, best.yaw, best.pitch), strict=True):
-            part[own] = there[origin[own]]
+        shape, poses = self.demonstrated, np.column_stack([path.positions, path.yaw, path.pitch])
+        poses[own] = np.column_stack([best.positions, best.yaw, best.pitch])[origin[own]]
+        led = Flown(poses[:, :3].copy(), np.unwrap(poses[:, 3]), poses[:, 4].copy())
         return replace(
             self,
-            starts=[Start(path, path), Start(path, Flown(led[0], np.unwrap(led[1]), led[2]))],
+            starts=[Start(path, path), Start(path, led)],
             demonstrated=replace(shape, station=own if shape.station is None else own[shape.station]),
             view=self.view if fov_deg is None else replace(self.view, fov_deg=fov_deg[origin]),
             standoff=replace(self.standoff, station=own[self.standoff.station]),
