@@ -22,7 +22,7 @@ from upplied.catalog import Catalog, open_catalog
 from upplied.cli.terminal import progress
 from upplied.extras import extra
 from upplied.findings import campaign
-from upplied.fleet import manifest
+from upplied.fleet import planner
 
 from . import pool, states, tasks
 from .parameters import ALL_CORES, Location, Resources
@@ -52,7 +52,7 @@ class Planned:
         for name in ("shards", "lost", "workers", "repeated"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
-    def attempted(self, shards: Mapping[str, fleet.Shard], attempts: Sequence[manifest.Attempt]) -> None:
+    def attempted(self, shards: Mapping[str, fleet.Shard], attempts: Sequence[planner.Attempt]) -> None:
         """Take in who worked on which shard, by their names, and whose work did not end."""
         unended = [each for each in attempts if not each.ended]
         self.workers += sorted({each.worker for each in unended})
@@ -125,7 +125,7 @@ def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources
         runner = _cluster(resources)
     planned = Planned(shards=len(shards))
     try:
-        names = manifest.write_shards(catalog, run_id, shards)
+        names = planner.write_shards(catalog, run_id, shards)
         named = dict(zip(names, shards, strict=True))
         with runner:
             submitted = [
@@ -133,9 +133,9 @@ def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources
                 for name, shard in named.items()
             ]
             planned.lost = _waited_for(shards, submitted)
-        planned.attempted(named, manifest.attempts(catalog, run_id))
+        planned.attempted(named, planner.attempts(catalog, run_id))
     finally:
-        manifest.remove_shards(catalog, run_id)
+        planner.remove_shards(catalog, run_id)
     planned.result, missing = fleet.known_outcomes(catalog, jobs, run_id)
     if missing:
         planned.result.include(here(str(catalog.location), missing, resources, run_id))
@@ -224,8 +224,8 @@ def plan_shard(catalog: Location, run_id: str, shard: str, resources: Resources 
         resources: Processes, time and memory on this machine.
     """
     check_roots(catalog=catalog)
-    jobs, worker = manifest.read_shard(catalog, shard), tasks.worker_of("pool")
+    jobs, worker = planner.read_shard(catalog, shard), tasks.worker_of("pool")
     _, missing = fleet.known_outcomes(open_catalog(catalog), jobs, run_id)
-    with manifest.attempt(catalog, shard, worker):
+    with planner.attempt(catalog, shard, worker):
         result = here(catalog, missing, resources, run_id, worker)
     return Completed(message=str(result))

@@ -24,7 +24,7 @@ from upplied import fleet
 from upplied.catalog import Catalog, open_catalog
 from upplied.errors import CatalogError
 from upplied.findings import campaign, queries
-from upplied.fleet import manifest as shards
+from upplied.fleet import planner
 
 from . import pool
 
@@ -123,8 +123,8 @@ def plan_elsewhere(name: str, shard: str, given: dict[str, Any]) -> None:
     """Plan one shard in the process that an engine chose."""
     catalog, limits, worker = given["catalog"], fleet.Limits(**given["limits"]), worker_of(given["engine"])
     # Before anything is noted: a run that has ended took its shards away.
-    jobs = shards.read_shard(catalog, shard)
-    with shards.attempt(catalog, shard, worker):
+    jobs = planner.read_shard(catalog, shard)
+    with planner.attempt(catalog, shard, worker):
         fleet.plan_here(catalog, jobs, given["run_id"], worker, limits, campaign.plan_job)
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
-from upplied.catalog.verbs import required
+from upplied.catalog.verbs.belonging import Zones
 from upplied.catalog.verbs.looks import put_looks
 from upplied.cli import main
 from upplied.config import CloudSettings
@@ -238,7 +238,7 @@ def test_a_zone_is_labelled_face_by_face(catalog, tmp_path, capsys, name):
     asked.write_text(f'labels = "{name}"\n[[zone]]\nzone = "roof"\nlabel = {label}\n')
     where = ["--catalog", catalog.location]
     assert main(["require", "cube-v1", str(asked), "--by", "Ada", *where]) == 0
-    (row,) = required.zones_of(catalog, cube.kind, "cube-v1")
+    (row,) = Zones(catalog).of(cube.kind, "cube-v1")
     asking = RequiredZones(catalog.structure, catalog.cache, cube, None, CAMERA, [row],
                     catalog.faces_labelled)  # fmt: skip
     found, _ = asking.required()
@@ -258,7 +258,7 @@ def test_labels_of_one_structure_are_carried_to_its_kind(catalog, tmp_path):
     asked.write_text('labels = "a.txt"\n[[zone]]\nzone = "roof"\nlabel = "roof"\non = "cube-v1"\n')
     where = ["--by", "Ada", "--catalog", catalog.location]
     assert main(["require", cube.kind, str(asked), "--kind", *where]) == 0
-    (row,) = required.zones_of(catalog, cube.kind, "cuboid-v1")
+    (row,) = Zones(catalog).of(cube.kind, "cuboid-v1")
     asking = RequiredZones(catalog.structure, catalog.cache, cuboid, None, CAMERA, [row],
                     catalog.faces_labelled)  # fmt: skip
     found, untold = asking.required()

@@ -20,8 +20,8 @@ from upplied.catalog.store.files import cache_folder, checked
 from upplied.catalog.store.identity import Clock, Identity
 from upplied.catalog.store.steps import StepTable
 from upplied.catalog.verbs import ordering, queries
+from upplied.catalog.verbs.ordering import DERIVED, Standing, standing_of, with_states
 from upplied.catalog.verbs.queries import PlannedTrajectory, Units, When, frame, moment, until
-from upplied.catalog.verbs.standing import DERIVED, Standing, standing_of, with_states
 from upplied.checks import check_id, suggested
 from upplied.errors import CatalogError
 from upplied.records import Demonstration, Structure

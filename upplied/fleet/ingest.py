@@ -17,8 +17,19 @@ from upplied.catalog import Cache, Catalog, open_catalog
 from upplied.config import digest
 from upplied.errors import InputError
 from upplied.fleet.admission import Admission, RuleOptions
-from upplied.fleet.learn import facts_of, gather, is_project, learnt_flight, learnt_structure
-from upplied.fleet.reading import BATCH, Ingested, Progress, content_of, each, stored
+from upplied.fleet.reading import (
+    BATCH,
+    Ingested,
+    Progress,
+    content_of,
+    each,
+    facts_of,
+    gather,
+    is_project,
+    learnt_flight,
+    learnt_structure,
+    stored,
+)
 from upplied.inputs import logs as log_reader
 from upplied.inputs import meshes
 from upplied.inputs.concerns import nominal_problems
@@ -133,7 +144,8 @@ def ingest_demonstrations(
         if options.strict:  # flights with warnings are judged again
             table = table[table["verdict"] != "warned"]
         known = {row.demonstration_id: (row.sha256,) for row in table.itertuples()}
-        add_structures = lambda entries: _added(home, entries, workers)[0]  # noqa: E731
+        rules = RuleOptions(strict=options.strict)
+        add_structures = lambda entries: _added(home, rules.of(entries), workers)[0]  # noqa: E731
         entries, structures, facts = facts_of(entries, options, add_structures)
         flights = {str(one.path): one for one in entries if one.is_flight}
         places = {name: _place(home) for name in facts}

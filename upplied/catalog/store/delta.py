@@ -14,14 +14,12 @@ import pyarrow.parquet as pq
 from deltalake import CommitProperties, DeltaTable, Transaction
 from deltalake.exceptions import CommitFailedError
 
-from upplied.catalog.schema.migrations import in_schema, needed, upgraded
-from upplied.catalog.schema.tables import BEFORE_SHA256, ROW_SHA256, Table
-from upplied.catalog.store.chain import sealed
+from upplied.catalog.schema.tables import BEFORE_SHA256, ROW_SHA256, Table, in_schema, needed, upgraded
+from upplied.catalog.store.chain import STATED, sealed
 from upplied.catalog.store.data_files import ROW_GROUP, encoded, new_file
 from upplied.catalog.store.files import explained, sync_path
 from upplied.catalog.store.identity import Clock, Identity
 from upplied.catalog.store.locking import turn
-from upplied.catalog.store.log_hashes import STATED
 from upplied.catalog.store.opening import OpenTable
 from upplied.errors import CatalogError
 

@@ -18,7 +18,7 @@ from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.merging import tidy
 from upplied.catalog.store.steps import StepTable
 from upplied.catalog.verbs import ordering
-from upplied.catalog.verbs.standing import DERIVED
+from upplied.catalog.verbs.ordering import DERIVED
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.records import Bools, Demonstration, Plan, Structure, Trajectory

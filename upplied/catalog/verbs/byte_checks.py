@@ -14,11 +14,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from upplied.catalog.schema import codec
+from upplied.catalog.store.chain import changed_entries
 from upplied.catalog.store.contents import ContentStore
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.identity import Heads
-from upplied.catalog.store.log_hashes import changed_entries
 from upplied.catalog.store.opening import HASHED_KEY
 from upplied.catalog.store.steps import HASH_DIGITS, StepTable
 from upplied.errors import CatalogError

@@ -19,9 +19,8 @@ import pandas as pd
 
 import upplied
 from upplied.catalog.schema.dictionary import data_dictionary
-from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.schema.tables import STEPS, TABLES
+from upplied.catalog.schema.tables import SCHEMA_VERSION, STEPS, TABLES
 from upplied.catalog.store.files import replace_file
 from upplied.errors import CatalogError, InputError
 

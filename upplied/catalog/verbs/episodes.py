@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs.tum import kinds_of
+from upplied.catalog.verbs.exporting import kinds_of
 from upplied.records import Trajectory
 
 if TYPE_CHECKING:

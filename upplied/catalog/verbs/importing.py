@@ -14,10 +14,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from upplied.catalog.schema import codec, plan_rows, rows
-from upplied.catalog.schema.migrations import in_schema, missing, upgraded
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
-from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.schema.tables import TABLES, in_schema, missing, upgraded
 from upplied.catalog.store.contents import CONTENTS, NAMED_CONTENTS, States, file_name
 from upplied.catalog.verbs.dataset_files import DATASET, EXCHANGED, check_files, name_of
 from upplied.catalog.verbs.ordering import by_commit

@@ -27,7 +27,7 @@ import upplied
 from upplied.catalog.store.files import replace_file
 from upplied.catalog.verbs.dataset_files import new_folder, with_path
 from upplied.catalog.verbs.episodes import Episode, of_demonstrations, of_plans
-from upplied.catalog.verbs.tum import SHARES, kinds_of, split_of, write_splits
+from upplied.catalog.verbs.exporting import SHARES, kinds_of, split_of, write_splits
 from upplied.errors import InputError
 from upplied.geometry import poses
 from upplied.records import Floats, Trajectory

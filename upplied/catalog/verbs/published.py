@@ -20,13 +20,12 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from upplied.catalog.schema.migrations import SCHEMA_VERSION
-from upplied.catalog.schema.tables import TABLES, Table
+from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, Table
 from upplied.catalog.store.data_files import decoded
 from upplied.catalog.store.locking import locked
 from upplied.catalog.verbs import parted
 from upplied.catalog.verbs.generations import Before, Generation, check, clean, current, switch
-from upplied.catalog.verbs.standing import DERIVED
+from upplied.catalog.verbs.ordering import DERIVED
 from upplied.config import digest
 from upplied.errors import CatalogError
 
