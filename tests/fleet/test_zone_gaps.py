@@ -15,8 +15,7 @@ from upplied.catalog.verbs.looks import put_looks
 from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import RefusedError
-from upplied.fleet.flight_logs import add_flight_logs
-from upplied.fleet.flight_logs import zones_left_out
+from upplied.fleet.flight_logs import add_flight_logs, zones_left_out
 from upplied.fleet.gaps import plan_gap
 from upplied.geometry.poses import matrices, yaw_pitch
 from upplied.geometry.scene import scene_of

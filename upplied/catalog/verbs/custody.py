@@ -30,7 +30,7 @@ COMPARED = 250_000  # steps that are compared at a time
 def checked_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
     """The steps that the given rows own, in order, a bounded number at a time, `checked`."""
     owners = owners.sort_values([TABLES[name].names[0], "commit_id"])
-    for chunk, steps in _chunks(catalog, name, owners, CHUNK):
+    for chunk, steps in _chunks(catalog, name, owners, owners[f"n_{name}"].cumsum() // CHUNK):
         yield checked(name, steps, stated(name, chunk))
 
 
@@ -41,16 +41,18 @@ def step_faults(catalog: Reading, name: str, rows: pa.Table) -> Iterator[tuple[s
     types = {key: pa.string(), "commit_id": pa.string(), count: pa.int64(), f"{name}_sha256": pa.string()}
     owning = rows.filter(pc.greater(rows[count], 0)).select(list(types)).cast(pa.schema(types))
     owners = as_frame(owning).drop_duplicates([key, "commit_id"])
-    owners = owners.sort_values(["commit_id", key])  # each commit is a file, which is then read once
-    for chunk, steps in _chunks(catalog, name, owners, COMPARED):
+    owners = owners.sort_values(["commit_id", key])
+    number = owners[count].cumsum() // COMPARED
+    number = number.groupby(owners["commit_id"]).transform("first")  # each commit is a file, read once
+    for chunk, steps in _chunks(catalog, name, owners, number):
         yield from unlike(name, steps, stated(name, chunk))
 
 
 def _chunks(
-    catalog: Reading, name: str, owners: pd.DataFrame, most: int
+    catalog: Reading, name: str, owners: pd.DataFrame, number: pd.Series
 ) -> Iterator[tuple[pd.DataFrame, pa.Table]]:
-    """Some of the given rows at a time, with what is stored of their steps."""
-    for _, chunk in owners.groupby(owners[f"n_{name}"].cumsum() // most, sort=True):
+    """The given rows of one number after the other, with what is stored of their steps."""
+    for _, chunk in owners.groupby(number, sort=True):
         yield chunk, stored_steps(catalog, name, chunk)
 
 
@@ -70,8 +72,10 @@ def stored_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> pa.Table:
     starts = run_starts(stored, (key, "commit_id"))
     place = pc.index_in(named(stored.take(pa.array(starts)), key), named(owners, key)).fill_null(-1)
     place = np.repeat(place.to_numpy(), np.diff(starts, append=len(stored)))
-    order = np.lexsort((stored["seq"].to_numpy(), place))[np.count_nonzero(place < 0) :]
-    return stored if np.array_equal(order, np.arange(len(stored))) else stored.take(pa.array(order))
+    seq, next_owner = stored["seq"].to_numpy(), np.diff(place, prepend=-1)
+    if ((next_owner > 0) | ((next_owner == 0) & (np.diff(seq, prepend=-1) > 0) & (place >= 0))).all():
+        return stored
+    return stored.take(pa.array(np.lexsort((seq, place))[np.count_nonzero(place < 0) :]))
 
 
 def named(rows: pa.Table | pd.DataFrame, key: str) -> pa.Array:
@@ -89,8 +93,9 @@ def in_order(name: str, steps: pa.Table) -> pa.Table:
 
 def stated(name: str, owners: pd.DataFrame) -> dict[tuple[str, str], tuple[int, str]]:
     """What rows say of the steps they own: how many, and their hash."""
-    names = zip(owners[TABLES[name].names[0]], owners["commit_id"], strict=True)
-    return dict(zip(names, zip(owners[f"n_{name}"], owners[f"{name}_sha256"], strict=True), strict=True))
+    columns = (TABLES[name].names[0], "commit_id", f"n_{name}", f"{name}_sha256")
+    ids, commits, counts, hashes = (pa.array(owners[column]).to_pylist() for column in columns)
+    return dict(zip(zip(ids, commits, strict=True), zip(counts, hashes, strict=True), strict=True))
 
 
 def as_frame(rows: pa.Table) -> pd.DataFrame:
