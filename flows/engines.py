@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from contextvars import copy_context
+import math
+import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, TypeVar
 
 import httpx
@@ -25,8 +24,8 @@ from upplied.findings import campaign
 from upplied.fleet import planner
 
 from . import pool, states, tasks
+from .environment import check_roots
 from .parameters import ALL_CORES, Location, Resources
-from .roots import check_roots
 
 FEW = 5  # of what was lost, in a state's message
 ELSEWHERE = 8  # processes of a cluster that shards are cut for, where nothing is said
@@ -174,40 +173,23 @@ def _cluster(resources: Resources) -> TaskRunner[Any]:
 
 
 def advancing(shards: Sequence[Shard]) -> Iterator[Shard]:
-    """Shards that are being planned, one after the other; the bar moves as each has been waited for."""
-    done = 0
-    with progress("shards", len(shards)) as advance, _logged(lambda: done, len(shards)):
-        for shard in shards:
-            yield shard
-            done += 1
-            advance()
+    """Shards that are being planned, one after the other; the bar moves as each has been waited for.
 
-
-@contextmanager
-def _logged(done: Callable[[], int], of: int) -> Iterator[None]:
-    """Tell Prefect every few seconds, from a thread of its own: planning never waits for the server."""
-    ended = threading.Event()
-    tell = partial(copy_context().run, _tell, lambda: 100.0 * done() / of if of else 100.0, ended)
-    teller = threading.Thread(target=tell, daemon=True)
-    teller.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        teller.join(EVERY_S)
-
-
-def _tell(percent: Callable[[], float], ended: threading.Event) -> None:
-    artifact, last = None, False
-    while True:
-        with suppress(httpx.HTTPError):  # the server is away: the next look tells as well
-            if artifact is None:
-                artifact = create_progress_artifact(percent(), key=KEY)
-            else:
-                update_progress_artifact(artifact, percent())
-        if last:
-            return
-        last = ended.wait(EVERY_S)
+    Prefect is told every few seconds. Others plan meanwhile, whether its server answers or not.
+    """
+    artifact, due = None, -math.inf
+    with progress("shards", len(shards)) as advance:
+        for done in range(len(shards) + 1):
+            if done == len(shards) or time.monotonic() >= due:
+                percent, due = 100.0 * done / len(shards) if shards else 100.0, time.monotonic() + EVERY_S
+                with suppress(httpx.HTTPError):  # the server is away: the next look tells as well
+                    if artifact is None:
+                        artifact = create_progress_artifact(percent, key=KEY)
+                    else:
+                        update_progress_artifact(artifact, percent)
+            if done < len(shards):
+                yield shards[done]
+                advance()
 
 
 @flow(name="plan-shard")

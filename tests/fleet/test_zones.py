@@ -15,7 +15,6 @@ import pytest
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
 from upplied.catalog.verbs.belonging import Zones
-from upplied.catalog.verbs.looks import put_looks
 from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import CatalogError, SettingsError
@@ -104,7 +103,7 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     catalog.add_flight(
         {"flight_id": "f1", "transfer_id": plan, "kind": "flown", "target_id": "cube-v1",
          "demonstration_id": row["demonstration_id"], "flown_at": catalog.clock.now(),
-         "looks_sha256": put_looks(catalog, surface.points, surface.normals, seen.seen, seen.values)}, path,
+         "looks_sha256": catalog.put_looks(surface.points, surface.normals, seen.seen, seen.values)}, path,
     )  # fmt: skip
     main(["zones", "cube-v1", "--json", *where])
     assert {r["zone"]: r["flown"] for r in json.loads(capsys.readouterr().out)}["side"] == "met"

@@ -22,9 +22,8 @@ from upplied.cli import main
 from upplied.config import settings_for
 from upplied.errors import CatalogError, InputError, SettingsError
 from upplied.fleet import planner
-from upplied.flows import artifacts, engines, pool, states, tasks, watch
-from upplied.flows.environment import ROOTS, SETTINGS, environment, home, profile
-from upplied.flows.roots import check_roots
+from upplied.flows import engines, pool, states, tasks, watch
+from upplied.flows.environment import ROOTS, SETTINGS, check_roots, environment, home, profile
 from upplied.flows.server import ServerError, free_port, offspring, private_server, stop
 from upplied.flows.states import errors_in_words
 
@@ -44,10 +43,10 @@ def test_a_task_that_comes_after_the_end_of_its_run_leaves_nothing_behind(tmp_pa
 
 def test_artifacts_link_to_the_pages_where_a_server_shows_them(tmp_path, monkeypatch):
     """A browser opens no file from a page that came over HTTP."""
-    monkeypatch.setenv(artifacts.ADDRESS, "http://127.0.0.1:4201/")
-    link = artifacts.address(str(home() / "reports"), "transfers/a--b.html")
+    monkeypatch.setenv(states.ADDRESS, "http://127.0.0.1:4201/")
+    link = states.address(str(home() / "reports"), "transfers/a--b.html")
     assert link == "http://127.0.0.1:4201/transfers/a--b.html"
-    elsewhere = artifacts.address(str(tmp_path), "index.html")
+    elsewhere = states.address(str(tmp_path), "index.html")
     assert elsewhere == (tmp_path / "index.html").as_uri(), "this folder is not the one that is shown"
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs.belonging import Zones
-from upplied.catalog.verbs.looks import put_looks
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import CloudSettings, digest
 from upplied.errors import InputError, UppliedError
@@ -205,8 +204,9 @@ def _share_pct(flags: Bools | None, required: Bools) -> float | None:
 
 def keep_looks(catalog: Catalog, surface: Cloud, looks: Looks) -> str:
     """Store how a flight saw the samples of a surface; the hash of it."""
-    where = catalog, surface.points, surface.normals, looks.seen, looks.values, looks.pictures
-    return put_looks(*where, looks.assumed, looks.inspected, looks.inspected_if_corrected)
+    inspected = {name: getattr(looks, name) for name in ("inspected", "inspected_if_corrected")}
+    where = surface.points, surface.normals, looks.seen, looks.values, looks.pictures, looks.assumed
+    return catalog.put_looks(*where, **inspected)
 
 
 def required_of(
