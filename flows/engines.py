@@ -114,7 +114,7 @@ def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources
     if resources.engine == "pool":  # runs of a deployment on a work pool
         machines = pool.machines()
         size = resources.shard_targets or pool.shard_targets(len({job.target_id for job in jobs}), machines)
-        shards, task = fleet.shards(jobs, machines, size), tasks.plan_on_pool
+        shards, task = fleet.shards(jobs, machines, size), pool.plan_on_pool
         given["resources"] = resources.model_dump(include={"workers", "timeout_s", "memory_gib"})
         runner = ThreadPoolTaskRunner(max_workers=min(len(shards), pool.MOST))
     else:  # tasks on a cluster

@@ -8,7 +8,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from prefect import get_client
+from prefect import get_client, task
+from prefect.cache_policies import NO_CACHE
 from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.objects import FlowRun, WorkerStatus
 from prefect.deployments import run_deployment
@@ -46,9 +47,10 @@ def shard_targets(targets: int, count: int) -> int:
     return math.ceil(targets / (count * each))
 
 
-def run_on_pool(name: str, parameters: dict[str, Any]) -> None:
-    """Plan a shard on some machine of the pool and wait for it; `FailedRun` where it is not completed."""
-    run = run_deployment(SHARD, parameters=parameters, flow_run_name=name[:200], timeout=0)
+@task(name="plan-on-pool", task_run_name="{name}", cache_policy=NO_CACHE, retries=1)
+def plan_on_pool(name: str, shard: str, given: dict[str, Any]) -> None:
+    """Plan one shard on a machine of the work pool, on another one if that is lost; else a `FailedRun`."""
+    run = run_deployment(SHARD, parameters={**given, "shard": shard}, flow_run_name=name[:200], timeout=0)
 
     def look(client: SyncPrefectClient, run: FlowRun) -> None:
         if run.state is not None and run.state.is_scheduled() and not _online(client):

@@ -26,8 +26,6 @@ from upplied.errors import CatalogError
 from upplied.findings import campaign, queries
 from upplied.fleet import planner
 
-from . import pool
-
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -139,9 +137,3 @@ def worker_of(engine: str) -> str:
 
         return f"ray:{get_runtime_context().get_worker_id()}"
     return f"{engine}:{os.environ.get('PREFECT__WORKER_NAME') or socket.gethostname()}"
-
-
-@task(name="plan-on-pool", task_run_name="{name}", cache_policy=NO_CACHE, retries=1)
-def plan_on_pool(name: str, shard: str, given: dict[str, Any]) -> None:
-    """Plan one shard on a machine of the work pool; on another one if that is lost."""
-    pool.run_on_pool(name, {**given, "shard": shard})

@@ -18,7 +18,7 @@ from upplied.catalog import compact, export_tables, history, open_catalog, vacuu
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema.tables import SCHEMA_VERSION, STEPS, TABLES
 from upplied.catalog.store import delta, merging
-from upplied.catalog.store.data_files import decoded
+from upplied.catalog.store.chain import decoded
 from upplied.catalog.verbs import verification
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Cloud

@@ -13,8 +13,8 @@ from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.catalog.store.cache import Cache
+from upplied.catalog.store.chain import decoded
 from upplied.catalog.store.contents import CONTENTS, ContentStore, SurfaceStore
-from upplied.catalog.store.data_files import decoded
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.files import cache_folder, checked
 from upplied.catalog.store.identity import Clock, Identity

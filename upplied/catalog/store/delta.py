@@ -15,8 +15,7 @@ from deltalake import CommitProperties, DeltaTable, Transaction
 from deltalake.exceptions import CommitFailedError
 
 from upplied.catalog.schema.tables import BEFORE_SHA256, ROW_SHA256, Table, in_schema, needed, upgraded
-from upplied.catalog.store.chain import STATED, sealed
-from upplied.catalog.store.data_files import ROW_GROUP, encoded, new_file
+from upplied.catalog.store.chain import ROW_GROUP, STATED, encoded, new_file, sealed
 from upplied.catalog.store.files import explained, sync_path
 from upplied.catalog.store.identity import Clock, Identity
 from upplied.catalog.store.locking import turn

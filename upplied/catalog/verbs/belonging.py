@@ -9,10 +9,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
+from upplied.catalog.reading import Reading
 from upplied.catalog.schema.plan_rows import tuples
 from upplied.catalog.schema.rows import Row, json_text, rows_of
 from upplied.catalog.store.contents import labelled
@@ -21,9 +22,6 @@ from upplied.catalog.verbs.roster import author
 from upplied.checks import check_id
 from upplied.config import PRESETS, digest, settings_for
 from upplied.errors import CatalogError, SettingsError
-
-if TYPE_CHECKING:
-    from upplied.catalog.reading import Reading
 
 _NUMBERS = {"gsd_mm": (0.0, 1e5), "incidence_deg": (0.0, 90.0), "max_age_days": (0.0, 1e5)}  # above, up to
 _LONGEST = 100_000  # letters of a place: what is painted has many balls

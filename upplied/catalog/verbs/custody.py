@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from upplied.catalog.reading import Reading
 from upplied.catalog.schema import plan_rows
 from upplied.catalog.schema.rows import ADDED, Row
 from upplied.catalog.schema.steps import checked, run_starts, unlike
@@ -19,9 +19,6 @@ from upplied.catalog.store.files import explained
 from upplied.catalog.verbs import ordering
 from upplied.catalog.verbs.roster import roster_of
 from upplied.errors import RefusedError
-
-if TYPE_CHECKING:
-    from upplied.catalog.reading import Reading
 
 CHUNK = 1_000_000  # steps held in memory at once
 COMPARED = 250_000  # steps that are compared at a time

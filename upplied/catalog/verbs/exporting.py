@@ -13,12 +13,13 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from upplied.catalog.database import Catalog
 from upplied.catalog.schema import codec
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import NAMED_CONTENTS, States, file_name
@@ -28,9 +29,6 @@ from upplied.catalog.verbs.dataset_files import describe, names_of, new_folder, 
 from upplied.catalog.verbs.published import write
 from upplied.errors import CatalogError, InputError
 from upplied.records import Trajectory
-
-if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}-v[1-9][0-9]*")
 

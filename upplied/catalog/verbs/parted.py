@@ -10,7 +10,6 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -18,18 +17,16 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from upplied.catalog.database import Catalog
 from upplied.catalog.schema.steps import checked
 from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, Table
-from upplied.catalog.store.data_files import decoded
+from upplied.catalog.store.chain import decoded
 from upplied.catalog.verbs import custody, queries
 from upplied.catalog.verbs.generations import Before
 from upplied.catalog.verbs.ordering import DERIVED
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.records import Floats, Ints
-
-if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
 
 Files = dict[str, pd.DataFrame]  # by name: what names the rows in it, or owns them
 

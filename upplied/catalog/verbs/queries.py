@@ -20,7 +20,7 @@ import pyarrow.dataset as ds
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import checked
-from upplied.catalog.store.data_files import decoded
+from upplied.catalog.store.chain import decoded
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs.ordering import NEWEST, PAIR
 from upplied.errors import CatalogError, SettingsError
