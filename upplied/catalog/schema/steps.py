@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
 from upplied.catalog.schema.tables import TABLES, Table
 from upplied.errors import CatalogError
@@ -94,8 +93,8 @@ def poses_sha256(
     return hashlib.sha256(b"".join(_bytes(part) for part in poses if part is not None)).hexdigest()
 
 
-def _bytes(values: Any) -> NDArray[np.uint8]:
-    """Values of N rows as the bytes of each (N, ...), the same on every machine."""
+def _bytes(values: Any) -> Any:
+    """Values of N rows as the bytes of each, an array (N, ...), the same on every machine."""
     little = np.ascontiguousarray(values, np.asarray(values).dtype.newbyteorder("<"))
     return little.reshape(len(little), -1 if little.size else 1).view(np.uint8)
 
