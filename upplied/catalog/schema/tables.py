@@ -13,7 +13,7 @@ first row.
   clocks count as before), and `transfers.added_at` tells when a plan was added, not when it was planned.
 - 3: rows carry a hash (`row_sha256`), and those of tables that belong to one place follow each other
   (`before_sha256`): the first that does follows the hash of all that came before there were hashes.
-  The steps of a commit are a file (`upplied.catalog.store.steps`); those of earlier commits stay in tables.
+  The steps of a commit are a file (`upplied.catalog.store.delta`); those of earlier commits stay in tables.
 """
 
 from __future__ import annotations

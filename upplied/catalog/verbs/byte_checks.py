@@ -17,11 +17,10 @@ from upplied.catalog.reading import Reading
 from upplied.catalog.schema import codec
 from upplied.catalog.store.chain import changed_entries
 from upplied.catalog.store.contents import ContentStore
-from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.delta import HASH_DIGITS, StepTable, StoredTable
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.identity import Heads
 from upplied.catalog.store.opening import HASHED_KEY
-from upplied.catalog.store.steps import HASH_DIGITS, StepTable
 from upplied.errors import CatalogError
 
 _PART = re.compile(r"part-([0-9a-f]{64})-[0-9a-f]{8}\.parquet")

@@ -12,9 +12,9 @@ from deltalake import DeltaTable
 
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema.tables import STEPS
+from upplied.catalog.store.delta import StepTable
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.merging import TARGET_BYTES, merge
-from upplied.catalog.store.steps import StepTable
 from upplied.errors import SettingsError
 
 KEEP_DAYS = 30.0  # of versions that `version` can still ask for
