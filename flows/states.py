@@ -21,6 +21,7 @@ from upplied.catalog import Catalog
 from upplied.catalog.schema.plan_rows import transfer_id
 from upplied.checks import pair_name
 from upplied.errors import UppliedError
+from upplied.outputs.labels import LABELS
 
 from .environment import ADDRESS, home
 
@@ -125,33 +126,17 @@ def _planned(
     first = [job for job in decision.jobs if str(job) in troubled][:MOST_ROWS]
     rest = islice((job for job in decision.jobs if str(job) not in troubled), MOST_ROWS - len(first))
     ids = [transfer_id(job.key) for job in (*first, *rest)]
-    plans = catalog.transfers(every=True, ids=ids, columns=["planned_at", *_LINEAGE])
+    titles = LABELS["lineage"]  # what people look for first
+    plans = catalog.transfers(every=True, ids=ids, columns=["planned_at", *titles])
     plans = plans.sort_values("planned_at").drop_duplicates("transfer_id", keep="last")
     plans = plans.assign(fine=plans["status"] == "ok")
     plans = plans.sort_values(["fine", "demonstration_id", "target_id", "preset"]).head(MOST_ROWS)
     rows = []
-    for plan in plans[list(_LINEAGE)].to_dict("records"):
+    for plan in plans[list(titles)].to_dict("records"):
         page = f"transfers/{pair_name(plan['demonstration_id'], plan['target_id'])}.html"
         link = {"page": f"[open]({address(reports, page)})"} if reports else {}
-        rows.append(link | {_LINEAGE[name]: _readable(value) for name, value in plan.items()})
+        rows.append(link | {titles[name]: _readable(value) for name, value in plan.items()})
     return rows
-
-
-# From the log to the trajectory: column of the catalog, and how it is headed. What people look for first.
-_LINEAGE = {
-    "demonstration_id": "demonstration",
-    "target_id": "target",
-    "preset": "preset",
-    "status": "status",
-    "coverage_inspected_pct": "inspected %",
-    "coverage_seen_pct": "coverage seen %",
-    "frechet_z": "Frechet z",
-    "min_clearance_m": "clearance m",
-    "planning_s": "planning s",
-    "reason": "reason",
-    "transfer_id": "trajectory",
-    "demonstration_sha256": "log (sha256)",
-}
 
 
 def _readable(value: object) -> object:
