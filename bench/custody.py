@@ -24,7 +24,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from upplied.catalog import Catalog, open_catalog, verify
-from upplied.catalog.verbs.looks import put_looks
 from upplied.errors import CatalogError
 from upplied.records import Demonstration, Measures, Plan, Structure, SurfaceStates, Trajectory
 
@@ -71,7 +70,7 @@ def _decide(catalog: Catalog, name: str, path: Trajectory, points: Any) -> None:
     flight = {"flight_id": f"f{name}", "transfer_id": name, "waypoints_sha256": row["waypoints_sha256"],
               "kind": "flown", "demonstration_id": "flight", "target_id": "b", "min_clearance_m": 2.5,
               "flown_at": datetime(2026, 11, 1, tzinfo=UTC)}  # fmt: skip
-    flight["looks_sha256"] = put_looks(catalog, points, None, points[:, 0] > 0, looks)
+    flight["looks_sha256"] = catalog.put_looks(points, None, points[:, 0] > 0, looks)
     catalog.add_flight(flight, path)
     overruled = {"transfer_id": name, "way": "export", "format": "csv", "rule": "zoom", "found": "it zooms"}
     catalog.add_overruled([overruled])

@@ -26,7 +26,6 @@ from scipy.spatial import cKDTree
 from true_counterparts import true_counterparts
 
 from upplied.catalog import Catalog, open_catalog
-from upplied.catalog.verbs.looks import put_looks
 from upplied.config import CloudSettings, digest
 from upplied.errors import RefusedError, UppliedError
 from upplied.findings.adding import add_marks
@@ -216,5 +215,5 @@ def _fill(catalog: Catalog, structures: list[Structure], each: int, seed: int) -
         flight = {"flight_id": digest(["flown", row["target_id"]]), "transfer_id": row["transfer_id"],
                   "kind": "flown", "target_id": row["target_id"], "demonstration_id": "flight",
                   "flown_at": catalog.clock.now(),
-                  "looks_sha256": put_looks(catalog, cloud.points, cloud.normals, seen, values)}  # fmt: skip
+                  "looks_sha256": catalog.put_looks(cloud.points, cloud.normals, seen, values)}  # fmt: skip
         catalog.add_flight(flight, path_round(structure))

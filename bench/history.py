@@ -19,7 +19,6 @@ from upplied.catalog import open_catalog
 from upplied.catalog.schema.rows import table_of
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.merging import merge
-from upplied.catalog.verbs.looks import put_looks
 
 _BATCH = 500  # structures whose flights are committed together
 _START = datetime(2024, 1, 1, tzinfo=UTC)
@@ -41,7 +40,7 @@ def main() -> None:
             seen = rng.random(options.patches) < 0.6
             values = {name: rng.random(options.patches) for name in ("distance_m", "incidence_deg")}
             values |= {name: rng.random(options.patches) for name in ("speed_mps", "t_s")}
-            looks.append(put_looks(catalog, points, None, seen, values))
+            looks.append(catalog.put_looks(points, None, seen, values))
         began = time.perf_counter()
         for first in range(0, options.structures, _BATCH):
             names = [f"s{at:05}" for at in range(first, min(first + _BATCH, options.structures))]

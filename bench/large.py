@@ -37,7 +37,7 @@ from large_fleets import generate, stage  # noqa: E402
 from upplied import fleet, open_catalog  # noqa: E402
 from upplied.catalog import Catalog  # noqa: E402
 from upplied.catalog.verbs import maintenance  # noqa: E402
-from upplied.fleet import Limits, manifest  # noqa: E402
+from upplied.fleet import Limits, planner  # noqa: E402
 from upplied.outputs.publish import publish  # noqa: E402
 
 MACHINES = 3
@@ -160,9 +160,9 @@ def shards(catalog: Catalog) -> str:
     """As a run hands out all of the fleet, and learns what was kept of it."""
     jobs = fleet.decide(catalog, ANOTHER).jobs
     cut = fleet.shards(jobs, SHARDS, -(-len({job.target_id for job in jobs}) // SHARDS))
-    manifest.write_shards(catalog, "large", cut)
+    planner.write_shards(catalog, "large", cut)
     kept, missing = fleet.known_outcomes(catalog, jobs, "large")
-    manifest.remove_shards(catalog, "large")
+    planner.remove_shards(catalog, "large")
     return f"{len(cut)} shards of {len(cut[0])} pairs; {kept.total} kept, {len(missing)} missing"
 
 
@@ -195,14 +195,14 @@ def planned(folder: str, request: fleet.PlanRequest, shards: int, pairs: int) ->
     machines = [started("machine", folder, str(number), *limits) for number in range(MACHINES)]
     for number, process in enumerate(machines):
         yield line_of(f"machine {number + 1}", read(process))
-    manifest.remove_shards(open_catalog(Path(folder) / "catalog"), "large")
+    planner.remove_shards(open_catalog(Path(folder) / "catalog"), "large")
 
 
 def hand_out(catalog: Catalog, preset: str) -> str:
     """As a run cuts what is to be planned for its machines."""
     jobs = fleet.decide(catalog, fleet.PlanRequest((preset,), scale.CHANGES)).jobs
     cut = fleet.shards(jobs, SHARDS, -(-len({job.target_id for job in jobs}) // SHARDS))
-    manifest.write_shards(catalog, "large", cut)
+    planner.write_shards(catalog, "large", cut)
     return f"{len(cut)} shards of {len(cut[0])} pairs"
 
 
@@ -210,9 +210,9 @@ def machine(catalog: Catalog, number: str, most: str, pairs: str) -> str:
     """What a machine of the pool does with its shards, one after the other."""
     scale.clock()
     total, location = fleet.Result(), str(catalog.location)
-    names = sorted(path.name for path in Path(location, manifest.FOLDER, "large").iterdir())
+    names = sorted(path.name for path in Path(location, planner.FOLDER, "large").iterdir())
     for name in names[int(number) :: MACHINES][: int(most)]:
-        jobs = manifest.read_shard(location, f"large/{name}")
+        jobs = planner.read_shard(location, f"large/{name}")
         _, missing = fleet.known_outcomes(catalog, jobs, "large")
         selected = missing[: int(pairs) or None]
         total.include(fleet.transfer(catalog, selected, "large", fleet.Resources(scale.WORKERS, Limits())))

@@ -1,7 +1,11 @@
-"""What Prefect does by itself: it tells somebody how runs end, and marks silent runs crashed."""
+"""What Prefect does by itself: it tells somebody how runs end, and marks silent runs crashed.
+
+By ``python -m`` with the file of the deployments: these and work pools onto the environment's server.
+"""
 
 from __future__ import annotations
 
+import sys
 from datetime import timedelta
 from urllib.parse import urlsplit
 
@@ -16,7 +20,10 @@ from prefect.automations import (
 )
 from prefect.blocks import notifications as blocks
 from prefect.blocks.abstract import NotificationBlock
+from prefect.cli import app
+from prefect.client.schemas.actions import WorkPoolCreate
 from prefect.client.schemas.objects import StateType
+from prefect.workers.process import ProcessWorker
 from pydantic import Field, SecretStr
 
 from upplied.errors import SettingsError
@@ -134,3 +141,22 @@ def apply(automation: AutomationCore) -> None:
                 return
             client.delete_automation(older.id)
     Automation(**automation.model_dump()).create()
+
+
+POOLS = ("local", "planners")  # of the runs themselves; of their shards, where several machines plan
+
+
+def deploy(declarations: str) -> None:
+    """Make the pools and every deployment of a file, and mark silent runs crashed from now on."""
+    template = ProcessWorker.get_default_base_job_template()
+    with get_client(sync_client=True) as client:
+        for name in POOLS:
+            pool = WorkPoolCreate(name=name, type=ProcessWorker.type, base_job_template=template)
+            client.create_work_pool(pool, overwrite=True)
+    apply(zombies())
+    sys.argv = ["prefect", "--no-prompt", "deploy", "--all", "--prefect-file", declarations]
+    app()
+
+
+if __name__ == "__main__":
+    deploy(sys.argv[1])

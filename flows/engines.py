@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from contextvars import copy_context
+import math
+import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, TypeVar
 
 import httpx
@@ -22,11 +21,11 @@ from upplied.catalog import Catalog, open_catalog
 from upplied.cli.terminal import progress
 from upplied.extras import extra
 from upplied.findings import campaign
-from upplied.fleet import manifest
+from upplied.fleet import planner
 
 from . import pool, states, tasks
+from .environment import check_roots
 from .parameters import ALL_CORES, Location, Resources
-from .roots import check_roots
 
 FEW = 5  # of what was lost, in a state's message
 ELSEWHERE = 8  # processes of a cluster that shards are cut for, where nothing is said
@@ -52,7 +51,7 @@ class Planned:
         for name in ("shards", "lost", "workers", "repeated"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
-    def attempted(self, shards: Mapping[str, fleet.Shard], attempts: Sequence[manifest.Attempt]) -> None:
+    def attempted(self, shards: Mapping[str, fleet.Shard], attempts: Sequence[planner.Attempt]) -> None:
         """Take in who worked on which shard, by their names, and whose work did not end."""
         unended = [each for each in attempts if not each.ended]
         self.workers += sorted({each.worker for each in unended})
@@ -115,7 +114,7 @@ def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources
     if resources.engine == "pool":  # runs of a deployment on a work pool
         machines = pool.machines()
         size = resources.shard_targets or pool.shard_targets(len({job.target_id for job in jobs}), machines)
-        shards, task = fleet.shards(jobs, machines, size), tasks.plan_on_pool
+        shards, task = fleet.shards(jobs, machines, size), pool.plan_on_pool
         given["resources"] = resources.model_dump(include={"workers", "timeout_s", "memory_gib"})
         runner = ThreadPoolTaskRunner(max_workers=min(len(shards), pool.MOST))
     else:  # tasks on a cluster
@@ -125,7 +124,7 @@ def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources
         runner = _cluster(resources)
     planned = Planned(shards=len(shards))
     try:
-        names = manifest.write_shards(catalog, run_id, shards)
+        names = planner.write_shards(catalog, run_id, shards)
         named = dict(zip(names, shards, strict=True))
         with runner:
             submitted = [
@@ -133,9 +132,9 @@ def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources
                 for name, shard in named.items()
             ]
             planned.lost = _waited_for(shards, submitted)
-        planned.attempted(named, manifest.attempts(catalog, run_id))
+        planned.attempted(named, planner.attempts(catalog, run_id))
     finally:
-        manifest.remove_shards(catalog, run_id)
+        planner.remove_shards(catalog, run_id)
     planned.result, missing = fleet.known_outcomes(catalog, jobs, run_id)
     if missing:
         planned.result.include(here(str(catalog.location), missing, resources, run_id))
@@ -174,40 +173,23 @@ def _cluster(resources: Resources) -> TaskRunner[Any]:
 
 
 def advancing(shards: Sequence[Shard]) -> Iterator[Shard]:
-    """Shards that are being planned, one after the other; the bar moves as each has been waited for."""
-    done = 0
-    with progress("shards", len(shards)) as advance, _logged(lambda: done, len(shards)):
-        for shard in shards:
-            yield shard
-            done += 1
-            advance()
+    """Shards that are being planned, one after the other; the bar moves as each has been waited for.
 
-
-@contextmanager
-def _logged(done: Callable[[], int], of: int) -> Iterator[None]:
-    """Tell Prefect every few seconds, from a thread of its own: planning never waits for the server."""
-    ended = threading.Event()
-    tell = partial(copy_context().run, _tell, lambda: 100.0 * done() / of if of else 100.0, ended)
-    teller = threading.Thread(target=tell, daemon=True)
-    teller.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        teller.join(EVERY_S)
-
-
-def _tell(percent: Callable[[], float], ended: threading.Event) -> None:
-    artifact, last = None, False
-    while True:
-        with suppress(httpx.HTTPError):  # the server is away: the next look tells as well
-            if artifact is None:
-                artifact = create_progress_artifact(percent(), key=KEY)
-            else:
-                update_progress_artifact(artifact, percent())
-        if last:
-            return
-        last = ended.wait(EVERY_S)
+    Prefect is told every few seconds. Others plan meanwhile, whether its server answers or not.
+    """
+    artifact, due = None, -math.inf
+    with progress("shards", len(shards)) as advance:
+        for done in range(len(shards) + 1):
+            if done == len(shards) or time.monotonic() >= due:
+                percent, due = 100.0 * done / len(shards) if shards else 100.0, time.monotonic() + EVERY_S
+                with suppress(httpx.HTTPError):  # the server is away: the next look tells as well
+                    if artifact is None:
+                        artifact = create_progress_artifact(percent, key=KEY)
+                    else:
+                        update_progress_artifact(artifact, percent)
+            if done < len(shards):
+                yield shards[done]
+                advance()
 
 
 @flow(name="plan-shard")
@@ -224,8 +206,8 @@ def plan_shard(catalog: Location, run_id: str, shard: str, resources: Resources 
         resources: Processes, time and memory on this machine.
     """
     check_roots(catalog=catalog)
-    jobs, worker = manifest.read_shard(catalog, shard), tasks.worker_of("pool")
+    jobs, worker = planner.read_shard(catalog, shard), tasks.worker_of("pool")
     _, missing = fleet.known_outcomes(open_catalog(catalog), jobs, run_id)
-    with manifest.attempt(catalog, shard, worker):
+    with planner.attempt(catalog, shard, worker):
         result = here(catalog, missing, resources, run_id, worker)
     return Completed(message=str(result))

@@ -16,10 +16,9 @@ from upplied.inputs.passport import settings as passport
 from upplied.inputs.rules import changed as changed_bounds
 from upplied.inputs.sidecar import LogOptions
 
-from .artifacts import ingested_artifacts
+from .environment import check_roots
 from .parameters import FlightBounds, FlightRule, Location, StructureBounds, StructureRule, bound_options
-from .roots import check_roots
-from .states import ended, errors_in_words, ingested
+from .states import ended, errors_in_words, ingested, ingested_artifacts
 from .tasks import asset, publish, source, stored
 
 

@@ -17,10 +17,8 @@ from typing import Literal
 
 import psutil
 
+from . import environment as env
 from . import server as service
-from .artifacts import ADDRESS
-from .environment import PASSWORD, ROOTS, carried, environment, home, prefect_home, profile, sign_in
-from .roots import named_roots
 from .server import PRIVATE, ServerError, free_port, listening, private_server, start, stop, waited_for
 
 Part = Literal["server", "worker", "reports"]
@@ -39,7 +37,7 @@ def serve(port: int, roots: Sequence[str] = ()) -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by what a script started with &
     try:
         with ExitStack() as stack:
-            server = stack.enter_context(private_server(prefect_home(), port))
+            server = stack.enter_context(private_server(env.prefect_home(), port))
             server.wait()
             deploy(server.environment)
             own = free_port() if listening(port + 1) else port + 1
@@ -47,13 +45,13 @@ def serve(port: int, roots: Sequence[str] = ()) -> int:
             shown = start(*words, environment=server.environment)
             stack.callback(stop, shown)
             address = f"http://127.0.0.1:{own}"
-            of_worker = server.environment | {ADDRESS: address, ROOTS: ",".join(declared(roots))}
+            of_worker = server.environment | {env.ADDRESS: address, env.ROOTS: ",".join(declared(roots))}
             worker = start("prefect", "worker", "start", "--pool", POOL, environment=of_worker)
             runs: list[psutil.Process] = []
             stack.callback(stop, worker, known=runs)
             say(f"Fleet:    {address}")
             say(f"Prefect:  http://127.0.0.1:{port}   (user {server.password.partition(':')[0]})")
-            say(f"Password: stored in {prefect_home() / PASSWORD}, which only you can read")
+            say(f"Password: stored in {env.prefect_home() / env.PASSWORD}, which only you can read")
             say("Run now:  upplied fleet run        Stop: Ctrl-C")
             attend({"server": server.process, "worker": worker, "pages": shown}, server.log, runs)
     except ServerError as error:
@@ -67,13 +65,13 @@ def serve(port: int, roots: Sequence[str] = ()) -> int:
 def only(part: Part, port: int, roots: Sequence[str] = ()) -> int:
     """Become one part of the service, for a supervisor that starts it again when it ends."""
     api_url = os.environ.get("PREFECT_API_URL") or f"http://127.0.0.1:{port}/api"
-    folder, bind = prefect_home(), os.environ.get("UPPLIED_BIND", "127.0.0.1")
+    folder, bind = env.prefect_home(), os.environ.get("UPPLIED_BIND", "127.0.0.1")
     if part == "reports":
         from upplied.catalog import open_catalog
         from upplied.web.guard import allowed_names
         from upplied.web.serving import serve_pages
 
-        catalog = open_catalog(os.environ.get("UPPLIED_CATALOG") or home() / "catalog")
+        catalog = open_catalog(os.environ.get("UPPLIED_CATALOG") or env.home() / "catalog")
         say(f"Fleet: http://127.0.0.1:{port + 1}")
         serve_pages(catalog, port + 1, bind, password_of(folder), allowed_names())
     elif part == "server":
@@ -81,23 +79,23 @@ def only(part: Part, port: int, roots: Sequence[str] = ()) -> int:
         held = service.alone(folder)
         os.set_inheritable(held.fileno(), True)
         os.umask(PRIVATE)
-        sign_in(folder, f"http://127.0.0.1:{port}/api")
-        variables = environment(folder, api_url) | service.address(port) | passed_on(*OF_SERVER)
+        env.sign_in(folder, f"http://127.0.0.1:{port}/api")
+        variables = env.environment(folder, api_url) | service.address(port) | passed_on(*OF_SERVER)
         become(service.command(port, bind), variables)
     else:
-        variables = environment(folder, api_url) | passed_on(*OF_CLIENT)
+        variables = env.environment(folder, api_url) | passed_on(*OF_CLIENT)
         if not waited_for(lambda: service.answers(api_url)):
             raise ServerError(f"no Prefect server answers at {api_url}")
         deploy(variables)
-        variables |= {ROOTS: ",".join(declared(roots))}
-        variables.setdefault(ADDRESS, f"http://127.0.0.1:{port + 1}")
+        variables |= {env.ROOTS: ",".join(declared(roots))}
+        variables.setdefault(env.ADDRESS, f"http://127.0.0.1:{port + 1}")
         become(("prefect", "worker", "start", "--pool", POOL), variables)
     return 0
 
 
 def password_of(folder: Path) -> str:
     """The password of the service: the environment's, else the one that its server stores when it starts."""
-    password = waited_for(lambda: os.environ.get(OF_CLIENT[0]) or profile(folder).get(OF_CLIENT[0]))
+    password = waited_for(lambda: os.environ.get(OF_CLIENT[0]) or env.profile(folder).get(OF_CLIENT[0]))
     if not password:
         raise ServerError(f"no password in {folder}: start the server first (upplied serve --only server)")
     return password
@@ -105,7 +103,7 @@ def password_of(folder: Path) -> str:
 
 def become(words: Sequence[str], variables: dict[str, str]) -> None:
     """This process goes on as a module of Python's."""
-    os.chdir(home())
+    os.chdir(env.home())
     os.execve(sys.executable, [sys.executable, "-m", *words], variables)
 
 
@@ -116,13 +114,13 @@ def passed_on(*names: str) -> dict[str, str]:
 
 def declared(roots: Sequence[str]) -> list[str]:
     """Where runs may read and write: this folder, and what was declared."""
-    return list(dict.fromkeys([str(home()), *named_roots(), *roots]))
+    return list(dict.fromkeys([str(env.home()), *env.named_roots(), *roots]))
 
 
 def deploy(variables: dict[str, str]) -> None:
     """The work pools, the deployments of prefect.yaml, and what Prefect does by itself."""
-    words = [sys.executable, "-m", f"{__package__}.deploying", str(carried("prefect.yaml"))]
-    done = subprocess.run(words, env=variables, cwd=home(), check=False, capture_output=True, text=True)
+    words = [sys.executable, "-m", f"{__package__}.automations", str(env.carried("prefect.yaml"))]
+    done = subprocess.run(words, env=variables, cwd=env.home(), check=False, capture_output=True, text=True)
     if done.returncode:
         raise ServerError(f"the deployments were not made:\n{done.stdout}{done.stderr}")
 

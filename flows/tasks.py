@@ -24,9 +24,7 @@ from upplied import fleet
 from upplied.catalog import Catalog, open_catalog
 from upplied.errors import CatalogError
 from upplied.findings import campaign, queries
-from upplied.fleet import manifest as shards
-
-from . import pool
+from upplied.fleet import planner
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -123,8 +121,8 @@ def plan_elsewhere(name: str, shard: str, given: dict[str, Any]) -> None:
     """Plan one shard in the process that an engine chose."""
     catalog, limits, worker = given["catalog"], fleet.Limits(**given["limits"]), worker_of(given["engine"])
     # Before anything is noted: a run that has ended took its shards away.
-    jobs = shards.read_shard(catalog, shard)
-    with shards.attempt(catalog, shard, worker):
+    jobs = planner.read_shard(catalog, shard)
+    with planner.attempt(catalog, shard, worker):
         fleet.plan_here(catalog, jobs, given["run_id"], worker, limits, campaign.plan_job)
 
 
@@ -139,9 +137,3 @@ def worker_of(engine: str) -> str:
 
         return f"ray:{get_runtime_context().get_worker_id()}"
     return f"{engine}:{os.environ.get('PREFECT__WORKER_NAME') or socket.gethostname()}"
-
-
-@task(name="plan-on-pool", task_run_name="{name}", cache_policy=NO_CACHE, retries=1)
-def plan_on_pool(name: str, shard: str, given: dict[str, Any]) -> None:
-    """Plan one shard on a machine of the work pool; on another one if that is lost."""
-    pool.run_on_pool(name, {**given, "shard": shard})

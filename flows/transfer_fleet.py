@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from itertools import count
 
 from prefect import flow, runtime
 from prefect.states import State
@@ -14,12 +14,11 @@ from upplied.findings import campaign
 from upplied.fleet.edits import carry_edits
 from upplied.fleet.flights import fly_drafts
 
-from .artifacts import transfer_artifacts
 from .engines import Planned, plan
+from .environment import check_roots
 from .ingest import ingest_demonstrations, ingest_structures
 from .parameters import ALL_CORES, Changes, Id, Location, Millimetres, Presets, Resources
-from .roots import check_roots
-from .states import ended, errors_in_words, planned
+from .states import ended, errors_in_words, planned, transfer_artifacts
 from .tasks import asset, publish, recheck_plans, record_plans, stored
 
 NO_CHANGES = Changes()
@@ -92,41 +91,27 @@ def transfer_fleet(
         asset(catalog, name) for name in ("structures", "demonstrations", "transfers")
     )
     record = stored("record-plans", record_plans, plans, [structures, flights])
-    night = Night()
+    decision, outcome = fleet.Decision([], 0), Planned()
     # A structure that was read just now may not be what the plan in force was judged on.
     problems = [*stored("recheck-plans", recheck_plans)(store, resources.timeout_s), *unread]
     # What lands while this run plans or publishes is planned by it as well: a run that is started
     # meanwhile is cancelled.
-    while night.goes_on(fleet.decide(store, plan_request)):
-        night.planned.include(plan(catalog, night.jobs, resources))
-        record(plans, runtime.flow_run.id, night.planned.result)
+    for times in count():
+        now, tried = fleet.decide(store, plan_request), {job.key for job in decision.jobs}
+        new = [job for job in now.jobs if job.key not in tried]
+        if times and not new:
+            break
+        decision = fleet.Decision([*decision.jobs, *new], decision.unchanged if times else now.unchanged)
+        outcome.include(plan(catalog, new, resources))
+        record(plans, runtime.flow_run.id, outcome.result)
         problems += stored("carry-edits", carry_edits)(store)
         if fly:
-            problems += stored("fly-drafts", fly_drafts)(store, [job.key for job in night.jobs])
+            problems += stored("fly-drafts", fly_drafts)(store, [job.key for job in new])
         if campaigns:
             jobs, unplanned = campaign.due_jobs(store, campaigns, campaign_mm_px, retry_failed)
-            night.planned.include(plan(catalog, jobs, resources))
+            outcome.include(plan(catalog, jobs, resources))
             problems += [text for text in unplanned if text not in problems]
         if reports:
             problems += publish(catalog, reports)
-    summary = transfer_artifacts(store, night.decision, night.planned.result, reports)
-    return planned(summary, night.planned, problems, resources.most_lost)
-
-
-@dataclass
-class Night:
-    """What a run has decided and planned so far."""
-
-    decision: fleet.Decision = field(default_factory=lambda: fleet.Decision([], 0))
-    jobs: list[fleet.Job] = field(default_factory=list)
-    planned: Planned = field(default_factory=Planned)
-    began: bool = False
-
-    def goes_on(self, decision: fleet.Decision) -> bool:
-        """Take a decision in; whether there is anything to plan or publish that was not tried by this run."""
-        tried = {job.key for job in self.decision.jobs}
-        self.jobs = [job for job in decision.jobs if job.key not in tried]
-        unchanged = self.decision.unchanged if self.began else decision.unchanged
-        self.decision = fleet.Decision([*self.decision.jobs, *self.jobs], unchanged)
-        first, self.began = not self.began, True
-        return first or bool(self.jobs)
+    summary = transfer_artifacts(store, decision, outcome.result, reports)
+    return planned(summary, outcome, problems, resources.most_lost)

@@ -11,10 +11,9 @@ from pydantic import Field
 from upplied.catalog import compact, open_catalog, vacuum, verify
 
 from . import tasks
-from .artifacts import maintenance_artifact
+from .environment import check_roots
 from .parameters import Location
-from .roots import check_roots
-from .states import ended, errors_in_words
+from .states import ended, errors_in_words, maintenance_artifact
 
 
 @flow(name="publish-reports", flow_run_name="publish to {folder}")

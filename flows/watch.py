@@ -62,13 +62,15 @@ class Landing:
 
 
 def _wait_s(path: Path) -> float:
-    """How long a file is quiet before it counts as come whole."""
+    """How long a file is quiet before it counts as come whole: a log that ends as a whole one does, less."""
     if path.is_dir():
         return STILL_S
     with path.open("rb") as file:
-        if path.suffix != ".mcap" and file.read(len(MAGIC)) != MAGIC:
+        head = file.read(len(MAGIC))
+        if path.suffix != ".mcap" and head != MAGIC:
             return STILL_S
-    return QUIET_S if is_whole(path) else PATIENCE_S
+        file.seek(max(len(MAGIC), path.stat().st_size - len(MAGIC)))
+        return QUIET_S if head == file.read() == MAGIC else PATIENCE_S
 
 
 def looks_like_flight(path: Path) -> bool:
@@ -77,16 +79,6 @@ def looks_like_flight(path: Path) -> bool:
         return bool(door.kind_of(path))
     except InputError:
         return True
-
-
-def is_whole(path: Path) -> bool:
-    """Whether a log ends as a whole one does: a copy that has stalled does not."""
-    with path.open("rb") as file:
-        head = file.read(len(MAGIC))
-        if path.stat().st_size < 2 * len(MAGIC):
-            return False
-        file.seek(-len(MAGIC), 2)
-        return head == file.read() == MAGIC
 
 
 def watch(folder: Path, event: str = LANDED) -> None:

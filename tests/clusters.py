@@ -19,7 +19,7 @@ from processes import cut_the_power
 from random_members import random_member
 
 from upplied.catalog import Catalog, open_catalog
-from upplied.fleet import manifest
+from upplied.fleet import planner
 from upplied.flows.server import free_port
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -78,16 +78,16 @@ def message(run: subprocess.Popen[str]) -> str:
     return text
 
 
-def stopped_at_work(catalog: Catalog, run: subprocess.Popen[str]) -> manifest.Attempt:
+def stopped_at_work(catalog: Catalog, run: subprocess.Popen[str]) -> planner.Attempt:
     """A worker's work that has begun and not ended; its process stands still, so that it cannot end."""
-    folder = Path(catalog.location, manifest.FOLDER)
+    folder = Path(catalog.location, planner.FOLDER)
     deadline = time.monotonic() + LONGEST_S
     while True:
         names = [place.name for place in folder.iterdir()] if folder.is_dir() else []
-        for one in (one for name in names for one in manifest.attempts(catalog, name) if not one.ended):
+        for one in (one for name in names for one in planner.attempts(catalog, name) if not one.ended):
             pid = int(one.worker.split("/")[1])
             os.kill(pid, signal.SIGSTOP)
-            if one in manifest.attempts(catalog, one.shard.split("/")[0]):
+            if one in planner.attempts(catalog, one.shard.split("/")[0]):
                 return one
             os.kill(pid, signal.SIGCONT)  # it ended just now
         assert run.poll() is None and time.monotonic() < deadline, run.communicate()[0]

@@ -16,10 +16,9 @@ from catalog_records import copied, demonstration, key_of, plan, structure
 
 from upplied.catalog import compact, export_tables, history, open_catalog, vacuum, verify
 from upplied.catalog.database import Catalog
-from upplied.catalog.schema.migrations import SCHEMA_VERSION
-from upplied.catalog.schema.tables import STEPS, TABLES
+from upplied.catalog.schema.tables import SCHEMA_VERSION, STEPS, TABLES
 from upplied.catalog.store import delta, merging
-from upplied.catalog.store.data_files import decoded
+from upplied.catalog.store.chain import decoded
 from upplied.catalog.verbs import verification
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Cloud
@@ -311,10 +310,10 @@ def test_published_files_say_units_and_version(catalog, tmp_path):
 
 
 def test_publishing_in_pieces_gives_the_same(catalog, tmp_path, monkeypatch):
-    from upplied.catalog.verbs import owned, parted, published
+    from upplied.catalog.verbs import custody, parted, published
 
     export_tables(catalog, tmp_path / "whole")
-    monkeypatch.setattr(owned, "CHUNK", 70)
+    monkeypatch.setattr(custody, "CHUNK", 70)
     monkeypatch.setattr(parted, "_LOT", 3)
     monkeypatch.setattr(published, "_ROW_GROUP", 2)
     export_tables(catalog, tmp_path / "pieces")

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from upplied.catalog import export_dataset, export_tables, import_dataset, open_catalog, verify
 from upplied.catalog.database import Catalog
-from upplied.catalog.verbs.standing import standing_of
+from upplied.catalog.verbs.ordering import standing_of
 from upplied.errors import RefusedError, SettingsError
 from upplied.outputs.render import undecided
 

@@ -16,7 +16,7 @@ from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.schema.rows import table_of
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.verbs import importing, ordering, queries
-from upplied.catalog.verbs.standing import standing_of
+from upplied.catalog.verbs.ordering import standing_of
 from upplied.cli import main
 
 (DECISION_STATES,) = (column.allowed for column in TABLES["decisions"].columns if column.name == "state")

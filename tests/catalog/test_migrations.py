@@ -14,7 +14,7 @@ from deltalake import DeltaTable
 
 from upplied.catalog import compact, export_dataset, export_tables, import_dataset, open_catalog, verify
 from upplied.catalog.database import Catalog
-from upplied.catalog.schema import migrations, tables
+from upplied.catalog.schema import tables
 from upplied.catalog.schema.tables import TYPES, Column, Table
 from upplied.catalog.store import delta, opening
 from upplied.catalog.verbs import adding
@@ -113,7 +113,7 @@ def test_every_schema_version_is_in_the_released_ones():
         ]
         for name in RELEASED
     }
-    assert kept >= set(range(1, migrations.SCHEMA_VERSION))
+    assert kept >= set(range(1, tables.SCHEMA_VERSION))
 
 
 def test_an_older_program_refuses_a_newer_catalog_in_words(tmp_path, monkeypatch):
@@ -208,7 +208,7 @@ def plans(count: int) -> list:
 
 
 def test_a_catalog_of_a_newer_program_is_left_alone(catalog, monkeypatch):
-    monkeypatch.setattr(opening, "SCHEMA_VERSION", migrations.SCHEMA_VERSION + 1)
+    monkeypatch.setattr(opening, "SCHEMA_VERSION", tables.SCHEMA_VERSION + 1)
     catalog.add_plans(plans(1))
     monkeypatch.undo()
     older = open_catalog(catalog.location)

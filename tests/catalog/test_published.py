@@ -129,13 +129,13 @@ def test_a_changed_file_is_made_from_the_one_before_and_what_changed(catalog, tm
     catalog.add_plans([(key_of("new"), plan("t1", 99), {"planned_at": night(3)})])
     catalog.review(key_of(3)[:20], "me")
     catalog.retire_structures(["t5"])
-    read, stored = [], published.parted.owned.stored_steps
+    read, stored = [], published.parted.custody.stored_steps
 
     def noted(catalog, name, owners):
         read.extend(owners.iloc[:, 0])
         return stored(catalog, name, owners)
 
-    monkeypatch.setattr(published.parted.owned, "stored_steps", noted)
+    monkeypatch.setattr(published.parted.custody, "stored_steps", noted)
     export_tables(catalog, place)
     assert read == [key_of("new")[:20]]
     assert whole(place) == 5
@@ -180,7 +180,7 @@ def test_large_tables_are_split_by_target(catalog, tmp_path, monkeypatch):
     monkeypatch.setattr(published.parted, "_STEPS", 50)
     monkeypatch.setattr(published.parted, "_PLANS", 1)
     monkeypatch.setattr(published.parted, "_LOT", 2)
-    monkeypatch.setattr(published.parted.owned, "CHUNK", 130)
+    monkeypatch.setattr(published.parted.custody, "CHUNK", 130)
     place = tmp_path / "out"
     export_tables(catalog, place)
     for name in ("waypoints", "transfers"):

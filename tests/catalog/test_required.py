@@ -10,7 +10,7 @@ from catalog_records import copied, structure
 
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
-from upplied.catalog.verbs.required import zones_of
+from upplied.catalog.verbs.belonging import Zones
 from upplied.errors import CatalogError, SettingsError
 
 ROOF = {"zone": "roof", "where": "box 0 0 9 10 10 10"}
@@ -44,14 +44,14 @@ def test_each_set_of_an_owner_has_its_versions_and_the_last_one_holds(catalog: C
     assert asked(catalog) == wanted
     assert asked(catalog, every=True) == [(kind, "monthly", 1, "Ada"), *wanted]
     mine = [
-        (row["set"], row["version"], row["asked_by"], row["zone"]) for row in zones_of(catalog, kind, "boxy")
+        (row["set"], row["version"], row["asked_by"], row["zone"]) for row in Zones(catalog).of(kind, "boxy")
     ]
     assert mine == [
         ("monthly", 2, f"kind {kind}", "side"), ("yearly", 1, f"kind {kind}", "roof"),
         ("monthly", 1, "structure boxy", "roof"), ("monthly", 1, "structure boxy", "side"),
     ]  # fmt: skip
-    assert [row["zone"] for row in zones_of(catalog, kind, "other")] == ["side", "roof"]
-    assert zones_of(catalog, "another", "unknown") == []
+    assert [row["zone"] for row in Zones(catalog).of(kind, "other")] == ["side", "roof"]
+    assert Zones(catalog).of("another", "unknown") == []
 
 
 def test_a_set_of_no_zones_takes_it_back(catalog: Catalog) -> None:
@@ -88,7 +88,7 @@ def test_zones_that_cannot_be_asked_for_are_refused(catalog: Catalog, zone: dict
 def test_limits_themselves_may_be_asked_for(catalog: Catalog) -> None:
     zone = {"zone": "a", "where": "b", "looks": 1, "on": "other", "incidence_deg": 90}
     assert catalog.require("structure", "boxy", "monthly", [zone], "Ada") == 1
-    (found,) = zones_of(catalog, "none", "boxy")
+    (found,) = Zones(catalog).of("none", "boxy")
     assert {key: found[key] for key in zone} == zone
 
 

@@ -18,9 +18,9 @@ from catalog_records import key_of, plan
 from deltalake.exceptions import DeltaError, SchemaMismatchError
 
 from upplied.catalog import open_catalog
-from upplied.catalog.schema.migrations import in_schema
+from upplied.catalog.schema.tables import in_schema
 from upplied.catalog.store import locking
-from upplied.catalog.store.data_files import statistics
+from upplied.catalog.store.chain import statistics
 from upplied.catalog.store.files import FileStore, explained, remedy_of, replace_file, sync_path
 from upplied.catalog.store.identity import Heads
 from upplied.catalog.store.locking import locked, turn

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from upplied.catalog.schema.dictionary import data_dictionary
-from upplied.catalog.schema.migrations import SCHEMA_VERSION
-from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES
 
 ROOT = Path(__file__).parents[2]
 

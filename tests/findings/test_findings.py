@@ -22,7 +22,6 @@ from true_counterparts import true_counterparts
 from upplied import fleet
 from upplied.catalog import open_catalog, verify
 from upplied.catalog.database import Catalog
-from upplied.catalog.verbs.looks import put_looks
 from upplied.catalog.verbs.published import export_tables
 from upplied.cli import main
 from upplied.config import CloudSettings
@@ -581,7 +580,7 @@ def test_a_look_counts_on_the_side_that_it_saw_and_as_finely_as_asked(tmp_path):
     row = {
         "flight_id": "34" * 32, "transfer_id": plan, "kind": "flown", "target_id": "cube-v1",
         "demonstration_id": "past", "flown_at": catalog.clock.now(),
-        "looks_sha256": put_looks(catalog, surface.points, surface.normals, front, values),
+        "looks_sha256": catalog.put_looks(surface.points, surface.normals, front, values),
     }  # fmt: skip
     catalog.add_flight(row, flown().trajectory)
     sides = [spot_at(catalog, "cube-v1", (x, 1.0, 4.0)) for x in (0.06, -0.06)]

@@ -17,7 +17,6 @@ from made_missions import PLACE
 from made_scans import body, cut
 
 from upplied.catalog import Catalog, export_dataset, import_dataset, open_catalog, vacuum, verify
-from upplied.catalog.verbs.looks import put_looks
 from upplied.config import settings_for
 from upplied.errors import CatalogError, RefusedError
 from upplied.fleet import recheck
@@ -194,7 +193,7 @@ def flown_but(catalog: Catalog, plan: str, left_out: np.ndarray, name: str) -> s
     row = {
         "flight_id": name * 64, "transfer_id": plan, "kind": "flown", "target_id": "larger",
         "demonstration_id": "ring", "flown_at": catalog.clock.now(), "required_pct": 90.0,
-        "looks_sha256": put_looks(catalog, seen.points, seen.normals, looks.seen & ~left_out, looks.values),
+        "looks_sha256": catalog.put_looks(seen.points, seen.normals, looks.seen & ~left_out, looks.values),
     }  # fmt: skip
     catalog.add_flight(row, path)
     return name * 64

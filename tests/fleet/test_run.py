@@ -16,7 +16,7 @@ from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
 from upplied.config import settings_for
 from upplied.errors import CatalogError, InputError
-from upplied.fleet import ingest, manifest, planner, reading, run
+from upplied.fleet import ingest, planner, reading, run
 from upplied.fleet.planner import Outcome
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -143,41 +143,41 @@ def test_the_shards_of_a_run_are_read_as_they_were_written_and_nothing_else_is(c
     own = settings_for("baseline", viewpoints={"shared": 0.6})
     jobs = [replace(jobs[0], settings=own), *jobs[1:]]
     made = fleet.shards(jobs, 1, 2)
-    names = manifest.write_shards(catalog, "night-1", made)
-    assert [tuple(manifest.read_shard(str(catalog.location), name)) for name in names] == made
+    names = planner.write_shards(catalog, "night-1", made)
+    assert [tuple(planner.read_shard(str(catalog.location), name)) for name in names] == made
     assert max(len(name) for name in names) < 100, "it was to be told where shards lie, not what is in them"
     for wrong in ("night-1/../../structures", "../x/00000.jobs", "night-1/00009.jobs", "", "night-1"):
         with pytest.raises((CatalogError, InputError)):
-            manifest.read_shard(str(catalog.location), wrong)
-    path = Path(catalog.location, manifest.FOLDER, names[0])
+            planner.read_shard(str(catalog.location), wrong)
+    path = Path(catalog.location, planner.FOLDER, names[0])
     path.write_bytes(path.read_bytes()[:40])
     with pytest.raises(CatalogError, match="cannot be read"):
-        manifest.read_shard(str(catalog.location), names[0])
-    manifest.remove_shards(catalog, "night-1")
-    manifest.remove_shards(catalog, "night-1")
+        planner.read_shard(str(catalog.location), names[0])
+    planner.remove_shards(catalog, "night-1")
+    planner.remove_shards(catalog, "night-1")
     assert not path.parent.exists()
 
 
 def test_who_works_on_a_shard_lies_beside_it_and_whoever_was_lost_did_not_end(catalog):
     jobs = fleet.decide(catalog, REQUEST).jobs
-    first, second = manifest.write_shards(catalog, "night-1", [(jobs[0],), (jobs[1],)])
+    first, second = planner.write_shards(catalog, "night-1", [(jobs[0],), (jobs[1],)])
     here = f"{socket.gethostname()}/{os.getpid()}"
-    lost = manifest.attempt(str(catalog.location), first, "dask:10.0.0.7:40123")
+    lost = planner.attempt(str(catalog.location), first, "dask:10.0.0.7:40123")
     lost.__enter__()  # and never left: its process is gone
     with (
         pytest.raises(CatalogError, match="full"),
-        manifest.attempt(str(catalog.location), second, "pool:planner-1"),
+        planner.attempt(str(catalog.location), second, "pool:planner-1"),
     ):
         raise CatalogError("structures", "full")
-    with manifest.attempt(str(catalog.location), first, "dask:10.0.0.8:40123"):
+    with planner.attempt(str(catalog.location), first, "dask:10.0.0.8:40123"):
         pass
-    Path(catalog.location, manifest.FOLDER, "night-1", "00000.torn.json").write_bytes(b'{"shard": ')
-    found = manifest.attempts(catalog, "night-1")
+    Path(catalog.location, planner.FOLDER, "night-1", "00000.torn.json").write_bytes(b'{"shard": ')
+    found = planner.attempts(catalog, "night-1")
     assert [(one.shard, one.worker, one.ended) for one in found] == [
         (first, f"{here}/dask:10.0.0.7:40123", False),
         (first, f"{here}/dask:10.0.0.8:40123", True),
         (second, f"{here}/pool:planner-1", True),
     ]
-    assert manifest.attempts(catalog, "night-2") == []
-    manifest.remove_shards(catalog, "night-1")
-    assert manifest.attempts(catalog, "night-1") == []
+    assert planner.attempts(catalog, "night-2") == []
+    planner.remove_shards(catalog, "night-1")
+    assert planner.attempts(catalog, "night-1") == []

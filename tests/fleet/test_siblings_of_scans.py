@@ -16,7 +16,7 @@ from upplied import fleet, open_catalog
 from upplied.catalog import Catalog, recipe
 from upplied.fleet import ingest, planner
 from upplied.fleet.decisions import SiblingsOf
-from upplied.fleet.manifest import read_shard, write_shards
+from upplied.fleet.planner import read_shard, write_shards
 from upplied.planning.plan import plan_transfer
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly

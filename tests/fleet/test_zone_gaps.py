@@ -11,13 +11,11 @@ from made_plans import plan_as_demonstrated
 
 from upplied.catalog import open_catalog, verify
 from upplied.catalog.database import Catalog
-from upplied.catalog.verbs.looks import put_looks
 from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import RefusedError
-from upplied.fleet.flight_logs import add_flight_logs
+from upplied.fleet.flight_logs import add_flight_logs, zones_left_out
 from upplied.fleet.gaps import plan_gap
-from upplied.fleet.zone_gaps import zones_left_out
 from upplied.geometry.poses import matrices, yaw_pitch
 from upplied.geometry.scene import scene_of
 from upplied.outputs.logs import write_log
@@ -75,7 +73,7 @@ def flown(catalog: Catalog, plan: str, path: Trajectory, name: str) -> dict[str,
     row = {
         "flight_id": name * 64, "transfer_id": plan, "kind": "flown", "target_id": "cube-v1",
         "demonstration_id": FLOWN.demonstration_id, "flown_at": catalog.clock.now(), "required_pct": 100.0,
-        "looks_sha256": put_looks(catalog, SURFACE.points, SURFACE.normals, looks.seen, looks.values),
+        "looks_sha256": catalog.put_looks(SURFACE.points, SURFACE.normals, looks.seen, looks.values),
     }  # fmt: skip
     catalog.add_flight(row, path)
     return row

@@ -14,8 +14,7 @@ import pytest
 
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
-from upplied.catalog.verbs import required
-from upplied.catalog.verbs.looks import put_looks
+from upplied.catalog.verbs.belonging import Zones
 from upplied.cli import main
 from upplied.config import CloudSettings
 from upplied.errors import CatalogError, SettingsError
@@ -104,7 +103,7 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     catalog.add_flight(
         {"flight_id": "f1", "transfer_id": plan, "kind": "flown", "target_id": "cube-v1",
          "demonstration_id": row["demonstration_id"], "flown_at": catalog.clock.now(),
-         "looks_sha256": put_looks(catalog, surface.points, surface.normals, seen.seen, seen.values)}, path,
+         "looks_sha256": catalog.put_looks(surface.points, surface.normals, seen.seen, seen.values)}, path,
     )  # fmt: skip
     main(["zones", "cube-v1", "--json", *where])
     assert {r["zone"]: r["flown"] for r in json.loads(capsys.readouterr().out)}["side"] == "met"
@@ -238,7 +237,7 @@ def test_a_zone_is_labelled_face_by_face(catalog, tmp_path, capsys, name):
     asked.write_text(f'labels = "{name}"\n[[zone]]\nzone = "roof"\nlabel = {label}\n')
     where = ["--catalog", catalog.location]
     assert main(["require", "cube-v1", str(asked), "--by", "Ada", *where]) == 0
-    (row,) = required.zones_of(catalog, cube.kind, "cube-v1")
+    (row,) = Zones(catalog).of(cube.kind, "cube-v1")
     asking = RequiredZones(catalog.structure, catalog.cache, cube, None, CAMERA, [row],
                     catalog.faces_labelled)  # fmt: skip
     found, _ = asking.required()
@@ -258,7 +257,7 @@ def test_labels_of_one_structure_are_carried_to_its_kind(catalog, tmp_path):
     asked.write_text('labels = "a.txt"\n[[zone]]\nzone = "roof"\nlabel = "roof"\non = "cube-v1"\n')
     where = ["--by", "Ada", "--catalog", catalog.location]
     assert main(["require", cube.kind, str(asked), "--kind", *where]) == 0
-    (row,) = required.zones_of(catalog, cube.kind, "cuboid-v1")
+    (row,) = Zones(catalog).of(cube.kind, "cuboid-v1")
     asking = RequiredZones(catalog.structure, catalog.cache, cuboid, None, CAMERA, [row],
                     catalog.faces_labelled)  # fmt: skip
     found, untold = asking.required()

@@ -21,10 +21,9 @@ from upplied import fleet
 from upplied.cli import main
 from upplied.config import settings_for
 from upplied.errors import CatalogError, InputError, SettingsError
-from upplied.fleet import manifest
-from upplied.flows import artifacts, engines, pool, states, tasks, watch
-from upplied.flows.environment import ROOTS, SETTINGS, environment, home, profile
-from upplied.flows.roots import check_roots
+from upplied.fleet import planner
+from upplied.flows import engines, pool, states, tasks, watch
+from upplied.flows.environment import ROOTS, SETTINGS, check_roots, environment, home, profile
 from upplied.flows.server import ServerError, free_port, offspring, private_server, stop
 from upplied.flows.states import errors_in_words
 
@@ -44,10 +43,10 @@ def test_a_task_that_comes_after_the_end_of_its_run_leaves_nothing_behind(tmp_pa
 
 def test_artifacts_link_to_the_pages_where_a_server_shows_them(tmp_path, monkeypatch):
     """A browser opens no file from a page that came over HTTP."""
-    monkeypatch.setenv(artifacts.ADDRESS, "http://127.0.0.1:4201/")
-    link = artifacts.address(str(home() / "reports"), "transfers/a--b.html")
+    monkeypatch.setenv(states.ADDRESS, "http://127.0.0.1:4201/")
+    link = states.address(str(home() / "reports"), "transfers/a--b.html")
     assert link == "http://127.0.0.1:4201/transfers/a--b.html"
-    elsewhere = artifacts.address(str(tmp_path), "index.html")
+    elsewhere = states.address(str(tmp_path), "index.html")
     assert elsewhere == (tmp_path / "index.html").as_uri(), "this folder is not the one that is shown"
 
 
@@ -266,16 +265,16 @@ def test_the_state_of_a_run_names_lost_workers_and_who_did_their_work():
     names = list(shards)
     made = engines.Planned(fleet.Result(ok=8), shards=8)
     assert states.planned("8 ok", made, [], 0.5).message == "8 ok"
-    made.attempted(shards, [manifest.Attempt(name, "a/1/dask:x", True) for name in names])
+    made.attempted(shards, [planner.Attempt(name, "a/1/dask:x", True) for name in names])
     assert states.planned("8 ok", made, [], 0.5).message == "8 ok", "nothing was lost"
-    lost = [manifest.Attempt(name, "a/2/dask:y") for name in names[:2]]
-    made.attempted(shards, [*lost, manifest.Attempt(names[0], "a/1/dask:x", True)])
+    lost = [planner.Attempt(name, "a/2/dask:y") for name in names[:2]]
+    made.attempted(shards, [*lost, planner.Attempt(names[0], "a/1/dask:x", True)])
     first, second = (str(shards[name][0]) for name in names[:2])
     assert states.planned("8 ok", made, [], 0.5).message == (
         f"8 ok. Lost workers: a/2/dask:y; done again: {first} (by a/1/dask:x), {second} (by this run)"
     )
     more = engines.Planned()
-    more.attempted(shards, [manifest.Attempt(name, f"a/{name}/dask:z") for name in names])
+    more.attempted(shards, [planner.Attempt(name, f"a/{name}/dask:z") for name in names])
     made.include(more)
     assert made.loss.count("dask:z") == 4 and "and 4 more; done again" in made.loss, (
         "a state is read in a line"

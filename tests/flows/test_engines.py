@@ -18,7 +18,7 @@ from clusters import (
 from processes import cut_the_power
 
 from upplied.catalog import Catalog, verify
-from upplied.fleet import manifest
+from upplied.fleet import planner
 
 # Addresses as they are given, not the one that the machine has on its network; and a word they share.
 LOOPBACK = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": "x" * 32}
@@ -77,7 +77,7 @@ def test_a_worker_of_dask_that_is_killed_is_named_and_another_does_its_work(serv
     others = {where.split("/", 2)[2] for where in there.transfers()["planned_on"]}
     assert any(f"/{other})" in text for other in others), (text, others)
     assert kept(there) == here
-    assert not list(Path(there.location, manifest.FOLDER).iterdir())
+    assert not list(Path(there.location, planner.FOLDER).iterdir())
 
 
 @pytest.mark.ci

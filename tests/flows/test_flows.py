@@ -12,7 +12,7 @@ from flow_runs import listed, python
 
 from upplied import fleet
 from upplied.catalog import open_catalog
-from upplied.fleet import manifest
+from upplied.fleet import planner
 from upplied.flows.environment import ROOTS
 
 pytestmark = [pytest.mark.server, pytest.mark.filterwarnings("default")]
@@ -161,8 +161,8 @@ def test_a_shard_plans_what_it_is_named_and_nothing_twice(server, place):
     catalog = open_catalog(place / "catalog")
     jobs = fleet.decide(catalog, fleet.PlanRequest(("paper",), changes)).jobs
     assert len(jobs) == 2
-    (shard,) = manifest.write_shards(catalog, "night", [(jobs[0],)])
-    assert manifest.read_shard(str(catalog.location), shard) == [jobs[0]]
+    (shard,) = planner.write_shards(catalog, "night", [(jobs[0],)])
+    assert planner.read_shard(str(catalog.location), shard) == [jobs[0]]
     code = f"""
 from upplied.flows.engines import plan_shard
 from upplied.flows.transfer_fleet import transfer_fleet
@@ -179,8 +179,8 @@ print(transfer_fleet(reports="", resources={{"engine": "pool"}}, **asked, return
         done.stderr
     )
     assert "prefect worker start --pool planners" in told[4], "nobody takes shards, and it was not told"
-    manifest.remove_shards(catalog, "night")
-    assert not list((place / "catalog" / manifest.FOLDER).iterdir())
+    planner.remove_shards(catalog, "night")
+    assert not list((place / "catalog" / planner.FOLDER).iterdir())
     rows = catalog.transfers(every=True)
     assert rows[rows["run_id"] == "night"]["key"].tolist() == [jobs[0].key]
     result, missing = fleet.known_outcomes(catalog, jobs)

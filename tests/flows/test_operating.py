@@ -109,7 +109,7 @@ def test_the_images_steps_make_a_program_that_serves(tmp_path):
         "bin",
     }, "something of a common name lands in site-packages"
     assert (there / "upplied" / "flows" / "prefect.yaml").read_bytes() == (ROOT / "prefect.yaml").read_bytes()
-    code = "import upplied.flows.serve as s; print(s.__file__, s.carried('prefect.yaml'))"
+    code = "import upplied.flows.serve as s; print(s.__file__, s.env.carried('prefect.yaml'))"
     told = subprocess.run(
         [sys.executable, "-c", code],
         env=os.environ | {"PYTHONPATH": str(there), "UPPLIED_HOME": ""},

@@ -15,7 +15,7 @@ from upplied import fleet
 from upplied.catalog import Catalog, export_dataset, import_dataset, open_catalog
 from upplied.cli import main
 from upplied.errors import InputError, RefusedError
-from upplied.fleet import rechecking
+from upplied.fleet import flights
 from upplied.outputs.missions import FORMATS, MissionOptions
 from upplied.outputs.render import brief_transfer, export_transfer
 from upplied.records import Placement
@@ -110,7 +110,7 @@ def test_a_plan_that_cannot_be_judged_on_its_changed_structure_does_not_stay_in_
         def run(self, *_: object):
             raise InputError("the structure", "has no surface")
 
-    monkeypatch.setattr(rechecking, "Workers", Unable)
+    monkeypatch.setattr(flights, "Workers", Unable)
     (found,) = fleet.recheck(catalog)
     assert found.recalled and found.troubled and "cannot be judged" in found.note
     assert catalog.in_force().empty and list(catalog.recalled()["transfer_id"]) == [PLAN[:20]]

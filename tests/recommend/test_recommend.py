@@ -16,7 +16,7 @@ from upplied.catalog.store.cache import Cache
 from upplied.cli import main
 from upplied.config import settings_for
 from upplied.errors import InputError
-from upplied.fleet.learn import gather, learnt_flight, learnt_structure
+from upplied.fleet.reading import gather, learnt_flight, learnt_structure
 from upplied.geometry.scene import scene_of
 from upplied.inputs.manifests import read_manifest
 from upplied.outputs.logs import write_log

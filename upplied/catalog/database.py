@@ -11,6 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
 
@@ -18,12 +19,15 @@ from upplied.catalog.reading import OWNER
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import PHOTO_COLUMNS, photo_columns
-from upplied.catalog.verbs import custody, looks, ordering, queries
+from upplied.catalog.store.contents import StoredLooks
+from upplied.catalog.verbs import custody, ordering, queries
 from upplied.catalog.verbs.decisions import Deciding
 from upplied.catalog.verbs.queries import PlannedTrajectory
-from upplied.errors import RefusedError
-from upplied.records import Bools, Plan, Structure, SupposedSurface, SurfaceStates, Trajectory
+from upplied.errors import RefusedError, SettingsError
+from upplied.records import Bools, Floats, Ints, Plan, Structure, SupposedSurface, SurfaceStates, Trajectory
 
+_FLIGHT = ["flight_id", "transfer_id", "kind", "flown_at", "operator"]
+_LOOK = ["distance_m", "incidence_deg", "speed_mps", "t_s"]
 #: Of a row of `transfers`, what tells whether it may leave.
 _JUDGED = ("transfer_id", "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
 
@@ -165,7 +169,56 @@ class Catalog(Deciding):
         One row per flight in the order of flying: when, whether it saw the patch, and the nearest look at it
         (distance, incidence, speed); `patch_off_m` says how far the patch is from the place.
         """
-        return looks.looks_at(self, structure_id, place_m, kind)
+        place = np.asarray(place_m, float)
+        if place.shape != (3,) or not np.isfinite(place).all():
+            raise SettingsError("place", f"is {place_m}", "three coordinates, m, structure frame")
+        columns = [*_FLIGHT, "looks_sha256", "commit_version"]
+        table = self.tables["flights"].read(pc.field("target_id") == structure_id, columns)
+        nearest: dict[str, tuple[int, float]] = {}
+        flights = []
+        for row in sorted(rows.rows_of(table), key=lambda row: row["commit_version"]):
+            if not row["looks_sha256"] or kind not in ("", row["kind"]):
+                continue
+            looks = self.looks.get(row["looks_sha256"]).certain
+            if looks.samples_sha256 not in nearest:
+                gap = np.linalg.norm(self.surfaces.points(looks.samples_sha256) - place, axis=1)
+                nearest[looks.samples_sha256] = int(gap.argmin()), float(gap.min())
+            patch, off = nearest[looks.samples_sha256]
+            at = int(np.searchsorted(looks.patch, patch))
+            seen = at < len(looks.patch) and looks.patch[at] == patch
+            values = {name: row[name] for name in _FLIGHT}
+            values |= {"seen": bool(seen), "patch": patch, "patch_off_m": off}
+            values |= {name: float(getattr(looks, name)[at]) if seen else float("nan") for name in _LOOK}
+            flights.append(values)
+        columns = [*_FLIGHT, "seen", *_LOOK, "patch", "patch_off_m"]
+        table = pd.DataFrame(flights, columns=columns)
+        return table.sort_values("flown_at", kind="stable", ignore_index=True)
+
+    def put_looks(
+        self,
+        points: Floats,
+        normals: Floats | None,
+        seen: Bools,
+        values: Mapping[str, Floats],
+        pictures: Ints | None = None,
+        assumed: Bools | None = None,
+        **inspected: Bools | None,
+    ) -> str:
+        """Keep how a flight saw the samples (N, 3) of a surface, all else (N,); returns the hash.
+
+        `values` are `distance_m`, `incidence_deg`, `speed_mps`, `t_s`, and distance and incidence of the most
+        frontal look; `assumed` was seen besides if the correction of the log is right; `inspected` and
+        `inspected_if_corrected`: looked at as the plan asks.
+        """
+        samples = self.surfaces.put_samples(points, normals)
+        besides = np.zeros(len(seen), bool) if assumed is None else assumed
+        patch = np.flatnonzero(seen | besides)
+        small: dict[str, Any] = {name: value[patch].astype(np.float32) for name, value in values.items()}
+        small |= {k: flag[patch].astype(np.uint8) for k, flag in inspected.items() if flag is not None}
+        small["pictures"] = None if pictures is None else np.minimum(pictures[patch], 65535).astype(np.uint16)
+        small["assumed"] = besides[patch].astype(np.uint8) if besides.any() else None
+        number: Any = patch.astype(np.int32)
+        return self.looks.put(StoredLooks(samples, number, **small))
 
     def edits(self) -> pd.DataFrame:
         """What people changed of plans, and to which plans made later that was carried over."""

@@ -97,7 +97,7 @@ def run(
     """
     if not (variables := connected(port)):
         return 1
-    from upplied.flows.client import NotAccepted, run_now
+    from upplied.flows.pool import NotAccepted, run_now
 
     try:
         ended = run_now(parameters, watch, say)

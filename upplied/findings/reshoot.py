@@ -19,7 +19,7 @@ from upplied.findings.looks import Spot, spot_of
 from upplied.findings.rays import footprint_m, size_px
 from upplied.findings.viewing import Wanted, best_look, shows
 from upplied.fleet.decisions import PlanRequest, SettingsOf
-from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
+from upplied.fleet.flights import USUAL_CLEARANCE_M, place_breaches
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import in_a_row
 from upplied.geometry.scene import scene_of

@@ -20,7 +20,7 @@ import pyarrow as pa
 from upplied.catalog import Catalog
 from upplied.catalog.schema.plan_rows import is_foreign, transfer_id
 from upplied.catalog.schema.rows import json_text
-from upplied.catalog.verbs import belonging, required
+from upplied.catalog.verbs import belonging
 from upplied.checks import check_id, suggested
 from upplied.config import Settings, digest, settings_for
 from upplied.errors import InputError
@@ -91,7 +91,7 @@ class SettingsOf:
 
     def __init__(self, catalog: Catalog, plan_request: PlanRequest) -> None:
         self._declared = belonging.declared(catalog)
-        self._zones = required.Zones(catalog)
+        self._zones = belonging.Zones(catalog)
         self._changes = plan_request.changes
         self._known_settings: dict[tuple[str, str, str], Settings] = {}
 

@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from upplied.catalog import Catalog, recipe
 from upplied.config import digest
 from upplied.errors import RefusedError
+from upplied.fleet.flights import USUAL_CLEARANCE_M, place_breaches
 from upplied.fleet.planner import Recent, required_surface
-from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
 from upplied.geometry.scene import Scene, scene_of
 from upplied.geometry.supposed_scene import obstacle, scene_for
 from upplied.outputs.reports import plan_of

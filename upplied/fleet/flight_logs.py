@@ -12,24 +12,25 @@ import numpy as np
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs.looks import put_looks
+from upplied.catalog.verbs.belonging import Zones
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import CloudSettings, digest
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.ingest import find_logs
 from upplied.fleet.plan_of_flight import moment_of, plan_of_flight
 from upplied.fleet.workers import JobKilled, Workers
-from upplied.fleet.zone_gaps import zones_left_out
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.scene import Scene, scene_of
 from upplied.geometry.supposed_scene import scene_for
 from upplied.inputs.columns import photo_times
 from upplied.inputs.flight.clean import STEPPED
 from upplied.inputs.sidecar import LogOptions
+from upplied.outputs.zones import flown_rows, looked
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.align import Alignment
 from upplied.proof.as_flown import AsFlown, as_flown
 from upplied.proof.looks import Looks, looks_of
+from upplied.proof.required_zones import RequiredZones
 from upplied.records import Bools, Camera, Cloud, Floats, Plan, Structure, Trajectory
 
 _SHOWN = 1  # of SURFACE_STATES
@@ -203,8 +204,9 @@ def _share_pct(flags: Bools | None, required: Bools) -> float | None:
 
 def keep_looks(catalog: Catalog, surface: Cloud, looks: Looks) -> str:
     """Store how a flight saw the samples of a surface; the hash of it."""
-    where = catalog, surface.points, surface.normals, looks.seen, looks.values, looks.pictures
-    return put_looks(*where, looks.assumed, looks.inspected, looks.inspected_if_corrected)
+    inspected = {name: getattr(looks, name) for name in ("inspected", "inspected_if_corrected")}
+    where = surface.points, surface.normals, looks.seen, looks.values, looks.pictures, looks.assumed
+    return catalog.put_looks(*where, **inspected)
 
 
 def required_of(
@@ -255,3 +257,29 @@ def left_out(catalog: Catalog, row: Row, zones: bool = True) -> str:
         inspected = row["required_pct"] or 0.0
     share = f"{100 - inspected:.1f} % of what its plan shows" if inspected < 100 else ""
     return ", ".join(filter(None, (share, zones_left_out(catalog, row) if zones else "")))
+
+
+def zones_left_out(catalog: Catalog, row: Row) -> str:
+    """The zones that some safe camera can see and that were not seen as they ask, in words."""
+    target = catalog.structure(str(row["target_id"]))
+    camera = catalog.demonstration(str(row["demonstration_id"])).camera
+    asking = zones_asked(catalog, row, target, camera)
+    if asking is None:
+        return ""
+    judged = asking.judged(*looked(catalog, flown_with(catalog, row), asking.surface))
+    return ", ".join(f"zone {each['zone']}" for each in judged if each["status"] == "missed")
+
+
+def zones_asked(catalog: Catalog, row: Row, target: Structure, camera: Camera) -> RequiredZones | None:
+    """The zones that are asked of the target of a flight (its row); None where none are."""
+    zones = Zones(catalog).of(target.kind, target.structure_id)
+    if not zones:
+        return None
+    known = target, catalog.supposed(str(row["transfer_id"])), camera, zones
+    return RequiredZones(catalog.structure, catalog.cache, *known, catalog.faces_labelled)
+
+
+def flown_with(catalog: Catalog, row: Row) -> list[Row]:
+    """The flight and all that were really flown."""
+    every = flown_rows(catalog, str(row["target_id"]))
+    return every + [row] * (row["flight_id"] not in {each["flight_id"] for each in every})

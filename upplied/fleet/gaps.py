@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from upplied.catalog import Catalog, Recipe, recipe
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
-from upplied.config import digest
+from upplied.catalog.schema.rows import Row
+from upplied.config import digest, focal_px
 from upplied.errors import RefusedError, UppliedError
-from upplied.fleet.flight_logs import required_of
-from upplied.fleet.rechecking import USUAL_CLEARANCE_M, place_breaches
-from upplied.fleet.zone_gaps import Zone, key_of, missed_zones, nearest
+from upplied.fleet.flight_logs import flown_with, required_of, zones_asked
+from upplied.fleet.flights import USUAL_CLEARANCE_M, place_breaches
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.supposed_scene import obstacle, scene_for
+from upplied.geometry.vectors import with_normals
+from upplied.outputs.zones import looked
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace
+from upplied.planning.geometry.clouds import spacing
 from upplied.planning.plan import METHOD_VERSION
-from upplied.proof.gap import GapFlight, gap_flight
+from upplied.proof.gap import GapFlight, gap_flight, square_metres
+from upplied.proof.zone_gap import ZoneGap
+from upplied.proof.zones import Demand
 from upplied.provenance import method, recorded
-from upplied.records import Bools, Cloud, Measures, Plan, SurfaceStates
+from upplied.records import Bools, Camera, Cloud, Ints, Measures, Plan, Structure, SurfaceStates
 
 _OTHER, _SHOWN, _MISSED, _UNATTAINABLE = 0, 1, 2, 3  # of SURFACE_STATES
 _WITHIN_M = 0.02  # of the plan's clearance, which its own poses keep to the millimetre alone
@@ -171,3 +177,65 @@ def _plan(
         supposed=flown.supposed,
         flyable=True,
     )
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A zone that is missed, with what is to be shown of it and how that is told."""
+
+    row: dict[str, Any]  # which names it
+    demand: Demand
+    gap: ZoneGap
+
+    def summary(self, shown: Bools, unattainable: Bools) -> str:
+        """What a flight makes of it, in square metres."""
+        cloud, named = self.gap.cloud, f"zone {self.row['zone']} ({self.row['set']} {self.row['version']})"
+        area, all_of_it = square_metres(cloud, shown), square_metres(cloud, np.ones(len(cloud), bool))
+        text = f"{named}: shows {area:.1f} of {all_of_it:.1f} m2 that was not seen as it asks"
+        if unattainable.any():
+            text += f"; {square_metres(cloud, unattainable):.1f} m2 of it no safe pose shows so"
+            text += ": the camera's pixels are not known" if self.gap.farthest_m == 0 else ""
+        if self.demand.looks > 1:
+            text += f"; it requires {self.demand.looks} pictures, this flight shows each place at least once"
+        return text
+
+
+def missed_zones(
+    catalog: Catalog, row: Row, target: Structure, camera: Camera
+) -> tuple[list[Zone], tuple[str, ...]]:
+    """What of zones a flight (its row) and all others did not show; and zones without surface, in words."""
+    asking = zones_asked(catalog, row, target, camera)
+    if asking is None:
+        return [], ()
+    surface = asking.surface
+    misses = []
+    for named, demand, missed in asking.missed(*looked(catalog, flown_with(catalog, row), surface)):
+        if missed.any():
+            cloud = Cloud(surface.points[missed], surface.outward[missed], surface.areas[missed])
+            most = 90.0 if demand.incidence_deg is None else demand.incidence_deg
+            misses.append(Zone(named, demand, ZoneGap(demand.zone, cloud, _farthest_m(demand, camera), most)))
+    return misses, asking.required()[1]
+
+
+def key_of(zones: list[Zone]) -> list[str]:
+    """What a plan for these zones is named by, beside its flight; nothing where there are none."""
+    parts: list[Any] = []
+    for zone in zones:
+        gap, named = zone.gap, [zone.row[name] for name in ("zone", "set", "version")]
+        demanded = [zone.demand.looks, gap.farthest_m, gap.incidence_deg]
+        parts.append([*named, *demanded, gap.cloud.points.tolist()])
+    return [digest(parts)] if parts else []
+
+
+def nearest(surface: Cloud, cloud: Cloud) -> Ints:
+    """The sample of a surface that is nearest to each of a cloud's, on its side of a thin plate."""
+    apart = spacing(surface)
+    known = cKDTree(with_normals(surface.points, surface.outward, 2 * apart))
+    return np.asarray(known.query(with_normals(cloud.points, cloud.outward, 2 * apart))[1], np.int64)
+
+
+def _farthest_m(demand: Demand, camera: Camera) -> float:
+    """From how far off a pixel covers little enough, m; 0 where the camera's pixels are not known."""
+    if demand.gsd_mm is None:
+        return float("inf")
+    return 1e-3 * demand.gsd_mm * focal_px(camera.width_px, camera.hfov_deg) if camera.width_px else 0.0

@@ -16,9 +16,9 @@ import pandas as pd
 from upplied.catalog import Cache, Catalog, open_catalog
 from upplied.config import digest
 from upplied.errors import InputError
+from upplied.fleet import reading
 from upplied.fleet.admission import Admission, RuleOptions
-from upplied.fleet.learn import facts_of, gather, is_project, learnt_flight, learnt_structure
-from upplied.fleet.reading import BATCH, Ingested, Progress, content_of, each, stored
+from upplied.fleet.reading import Ingested, Progress
 from upplied.inputs import logs as log_reader
 from upplied.inputs import meshes
 from upplied.inputs.concerns import nominal_problems
@@ -78,11 +78,11 @@ def _added(
     known = {row.structure_id: (row.sha256, row.site, row.notes) for row in table.itertuples()}
     sizes = dict(zip(table["structure_id"], table[_SIZES].to_numpy(), strict=True))
     before = _Stored(known, sizes, catalog.cache)
-    read = partial(learnt_structure, *_place(catalog))
-    reads = each(read, entries, lambda entry: entry.structure_id, workers, before.same)
+    read = partial(reading.learnt_structure, *_place(catalog))
+    reads = reading.each(read, entries, lambda entry: entry.structure_id, workers, before.same)
     by_id = {entry.structure_id: entry for entry in entries}
-    admitted = before.noted(Admission(catalog).admitted(reads, by_id, BATCH), by_id)
-    ingested = stored(admitted, known, lambda it: it.structure_id, catalog.add_structures, progress)
+    admitted = before.noted(Admission(catalog).admitted(reads, by_id, reading.BATCH), by_id)
+    ingested = reading.stored(admitted, known, lambda it: it.structure_id, catalog.add_structures, progress)
     return ingested, set(known)
 
 
@@ -122,7 +122,7 @@ def ingest_demonstrations(
     options = options or LogOptions()
     check_allowed(options.allow, RULES)
     entries = _surveyed(logs)
-    if not dry_run and any(map(is_project, entries)):  # which may be the first to bring a structure
+    if not dry_run and any(map(reading.is_project, entries)):  # which may be the first to bring a structure
         catalog.create()
     with ExitStack() as stack:
         home = catalog
@@ -133,20 +133,21 @@ def ingest_demonstrations(
         if options.strict:  # flights with warnings are judged again
             table = table[table["verdict"] != "warned"]
         known = {row.demonstration_id: (row.sha256,) for row in table.itertuples()}
-        add_structures = lambda entries: _added(home, entries, workers)[0]  # noqa: E731
-        entries, structures, facts = facts_of(entries, options, add_structures)
+        rules = RuleOptions(strict=options.strict)
+        add_structures = lambda entries: _added(home, rules.of(entries), workers)[0]  # noqa: E731
+        entries, structures, facts = reading.facts_of(entries, options, add_structures)
         flights = {str(one.path): one for one in entries if one.is_flight}
         places = {name: _place(home) for name in facts}
         placements = placements_of(catalog.structures())
         if facts:
             placements |= placements_of(home.structures())
-        read = partial(learnt_flight, places, _place(catalog), placements, facts, options)
+        read = partial(reading.learnt_flight, places, _place(catalog), placements, facts, options)
         same = partial(_same_log, known, placements, facts, options)
-        reads = each(read, [one.path for one in flights.values()], str, workers, same)
+        reads = reading.each(read, [one.path for one in flights.values()], str, workers, same)
         add = (lambda read: None) if dry_run else catalog.add_demonstrations
-        ingested = stored(reads, known, lambda it: it.demonstration_id, add, progress)
+        ingested = reading.stored(reads, known, lambda it: it.demonstration_id, add, progress)
     if not dry_run:
-        gather(catalog)
+        reading.gather(catalog)
     status = {"added": "readable"} if dry_run else {}
     named = [replace(one, status=status.get(one.status, one.status)) for one in (*structures, *ingested)]
     by_file = dict(zip(flights, named[len(structures) :], strict=True))
@@ -236,7 +237,7 @@ class _Stored:
         for name, read in reads:
             if isinstance(read, Structure):
                 entry = entries[name]
-                self.cache.put(_WORDS, digest(content_of(read)), _Words(entry.site, entry.notes))
+                self.cache.put(_WORDS, digest(reading.content_of(read)), _Words(entry.site, entry.notes))
             yield name, read
 
 

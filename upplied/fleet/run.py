@@ -20,7 +20,7 @@ from typing import Any
 from upplied.catalog import Catalog, open_catalog
 from upplied.extras import required
 from upplied.fleet.decisions import Job
-from upplied.fleet.planner import Outcome, plan_job, prepare, this_process, without_path
+from upplied.fleet.planner import Outcome, Shard, plan_job, prepare, this_process, without_path
 from upplied.fleet.workers import JobKilled, Limits, Workers
 from upplied.planning.correspondence.memo import METHOD_VERSION
 from upplied.provenance import recorded
@@ -30,7 +30,6 @@ log = logging.getLogger(__name__)
 SHARD_TARGETS = 64  # that a task of an engine plans at most
 SHARDS_EACH = 8  # tasks to a worker where that makes smaller ones, so that all end at about the same time
 
-Shard = tuple[Job, ...]
 PlanJob = Callable[[Job], Outcome]
 _PAIR = attrgetter("source_id", "target_id")
 

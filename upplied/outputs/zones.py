@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from upplied.catalog import Catalog
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs import required
+from upplied.catalog.verbs.belonging import Zones
 from upplied.geometry.polylines import cumulated, leg_lengths
 from upplied.outputs.missions.gate import ZONE
 from upplied.outputs.missions.records import Mission
@@ -30,7 +30,7 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     that of the stored looks of all flights. A zone that names no surface of the structure is ``not judged``.
     """
     target = catalog.structure(structure_id)
-    required_zones = required.zones_of(catalog, target.kind, structure_id)
+    required_zones = Zones(catalog).of(target.kind, structure_id)
     if not required_zones:
         return []
     rows = _plans(catalog, structure_id)
@@ -119,7 +119,7 @@ class MissionZones:
     @cached_property
     def required(self) -> list[dict[str, Any]]:
         """Every required zone of the structure."""
-        return required.zones_of(self.catalog, self.structure.kind, self.structure.structure_id)
+        return Zones(self.catalog).of(self.structure.kind, self.structure.structure_id)
 
     def judged(self, missions: Sequence[Mission] = ()) -> list[dict[str, Any]]:
         """The result of each zone for these sorties together, or for the plan if there are none."""

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from upplied.catalog import Catalog
-from upplied.catalog.verbs import required
-from upplied.catalog.verbs.standing import unit_of
+from upplied.catalog.verbs.belonging import Zones
+from upplied.catalog.verbs.ordering import unit_of
 from upplied.checks import check_id
 from upplied.errors import InputError
 from upplied.fleet.editing import Editing
@@ -125,7 +125,7 @@ class ZoneRequests:
     @cached_property
     def _required(self) -> list[dict[str, Any]]:
         target = self._editing.target
-        return list(required.zones_of(self._catalog, target.kind, target.structure_id))
+        return list(Zones(self._catalog).of(target.kind, target.structure_id))
 
     @cached_property
     def _requirements(self) -> RequiredZones:

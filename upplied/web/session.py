@@ -16,7 +16,7 @@ from upplied.checks import pair_name
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.editing import Base, Editing, JudgedEdit, flown_path
 from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row
-from upplied.fleet.rechecking import place_breaches
+from upplied.fleet.flights import place_breaches
 from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.outputs.along import profile
 from upplied.outputs.display import display_states, nearest_samples, packed, structure_data

@@ -5,8 +5,7 @@ from __future__ import annotations
 from importlib.resources import files
 from pathlib import Path
 
-from upplied.catalog.schema.migrations import SCHEMA_VERSION
-from upplied.catalog.schema.tables import TABLES, TYPES
+from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, TYPES
 
 
 def data_dictionary() -> str:

@@ -88,22 +88,15 @@ def poses_sha256(
     added: Bools | None = None,
 ) -> str:
     """Hash of poses as they are stored, the same on every machine."""
-    poses = t, np.asarray(positions, float), stored_quats(quat_xyzw)
-    return _sha256_of([*poses, flags, fov_deg, _if_any(added)])
+    added = added if added is not None and added.any() else None  # paths without any hash as they always did
+    poses = t, np.asarray(positions, float), stored_quats(quat_xyzw), flags, fov_deg, added
+    return hashlib.sha256(b"".join(_bytes(part) for part in poses if part is not None)).hexdigest()
 
 
-def _if_any(added: Bools | None) -> Bools | None:
-    """Paths without added passes hash as they did before there were any."""
-    return added if added is not None and added.any() else None
-
-
-def _sha256_of(parts: Sequence[Any]) -> str:
-    hashed = hashlib.sha256()
-    for part in parts:
-        if part is not None:
-            values = np.ascontiguousarray(part)
-            hashed.update(values.astype(values.dtype.newbyteorder("<"), copy=False).data)
-    return hashed.hexdigest()
+def _bytes(values: Any) -> Any:
+    """Values of N rows as the bytes of each, an array (N, ...), the same on every machine."""
+    little = np.ascontiguousarray(values, np.asarray(values).dtype.newbyteorder("<"))
+    return little.reshape(len(little), -1 if little.size else 1).view(np.uint8)
 
 
 def unlike(
@@ -124,31 +117,32 @@ def unlike(
         yield owner[0], f"{there.get(owner, 0)} steps are stored, the row says {stated[owner][0]}"
     if not len(steps):
         return
-    times = steps["t_s" if name == "waypoints" else "t_ns"].to_numpy()
-    flags = np.asarray(steps["is_viewpoint"]) if name == "waypoints" else None
-    added = None  # of each owner by itself: plans of other presets store no origin
-    if "origin" in steps.column_names:
-        added = np.asarray(pc.equal(steps["origin"], ORIGINS[1]).combine_chunks().fill_null(False))
-    numbers, (positions, quats), zooms = steps["seq"].to_numpy(), pose_arrays(steps), zoom_of(steps)
-    wrong = numbers != np.arange(len(steps)) - np.repeat(starts, stops - starts)
+    times, zooms = steps["t_s" if name == "waypoints" else "t_ns"].to_numpy(), zoom_of(steps)
+    wrong = steps["seq"].to_numpy() != np.arange(len(steps)) - np.repeat(starts, stops - starts)
     late = np.diff(times, prepend=0) <= 0
     late[starts] = False
-    seen = np.zeros(len(steps), bool) if zooms is None else ~np.isnan(zooms).all(axis=1)
-    misnumbered, unordered, zooming = (np.logical_or.reduceat(each, starts) for each in (wrong, late, seen))
-    quats = stored_quats(quats)
+    misnumbered, unordered = np.logical_or.reduceat(wrong, starts), np.logical_or.reduceat(late, starts)
+    positions, quats = pose_arrays(steps)
+    hashed = [(_bytes(part), [True] * len(names)) for part in (times, positions, stored_quats(quats))]
+    if name == "waypoints":
+        hashed.append((_bytes(np.asarray(steps["is_viewpoint"])), [True] * len(names)))
+    if zooms is not None:  # those of the owners that zoom
+        zooming = np.logical_or.reduceat(~np.isnan(zooms).all(axis=1), starts)
+        hashed.append((_bytes(zooms), zooming.tolist()))
+    if "origin" in steps.column_names:  # of each owner by itself: plans of other presets store no origin
+        added = np.asarray(pc.equal(steps["origin"], ORIGINS[1]).combine_chunks().fill_null(False))
+        hashed.append((_bytes(added), np.logical_or.reduceat(added, starts).tolist()))
     for at, owner in enumerate(names):
-        own = slice(starts[at], stops[at])
         if owner in miscounted:
             continue
+        own = slice(starts[at], stops[at])
         if misnumbered[at]:
             yield owner[0], "the steps are not numbered 0, 1, 2 ..."
         elif unordered[at]:
             yield owner[0], "time does not increase"
         else:
-            poses = [times[own], positions[own], quats[own], None if flags is None else flags[own]]
-            zoom = zooms[own] if zooms is not None and zooming[at] else None
-            more = None if added is None else _if_any(added[own])
-            if _sha256_of([*poses, zoom, more]) != stated[owner][1]:
+            content = b"".join(part[own] for part, counts in hashed if counts[at])
+            if hashlib.sha256(content).hexdigest() != stated[owner][1]:
                 yield owner[0], "the steps do not match the hash in their row"
 
 

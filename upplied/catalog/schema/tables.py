@@ -1,17 +1,31 @@
 """The tables of the catalog, declared once in ``tables.csv`` and ``columns.csv``: key, type, unit, meaning.
 
 Stored tables, published Parquet, checks and data dictionary follow from there. A row without a type is the
-column of that name as the last table above has it. Columns may be added: see `migrations`.
+column of that name as the last table above has it.
+
+A table's schema version is one of its properties. Columns may be added without raising it: an older program
+keeps what it does not know, and reads past it. It is raised where an older program would go wrong, which
+then refuses in words. A newer program reads older tables as they are and raises their version with its
+first row.
+
+- 1 (0.1.0): rows stood in the order of their writers' clocks.
+- 2: rows stand in the order of commits (`commit_version`; -1 in a row of version 1, and among those the
+  clocks count as before), and `transfers.added_at` tells when a plan was added, not when it was planned.
+- 3: rows carry a hash (`row_sha256`), and those of tables that belong to one place follow each other
+  (`before_sha256`): the first that does follows the hash of all that came before there were hashes.
+  The steps of a commit are a file (`upplied.catalog.store.delta`); those of earlier commits stay in tables.
 """
 
 from __future__ import annotations
 
 import csv
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 TYPES = {
     "text": pa.string(),
@@ -116,3 +130,47 @@ def _declared() -> dict[str, Table]:
 TABLES = _declared()
 #: The tables of steps, and whose rows own them.
 STEPS = {"waypoints": "transfers", "poses": "demonstrations"}
+SCHEMA_VERSION = 3
+
+_FROM_BEFORE = -1  # the commit of rows of schema version 1
+_NEEDS = {"added_at": "planned_at"}  # column -> the one it is taken from where it is missing
+
+
+def needed(table: Table, columns: list[str]) -> list[str]:
+    """These columns, and those that they are filled from in older rows."""
+    more = [_NEEDS[name] for name in columns if _NEEDS.get(name) in table.names]
+    return list(dict.fromkeys([*columns, *more]))
+
+
+def missing(table: Table, names: Collection[str]) -> list[str]:
+    """Columns without which rows are of no schema that there ever was."""
+    filled = {"commit_version", *_NEEDS}
+    return [c.name for c in table.columns if c.required and c.name not in {*names, *filled}]
+
+
+def upgraded(table: Table, rows: pa.Table) -> pa.Table:
+    """Rows of this or an earlier schema, null where a program knew no such column, with what they lacked."""
+    for at, field in enumerate(rows.schema):
+        column = rows.column(at)
+        if not column.null_count:
+            continue
+        if field.name == "commit_version":
+            column = column.fill_null(_FROM_BEFORE)
+        elif field.name == "added_at" and "planned_at" in rows.schema.names:
+            column = pc.coalesce(column, rows["planned_at"])
+        elif pa.types.is_string(field.type):
+            column = column.fill_null("")
+        else:
+            continue
+        rows = rows.set_column(at, field, column)
+    return rows
+
+
+def in_schema(rows: pa.Table, schema: pa.Schema) -> pa.Table:
+    """Rows in these columns and types; those that an older program lacked are null."""
+    known = set(rows.schema.names)
+    columns = [
+        rows[field.name].cast(field.type) if field.name in known else pa.nulls(len(rows), field.type)
+        for field in schema
+    ]
+    return pa.table(columns, schema=schema)

@@ -1,19 +1,33 @@
-"""Rows with their hashes: each of its own content and, in the tables of one place, of the row before it.
+"""Data files, written before a commit names them, whose rows carry hashes; and hashes of a log's entries.
+
+A row has that of its own content and, in the tables of one place, of the row before it.
 
 Fields by name and value, the same on every machine; null and empty ones count for nothing, so columns that
 came later leave older hashes as they are. Who noted the last hash (`head_of`) can tell that no row was
-changed since.
+changed since. Of a log each entry states the hashes that none before it states, the newest `identity.Heads`.
+(Of two writers who commit on the same version the next one states both. Checkpoints count as entries.)
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator
+import json
+import re
+import secrets
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime, timedelta
+from io import BytesIO
+from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from deltalake.transaction import AddAction
 
 from upplied.catalog.schema.tables import BEFORE_SHA256, MOMENT, ROW_SHA256, Table
+from upplied.catalog.store.files import FileStore
 
 _HASH, _BEFORE = ROW_SHA256, BEFORE_SHA256
 _TEXT = pa.large_string()
@@ -130,3 +144,131 @@ def _text(values: pa.Array) -> pa.Array:
     texts = values.cast(_TEXT)
     textual = pa.types.is_string(kind) or pa.types.is_large_string(kind)
     return pc.if_else(pc.equal(texts, ""), None, texts) if textual else texts
+
+
+STATED = "upplied.log"  # property of a commit: name -> hash of entries of the log
+CHECKPOINTS = 50  # entries to a checkpoint
+_MOST = 100  # entries that are looked back at: those of an older program state nothing
+_NAME = re.compile(r"[0-9]{20}(\.checkpoint)?\.(json|parquet)")
+
+
+def unstated(log: FileStore, version: int) -> dict[str, str]:
+    """The hashes of the entries up to a version that none of them states."""
+    hashes: dict[str, str] = {}
+    stated = -1
+    for number in range(version, max(version - _MOST, -1), -1):
+        if number <= stated:
+            break
+        try:
+            content = log.read(name := f"{number:020}.json")
+        except FileNotFoundError:
+            break  # cleaned away: older than anybody asks for
+        hashes[name] = _sha256(content)
+        stated = max([stated, *(int(other[:20]) for other in _stated_in(content))])
+        name = f"{number:020}.checkpoint.parquet"
+        if (number + 1) % CHECKPOINTS == 0 and log.has(name):
+            hashes[name] = _sha256(log.read(name))
+    return hashes
+
+
+def _commit(content: bytes) -> dict[str, Any]:
+    """What an entry says of its commit."""
+    lines = (line for line in content.splitlines() if line.startswith(b'{"commitInfo"'))
+    return dict(json.loads(next(lines, b'{"commitInfo": {}}'))["commitInfo"])
+
+
+def _stated_in(content: bytes) -> dict[str, str]:
+    """The hashes that an entry states."""
+    hashes = json.loads(_commit(content).get(STATED, "{}"))
+    return {name: str(value) for name, value in hashes.items() if _NAME.fullmatch(name)}
+
+
+def rows_added(log: FileStore) -> int:
+    """How many rows a log says were added, by the entries that were not cleaned away."""
+    try:
+        rows = [
+            str(_commit(log.read(name)).get("rows", ""))
+            for name in log.names()
+            if _NAME.fullmatch(name) and name.endswith(".json")
+        ]
+    except (ValueError, AttributeError, KeyError, TypeError):
+        return 0  # a finding of its own
+    return sum(int(count) for count in rows if count.isdigit())
+
+
+def changed_entries(log: FileStore, newest: str) -> Iterator[tuple[str, str]]:
+    """Entries that are not as stated, and what is wrong; `newest` is what stands beside the log, as JSON."""
+    contents = {name: log.read(name) for name in log.names() if _NAME.fullmatch(name)}
+    stated: list[tuple[str, str]] = []
+    try:
+        stated += json.loads(newest or "{}").items()
+        if "\n" in newest or (newest and json.dumps(json.loads(newest)) != newest):
+            raise ValueError("it has other words")
+    except (ValueError, AttributeError):
+        yield "what is stated of the newest entry", "was changed after it was written"
+    for name, content in contents.items():
+        if name.endswith(".json"):
+            try:
+                stated += _stated_in(content).items()
+            except (ValueError, AttributeError, KeyError, TypeError) as error:
+                yield name, f"cannot be read: {error}"
+    for name, sha256 in dict.fromkeys(stated):
+        if not _NAME.fullmatch(name) or (name in contents and _sha256(contents[name]) != sha256):
+            yield name, "was changed after it was written, or what is stated of it was"
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+ROW_GROUP = 16_384
+_LONGEST_STATISTIC = 64
+_NAMES = ("transfer_id", "key", "waypoints_sha256")  # hardly one twice
+
+
+def new_file(files: FileStore, rows: pa.Table, sought: Sequence[str]) -> AddAction:
+    """Write a data file that no commit names yet; readers may skip it by the columns that are sought."""
+    sink = BytesIO()
+    # Without Arrow's own schema, which is as large as a hundred rows; texts may be dictionaries.
+    pq.write_table(rows, sink, row_group_size=ROW_GROUP, compression="zstd", store_schema=False)
+    name = f"part-{hashlib.sha256(sink.getbuffer()).hexdigest()}-{secrets.token_hex(4)}.parquet"
+    files.write(name, sink.getvalue())
+    return AddAction(
+        name, sink.tell(), {}, int(time.time() * 1000), True, statistics(decoded(rows.select(sought)))
+    )
+
+
+def statistics(rows: pa.Table) -> str:
+    """What readers may skip a file by: the range of each column, and its nulls; long texts have no range.
+
+    A column that is filtered by must have one: pyarrow takes a missing range for nulls.
+    """
+    low, high = {}, {}
+    for name in rows.column_names:
+        ends = pc.min_max(rows[name]).as_py()
+        least, most = ends["min"], ends["max"]
+        if most is None or len(str(most)) > _LONGEST_STATISTIC or most != most:
+            continue
+        if isinstance(most, datetime):
+            most += timedelta(milliseconds=1)
+            least, most = (when.isoformat(timespec="milliseconds") for when in (least, most))
+        low[name], high[name] = least, most
+    nulls = {name: rows[name].null_count for name in rows.column_names}
+    return json.dumps({"numRecords": len(rows), "minValues": low, "maxValues": high, "nullCount": nulls})
+
+
+def encoded(rows: pa.Table) -> pa.Table:
+    """Rows with repeated texts as dictionaries; copied, since columns as read keep ten times their bytes."""
+    for at, field in enumerate(rows.schema):
+        if pa.types.is_string(field.type) and field.name not in _NAMES:
+            rows = rows.set_column(at, field.name, rows.column(at).dictionary_encode())
+    return rows.take(pa.array(np.arange(len(rows))))
+
+
+def decoded(rows: pa.Table) -> pa.Table:
+    """Rows whose dictionaries are plain columns again."""
+    for at, field in enumerate(rows.schema):
+        if pa.types.is_dictionary(field.type):
+            plain = field.with_type(field.type.value_type)
+            rows = rows.set_column(at, plain, rows.column(at).cast(plain.type))
+    return rows

@@ -17,7 +17,7 @@ import pyarrow.compute as pc
 from deltalake import CommitProperties, DeltaTable, Transaction
 from deltalake.transaction import RemoveAction
 
-from upplied.catalog.store.data_files import decoded, encoded, new_file
+from upplied.catalog.store.chain import decoded, encoded, new_file
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.files import FileStore
 from upplied.errors import CatalogError
@@ -55,7 +55,7 @@ def tidy(table: StoredTable, version: int) -> None:
 def _tidied(table: StoredTable) -> None:
     try:
         while table.change(lambda delta: _merged(table, delta, _of_a_size(table, delta))):
-            pass
+            pa.default_memory_pool().release_unused()  # what this thread took would stay with the process
     except CatalogError as error:
         log.warning("small files of %s were not merged: %s", table.uri, error)
 

@@ -19,11 +19,10 @@ from deltalake import DeltaTable
 from deltalake import Schema as DeltaSchema
 from deltalake.exceptions import CommitFailedError, TableNotFoundError
 
-from upplied.catalog.schema.migrations import SCHEMA_VERSION
-from upplied.catalog.schema.tables import Table
+from upplied.catalog.schema.tables import SCHEMA_VERSION, Table
+from upplied.catalog.store.chain import CHECKPOINTS, unstated
 from upplied.catalog.store.files import FileStore, explained
 from upplied.catalog.store.identity import Heads, Identity
-from upplied.catalog.store.log_hashes import CHECKPOINTS, unstated
 from upplied.errors import CatalogError
 
 log = logging.getLogger(__name__)

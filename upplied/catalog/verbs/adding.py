@@ -14,11 +14,10 @@ from upplied.catalog.reading import Reading
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.delta import StepTable, StoredTable
 from upplied.catalog.store.merging import tidy
-from upplied.catalog.store.steps import StepTable
 from upplied.catalog.verbs import ordering
-from upplied.catalog.verbs.standing import DERIVED
+from upplied.catalog.verbs.ordering import DERIVED
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.records import Bools, Demonstration, Plan, Structure, Trajectory

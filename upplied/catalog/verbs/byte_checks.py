@@ -8,23 +8,20 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from upplied.catalog.reading import Reading
 from upplied.catalog.schema import codec
+from upplied.catalog.store.chain import changed_entries
 from upplied.catalog.store.contents import ContentStore
-from upplied.catalog.store.delta import StoredTable
+from upplied.catalog.store.delta import HASH_DIGITS, StepTable, StoredTable
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.identity import Heads
-from upplied.catalog.store.log_hashes import changed_entries
 from upplied.catalog.store.opening import HASHED_KEY
-from upplied.catalog.store.steps import HASH_DIGITS, StepTable
 from upplied.errors import CatalogError
-
-if TYPE_CHECKING:
-    from upplied.catalog.reading import Reading
 
 _PART = re.compile(r"part-([0-9a-f]{64})-[0-9a-f]{8}\.parquet")
 _STEPS = re.compile(rf"[0-9]{{8}}-[0-9]{{6}}-[0-9]{{6}}-([0-9a-f]{{{HASH_DIGITS}}})\.parquet")

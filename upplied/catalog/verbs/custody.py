@@ -1,30 +1,110 @@
-"""Whether a plan that was released is still what was released, and whether it was measured here at all."""
+"""Whether steps are those that rows own, and plans those that were released, measured here."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Iterator
 
+import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from upplied.catalog.reading import Reading
 from upplied.catalog.schema import plan_rows
 from upplied.catalog.schema.rows import ADDED, Row
+from upplied.catalog.schema.steps import checked, run_starts, unlike
+from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.chain import changed_rows, content_hashes, head_of
+from upplied.catalog.store.files import explained
 from upplied.catalog.verbs import ordering
-from upplied.catalog.verbs.owned import step_faults
 from upplied.catalog.verbs.roster import roster_of
 from upplied.errors import RefusedError
 
-if TYPE_CHECKING:
-    from upplied.catalog.reading import Reading
-    from upplied.catalog.verbs.standing import Standing
+CHUNK = 1_000_000  # steps held in memory at once
+COMPARED = 250_000  # steps that are compared at a time
+
+
+def checked_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
+    """The steps that the given rows own, in order, a bounded number at a time, `checked`."""
+    owners = owners.sort_values([TABLES[name].names[0], "commit_id"])
+    for chunk, steps in _chunks(catalog, name, owners, owners[f"n_{name}"].cumsum() // CHUNK):
+        yield checked(name, steps, stated(name, chunk))
+
+
+def step_faults(catalog: Reading, name: str, rows: pa.Table) -> Iterator[tuple[str, str]]:
+    """Steps that are missing, too many, out of order, or not those whose hash the row keeps, and whose."""
+    key, count = TABLES[name].names[0], f"n_{name}"
+    # As texts: a dictionary's would be sorted as they stand in it.
+    types = {key: pa.string(), "commit_id": pa.string(), count: pa.int64(), f"{name}_sha256": pa.string()}
+    owning = rows.filter(pc.greater(rows[count], 0)).select(list(types)).cast(pa.schema(types))
+    owners = as_frame(owning).drop_duplicates([key, "commit_id"])
+    owners = owners.sort_values(["commit_id", key])
+    number = owners[count].cumsum() // COMPARED
+    number = number.groupby(owners["commit_id"]).transform("first")  # each commit is a file, read once
+    for chunk, steps in _chunks(catalog, name, owners, number):
+        yield from unlike(name, steps, stated(name, chunk))
+
+
+def _chunks(
+    catalog: Reading, name: str, owners: pd.DataFrame, number: pd.Series
+) -> Iterator[tuple[pd.DataFrame, pa.Table]]:
+    """The given rows of one number after the other, with what is stored of their steps."""
+    for _, chunk in owners.groupby(number, sort=True):
+        yield chunk, stored_steps(catalog, name, chunk)
+
+
+def stored_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> pa.Table:
+    """What is stored of the steps of the given rows, in their order: all of it or not."""
+    key = TABLES[name].names[0]
+    if not len(owners):
+        return TABLES[name].schema.empty_table()
+    table, commits, where = catalog.tables[name], owners["commit_id"].unique(), None
+    dataset = table.dataset(commits=commits)
+    there = 0 if dataset is None else explained(table.uri, dataset.count_rows)
+    if 2 * owners[f"n_{name}"].sum() < there:  # else most are wanted
+        ids = pa.array(list(owners[key]), pa.string())
+        ends = pc.min_max(ids).as_py()
+        where = (pc.field(key) >= ends["min"]) & (pc.field(key) <= ends["max"]) & pc.field(key).isin(ids)
+    stored = pa.concat_tables(table.batches(TABLES[name].names, where, commits=commits))
+    starts = run_starts(stored, (key, "commit_id"))
+    place = pc.index_in(named(stored.take(pa.array(starts)), key), named(owners, key)).fill_null(-1)
+    place = np.repeat(place.to_numpy(), np.diff(starts, append=len(stored)))
+    seq, next_owner = stored["seq"].to_numpy(), np.diff(place, prepend=-1)
+    if ((next_owner > 0) | ((next_owner == 0) & (np.diff(seq, prepend=-1) > 0) & (place >= 0))).all():
+        return stored
+    return stored.take(pa.array(np.lexsort((seq, place))[np.count_nonzero(place < 0) :]))
+
+
+def named(rows: pa.Table | pd.DataFrame, key: str) -> pa.Array:
+    """What tells the owner of each step, or each owner: its id and commit."""
+    names = [key, "commit_id"]
+    table = rows if isinstance(rows, pa.Table) else pa.Table.from_pandas(rows[names], preserve_index=False)
+    texts = (table[name].cast(pa.string()).combine_chunks() for name in names)
+    return pc.binary_join_element_wise(*texts, "/")
+
+
+def in_order(name: str, steps: pa.Table) -> pa.Table:
+    """Steps by owner, commit and sequence."""
+    return steps.sort_by([(column, "ascending") for column in (TABLES[name].names[0], "commit_id", "seq")])
+
+
+def stated(name: str, owners: pd.DataFrame) -> dict[tuple[str, str], tuple[int, str]]:
+    """What rows say of the steps they own: how many, and their hash."""
+    columns = (TABLES[name].names[0], "commit_id", f"n_{name}", f"{name}_sha256")
+    ids, commits, counts, hashes = (pa.array(owners[column]).to_pylist() for column in columns)
+    return dict(zip(zip(ids, commits, strict=True), zip(counts, hashes, strict=True), strict=True))
+
+
+def as_frame(rows: pa.Table) -> pd.DataFrame:
+    """Rows whose texts stay Arrow's: as Python's, each takes a hundred bytes more."""
+    return rows.to_pandas(types_mapper={pa.string(): pd.ArrowDtype(pa.string())}.get)
+
 
 HEAD_DIGITS = 20  # of a hash, where people read it
 _NOT_ITS_OWN = {*ADDED, "planned_at"}  # of a row of plans: another when it becomes current again
 
 
-def alterations(catalog: Reading, transfer_ids: Collection[str], now: Standing) -> dict[str, str]:
+def alterations(catalog: Reading, transfer_ids: Collection[str], now: ordering.Standing) -> dict[str, str]:
     """Why plans are not what was released, in words: waypoints, rows and releases are compared again."""
     released = {plan: now.why[plan] for plan in transfer_ids if now.of(plan) == "released"}
     if not released:

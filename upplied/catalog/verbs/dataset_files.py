@@ -13,21 +13,17 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
 import upplied
+from upplied.catalog.database import Catalog
 from upplied.catalog.schema.dictionary import data_dictionary
-from upplied.catalog.schema.migrations import SCHEMA_VERSION
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.schema.tables import STEPS, TABLES
+from upplied.catalog.schema.tables import SCHEMA_VERSION, STEPS, TABLES
 from upplied.catalog.store.files import replace_file
 from upplied.errors import CatalogError, InputError
-
-if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
-
 
 #: Not flights, which are flown again in a moment, and what people decide, change, overrule and find.
 EXCHANGED = [name for name in TABLES if name in {*STEPS, *STEPS.values(), "structures"}]

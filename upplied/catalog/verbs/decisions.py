@@ -13,8 +13,8 @@ import pandas as pd
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs import custody, ordering, queries
 from upplied.catalog.verbs.belonging import OwnSettings
+from upplied.catalog.verbs.ordering import Standing, standing_of, unit_of
 from upplied.catalog.verbs.roster import author, roster_of, signature
-from upplied.catalog.verbs.standing import Standing, standing_of, unit_of
 from upplied.errors import RefusedError, SettingsError
 from upplied.provenance import code_version
 

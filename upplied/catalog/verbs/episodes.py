@@ -7,14 +7,12 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from upplied.catalog.database import Catalog
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs.tum import kinds_of
+from upplied.catalog.verbs.exporting import kinds_of
 from upplied.records import Trajectory
-
-if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
 
 _PART_PCT = 10  # share of what was inspected from which on a part is named in the task
 _FIGURES = ("hfov_deg", "vfov_deg", "path_length_m", "duration_s")

@@ -7,17 +7,17 @@ from collections.abc import Callable, Iterator
 from dataclasses import fields
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from upplied.catalog.database import Catalog
 from upplied.catalog.schema import codec, plan_rows, rows
-from upplied.catalog.schema.migrations import in_schema, missing, upgraded
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
-from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.schema.tables import TABLES, in_schema, missing, upgraded
 from upplied.catalog.store.contents import CONTENTS, NAMED_CONTENTS, States, file_name
 from upplied.catalog.verbs.dataset_files import DATASET, EXCHANGED, check_files, name_of
 from upplied.catalog.verbs.ordering import by_commit
@@ -26,9 +26,6 @@ from upplied.catalog.verbs.verification import Values
 from upplied.checks import check_id
 from upplied.errors import CatalogError
 from upplied.records import Demonstration, Measures, Plan, Structure
-
-if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
 
 _SAME = 2e-3  # of a measure computed again on another machine: a sample in a thousand may turn
 _IDS = {"structure_id", "kind", "demonstration_id", "source_id", "target_id", "transfer_id", "key"}

@@ -16,7 +16,7 @@ from importlib.resources import files
 from io import BytesIO
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,16 +24,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 import upplied
+from upplied.catalog.database import Catalog
 from upplied.catalog.store.files import replace_file
 from upplied.catalog.verbs.dataset_files import new_folder, with_path
 from upplied.catalog.verbs.episodes import Episode, of_demonstrations, of_plans
-from upplied.catalog.verbs.tum import SHARES, kinds_of, split_of, write_splits
+from upplied.catalog.verbs.exporting import SHARES, kinds_of, split_of, write_splits
 from upplied.errors import InputError
 from upplied.geometry import poses
 from upplied.records import Floats, Trajectory
-
-if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
 
 _NAMES = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
 _DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"

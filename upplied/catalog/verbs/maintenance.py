@@ -7,18 +7,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from deltalake import DeltaTable
 
+from upplied.catalog.database import Catalog
 from upplied.catalog.schema.tables import STEPS
+from upplied.catalog.store.delta import StepTable
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.merging import TARGET_BYTES, merge
-from upplied.catalog.store.steps import StepTable
 from upplied.errors import SettingsError
-
-if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
 
 KEEP_DAYS = 30.0  # of versions that `version` can still ask for
 SHORTEST_KEEP_HOURS = 1.0  # a writer that takes longer between points and row would lose its points

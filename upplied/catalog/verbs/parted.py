@@ -10,7 +10,6 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -18,19 +17,16 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from upplied.catalog.schema.migrations import SCHEMA_VERSION
+from upplied.catalog.database import Catalog
 from upplied.catalog.schema.steps import checked
-from upplied.catalog.schema.tables import TABLES, Table
-from upplied.catalog.store.data_files import decoded
-from upplied.catalog.verbs import owned, queries
+from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, Table
+from upplied.catalog.store.chain import decoded
+from upplied.catalog.verbs import custody, queries
 from upplied.catalog.verbs.generations import Before
-from upplied.catalog.verbs.standing import DERIVED
+from upplied.catalog.verbs.ordering import DERIVED
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.records import Floats, Ints
-
-if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
 
 Files = dict[str, pd.DataFrame]  # by name: what names the rows in it, or owns them
 
@@ -140,23 +136,23 @@ def _place(old: pa.Table, own: pd.DataFrame) -> Ints:
 
 def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:
     declared, key = TABLES[name], TABLES[name].names[0]
-    for lot in _lots(files, {file: own[f"n_{name}"].sum() for file, own in files.items()}, owned.CHUNK):
+    for lot in _lots(files, {file: own[f"n_{name}"].sum() for file, own in files.items()}, custody.CHUNK):
         still, lacking = [], []
         for at, file in enumerate(lot):
-            old, owners = _before(was, file, declared), owned.named(files[file], key)
-            still.append(old.filter(pc.is_in(owned.named(old, key), owners)))
-            known = pc.is_in(owners, owned.named(still[at], key)).to_numpy(zero_copy_only=False)
+            old, owners = _before(was, file, declared), custody.named(files[file], key)
+            still.append(old.filter(pc.is_in(custody.named(old, key), owners)))
+            known = pc.is_in(owners, custody.named(still[at], key)).to_numpy(zero_copy_only=False)
             lacking.append(files[file][~known].assign(file=at))
         own = pd.concat(lacking).sort_values([key, "commit_id"])
-        steps = checked(name, owned.stored_steps(catalog, name, own), owned.stated(name, own))
+        steps = checked(name, custody.stored_steps(catalog, name, own), custody.stated(name, own))
         number = np.repeat(own["file"].to_numpy(), own[f"n_{name}"])
         steps = steps.take(pa.array(np.argsort(number, kind="stable")))
         ends = np.cumsum(np.bincount(number, minlength=len(lot)))
         for file, old, first, end in zip(lot, still, [0, *ends], ends, strict=False):
             new = steps.slice(first, end - first)
             if len(old):
-                both = owned.in_order(name, pa.concat_tables([old, new]))
-                new = checked(name, both, owned.stated(name, files[file]))
+                both = custody.in_order(name, pa.concat_tables([old, new]))
+                new = checked(name, both, custody.stated(name, files[file]))
             yield file, new
 
 

@@ -14,24 +14,20 @@ import shutil
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from upplied.catalog.schema.migrations import SCHEMA_VERSION
-from upplied.catalog.schema.tables import TABLES, Table
-from upplied.catalog.store.data_files import decoded
+from upplied.catalog.database import Catalog
+from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, Table
+from upplied.catalog.store.chain import decoded
 from upplied.catalog.store.locking import locked
 from upplied.catalog.verbs import parted
 from upplied.catalog.verbs.generations import Before, Generation, check, clean, current, switch
-from upplied.catalog.verbs.standing import DERIVED
+from upplied.catalog.verbs.ordering import DERIVED
 from upplied.config import digest
 from upplied.errors import CatalogError
-
-if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
 
 _ROW_GROUP = 16_384
 #: What a publication says depends on these, too: a newer program knows more columns.

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pyarrow.compute as pc
 
+from upplied.catalog.database import Catalog
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.plan_rows import transfer_row, tuples
 from upplied.catalog.schema.rows import Row
@@ -16,9 +17,6 @@ from upplied.catalog.verbs import ordering
 from upplied.config import Settings, settings_for
 from upplied.errors import CatalogError
 from upplied.records import Demonstration, Measures, Plan, Structure
-
-if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
 
 
 @dataclass(frozen=True)

@@ -13,16 +13,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
+from upplied.catalog.reading import Reading
 from upplied.catalog.schema.rows import Row, json_text
 from upplied.catalog.store.files import FileStore, replace_file
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError, UppliedError
 from upplied.extras import extra
-
-if TYPE_CHECKING:
-    from upplied.catalog.reading import Reading
 
 _LONGEST = 200  # letters of a name
 _MOST_BYTES = 1 << 20

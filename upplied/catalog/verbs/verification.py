@@ -5,29 +5,23 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import reduce
-from typing import TYPE_CHECKING
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from upplied.catalog.database import Catalog
 from upplied.catalog.schema.plan_rows import settings_text
 from upplied.catalog.schema.tables import ROW_SHA256, STEPS, TABLES, Column
-from upplied.catalog.store.chain import breaks
+from upplied.catalog.store.chain import breaks, encoded, rows_added
 from upplied.catalog.store.contents import NAMED_CONTENTS
-from upplied.catalog.store.data_files import encoded
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.files import FileStore
-from upplied.catalog.store.log_hashes import rows_added
 from upplied.catalog.store.opening import HASHED_KEY
 from upplied.catalog.verbs.byte_checks import Fault, Folder, changed_files, fault_of, stored_contents
-from upplied.catalog.verbs.custody import alterations
-from upplied.catalog.verbs.owned import as_frame, step_faults
+from upplied.catalog.verbs.custody import alterations, as_frame, step_faults
+from upplied.catalog.verbs.ordering import DERIVED
 from upplied.catalog.verbs.recipes import settings_of
-from upplied.catalog.verbs.standing import DERIVED
 from upplied.errors import CatalogError, SettingsError, UppliedError
-
-if TYPE_CHECKING:
-    from upplied.catalog.database import Catalog
 
 _LEAST_DIGITS = 12  # of a hash that was noted
 _NAMED = 5  # ids that a finding names; it counts the others
