@@ -10,19 +10,26 @@ from __future__ import annotations
 
 import hashlib
 import pickle
+import sys
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
+import numpy as np
+
+from upplied.geometry.scene import Scene
 from upplied.planning import plan as planning
 from upplied.planning.correspondence import pair
 from upplied.planning.correspondence.memo import no_memo
 
-KEPT = 400  # stages and plans at once
+KEPT = 400  # stages, plans and pictures at once
 
 _made = planning._planned
 _store: OrderedDict[tuple[str, str], Any] = OrderedDict()
+_functions: dict[tuple[str, str], Callable[..., Any]] = {}
+_PROBES = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 3))
 
 
 def content(*records: Any) -> str:
@@ -57,3 +64,29 @@ def planned(demonstration, source, target, settings, memo, required, siblings):
         return _made(demonstration, source, target, settings, memo, required, siblings)
     given, more = (*map(named, (demonstration, source, target)), settings), (required, tuple(siblings))
     return once("plan", object, content(*given, *more), lambda: _made(*given, once, *more))
+
+
+def photographed(name: str, path: Any, viewpoints: Any, scene: Scene, *given: Any) -> str:
+    """Key of where photos are taken; scenes are compared by their box and 300 distances."""
+    shape = (scene.box, scene.distance(scene.origin + _PROBES * np.ptp(scene.box, axis=0)))
+    return content(name, path, viewpoints, shape, *given)
+
+
+#: What tests of all rooms share: a function of a module, and the key of its inputs.
+SHARED: tuple[tuple[str, str, Callable[..., str]], ...] = (
+    ("upplied.outputs.figures", "thumbnail_png", content),
+    ("upplied.outputs.figures", "demonstration_png", content),
+    ("upplied.outputs.missions.mission", "shots_of", photographed),
+)
+
+
+def share(anew: bool) -> None:
+    """Pictures of pages are drawn and photos of missions placed once for equal inputs, or each anew."""
+    for place, name, key_of in SHARED:
+        if module := sys.modules.get(place):
+            found = _functions.setdefault((place, name), getattr(module, name))
+            setattr(module, name, found if anew else partial(_shared, name, key_of, found))
+
+
+def _shared(name: str, key_of: Callable[..., str], found: Callable[..., Any], *given: Any) -> Any:
+    return once(name, object, key_of(*given), partial(found, *given))

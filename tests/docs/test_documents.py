@@ -44,7 +44,6 @@ def place(tmp_path_factory) -> Path:
     return place
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_the_readme_python_says_what_it_claims(place):
     (code,) = blocks("python")
@@ -61,7 +60,6 @@ def test_the_readme_python_is_ten_lines():
     assert len([line for line in code.splitlines() if line.strip()]) <= 10
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_the_readme_commands_work_in_their_order(place):
     upplied = f"{sys.executable} -c 'import sys; from upplied.cli import main; sys.exit(main())'"

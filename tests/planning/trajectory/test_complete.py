@@ -28,6 +28,7 @@ def planned(inspection: str, target: str, fidelity: str) -> Plan:
     return plan_transfer(fly(source, inspection), source, fleet[target], settings)
 
 
+@pytest.mark.ci
 def test_a_shape_that_departs_further_than_usual_is_a_warning_and_no_refusal():
     plans = {fidelity: planned("engine_left", "b747-v1", fidelity) for fidelity in FIDELITIES}
     for fidelity, plan in plans.items():
