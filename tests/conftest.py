@@ -38,11 +38,12 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """What tests of all rooms share, but for those that are marked `anew` or patch the program themselves."""
-    if "upplied.outputs" in sys.modules:
+    if "upplied.planning.plan" in sys.modules:
         import remembered
 
         asked = getattr(item, "_fixtureinfo", None)
-        remembered.share(bool(item.get_closest_marker("anew") or (asked and "monkeypatch" in asked.argnames)))
+        anew = item.get_closest_marker("anew") or (asked and "monkeypatch" in asked.argnames)
+        remembered.share(bool(anew), but_study="planning" in item.path.parts)
 
 
 @pytest.hookimpl(trylast=True)
