@@ -139,6 +139,7 @@ def test_each_format_that_can_say_a_zoom_says_it_and_the_others_refuse(planned, 
     assert any(note.startswith("OVERRULED zoom") for note in notes)
 
 
+@pytest.mark.ci
 def test_a_plan_that_does_not_zoom_is_told_nothing_of_it(tmp_path: Path) -> None:
     source, flown = flights("box", 0)
     source = replace(source, placement=ELSEWHERE)

@@ -58,6 +58,7 @@ def test_a_bound_of_ones_own_is_kept_or_refused(bound: float):
         assert f"at most {bound:g} (refine.deviation)" in plan.reason
 
 
+@pytest.mark.ci
 def test_what_has_no_counterpart_is_not_planned_for():
     fleet = {structure.structure_id: structure for structure in sample_structures()}
     source = fleet["a320-v1"]
