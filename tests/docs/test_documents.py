@@ -177,7 +177,7 @@ def test_every_room_of_tests_has_its_command_and_no_test_has_a_stop_watch():
     }
     assert {"catalog", "fleet", "flows", "inputs"} <= rooms
     for room in rooms:
-        assert re.search(rf"`\.venv/bin/python -m pytest [^`]*tests/{room}\b[^`]*`", words), room
+        assert re.search(rf'`make test ROOM="?[^"`]*\b{room}\b[^`]*`', words), room
     timed = re.compile(r"assert\b.*\b(perf_counter|process_time|monotonic)\(\) - ")
     for path in (ROOT / "tests").rglob("test_*.py"):
         assert not timed.search(path.read_text(encoding="utf-8")), f"{path.name} asserts a time"
