@@ -49,12 +49,15 @@ quickstart: $(RUNS) ## environment, sample fleet, every transfer, reports: the w
 
 TESTS ?= not slow
 CORES ?= auto
+ROOM ?=
+# What is compiled is kept, whatever this machine says otherwise: else each process of a test compiles all of it.
+unexport PYTHONDONTWRITEBYTECODE
 # A file's tests stay together, since they share what they read and plan; else files with few tests, which are those
 # of servers, would come last, and the whole run would wait for them (tests/conftest.py).
 PYTEST = $(BIN)/python -m pytest --numprocesses $(CORES) --dist loadfile --no-loadscope-reorder
 
-test: $(READY) ## the test suite on every core, or CORES=...; continuous integration adds more by TESTS=...
-	@$(PYTEST) -m "$(TESTS)"
+test: $(READY) ## the tests of a developer, on every core or CORES=...; ROOM=catalog, or more, are those of a room
+	@$(PYTEST) -m "$(TESTS)" $(ROOM:%=tests/%)
 
 test-all: $(READY) ## the test suite with the slow ones: faults, servers, benchmarks' smoke runs
 	@$(PYTEST)
@@ -64,7 +67,7 @@ PLAIN := tests/bench/test_results.py tests/planning/test_plan.py tests/planning/
 	tests/planning/correspondence/test_partial.py
 
 test-plain: $(READY) ## the planning laws with the plainest instructions that the libraries know
-	@$(BIN)/python tests/plainly.py -m pytest --numprocesses $(CORES) --dist loadfile -q -m "not slow" $(PLAIN)
+	@$(BIN)/python tests/plainly.py -m pytest --numprocesses $(CORES) --dist loadfile -q -m "not slow or ci" $(PLAIN)
 
 check: $(READY) ## ruff and mypy
 	$(BIN)/ruff check .

@@ -30,6 +30,22 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by what a script started with &
 
 
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """What is for the continuous integration is slow."""
+    if item.get_closest_marker("ci"):
+        item.add_marker("slow")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """What tests of all rooms share, but for those that are marked `anew` or patch the program themselves."""
+    if "upplied.planning.plan" in sys.modules:
+        import remembered
+
+        asked = getattr(item, "_fixtureinfo", None)
+        anew = item.get_closest_marker("anew") or (asked and "monkeypatch" in asked.argnames)
+        remembered.share(bool(anew), but_study="planning" in item.path.parts)
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files of tests that start servers begin among the first half of the others: they mostly wait."""

@@ -3,26 +3,34 @@
 A plan follows from its inputs alone, which `tests/planning/test_plan.py` asks of plans that are made twice.
 So tests of one process share what was found out about equal inputs: stages by the memo of the planner, keyed
 by the content of the records in place of the hash that they say, and whole plans. Where a test changes the
-program under it (`monkeypatch`), or is marked `anew`, everything is computed.
+program under it (`monkeypatch`), or is marked `anew`, everything is computed. Tests of other rooms
+share pairs, pictures of pages and places of photos; `tests/conftest.py` says which tests.
 """
 
 from __future__ import annotations
 
 import hashlib
 import pickle
+import sys
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
+import numpy as np
+
+from upplied.geometry.scene import Scene
 from upplied.planning import plan as planning
 from upplied.planning.correspondence import pair
 from upplied.planning.correspondence.memo import no_memo
 
-KEPT = 400  # stages and plans at once
+KEPT = 400  # stages, plans, pairs and pictures at once
 
 _made = planning._planned
 _store: OrderedDict[tuple[str, str], Any] = OrderedDict()
+_functions: dict[tuple[str, str], Callable[..., Any]] = {}
+_PROBES = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 3))
 
 
 def content(*records: Any) -> str:
@@ -57,3 +65,54 @@ def planned(demonstration, source, target, settings, memo, required, siblings):
         return _made(demonstration, source, target, settings, memo, required, siblings)
     given, more = (*map(named, (demonstration, source, target)), settings), (required, tuple(siblings))
     return once("plan", object, content(*given, *more), lambda: _made(*given, once, *more))
+
+
+def photographed(name: str, path: Any, viewpoints: Any, scene: Scene, *given: Any) -> str:
+    """Key of where photos are taken; scenes are compared by their box and 300 distances."""
+    shape = (scene.box, scene.distance(scene.origin + _PROBES * np.ptp(scene.box, axis=0)))
+    return content(name, path, viewpoints, shape, *given)
+
+
+#: What tests of all rooms share: a function of a module, and the key of its inputs.
+SHARED: tuple[tuple[str, str, Callable[..., str]], ...] = (
+    ("upplied.outputs.figures", "thumbnail_png", content),
+    ("upplied.outputs.figures", "demonstration_png", content),
+    ("upplied.outputs.missions.mission", "shots_of", photographed),
+)
+#: Where a pair is studied outside of the tests of planning.
+STUDIED = ("upplied.planning.plan", "upplied.planning.correspondence.siblings", "upplied.simulate")
+
+
+def share(anew: bool, but_study: bool) -> None:
+    """Pictures are drawn, photos placed and pairs studied once for equal inputs, or each anew."""
+    for place, name, key_of in SHARED:
+        _replace(place, name, anew, partial(_shared, name, key_of))
+    for place in STUDIED:
+        _replace(place, "study", anew or but_study, _studied)
+
+
+def _replace(place: str, name: str, anew: bool, sharing: Callable[..., Any]) -> None:
+    if module := sys.modules.get(place):
+        found = _functions.setdefault((place, name), getattr(module, name))
+        setattr(module, name, found if anew else partial(sharing, found))
+
+
+def _shared(name: str, key_of: Callable[..., str], found: Callable[..., Any], *given: Any) -> Any:
+    return once(name, object, key_of(*given), partial(found, *given))
+
+
+def _studied(found: Callable[..., Any], source, target, settings, memo=no_memo, siblings=()) -> Any:
+    """A pair; the memo is asked for all that it is asked for where the pair is studied anew."""
+    calls: list[tuple[str, type, str, Any]] = []
+
+    def noted(stage: str, record_type: type, key: str, compute: Callable[[], Any]) -> Any:
+        calls.append((stage, record_type, key, memo(stage, record_type, key, compute)))
+        return calls[-1][3]
+
+    key = content(source, target, settings, tuple(siblings))
+    studied, asked = once(
+        "study", object, key, lambda: (found(source, target, settings, noted, siblings), calls)
+    )
+    for stage, record_type, name, record in asked if asked is not calls else ():
+        memo(stage, record_type, name, lambda record=record: record)
+    return studied

@@ -76,7 +76,7 @@ def run_tests(root: Path, asked: list[str], plugins: list[object]) -> int:
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)
     os.dup2(silent, 2)
-    options = ["-q", "-m", "not slow", "-p", "no:cacheprovider"]
+    options = ["-q", "-m", "not slow or ci", "-p", "no:cacheprovider"]
     options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # of what is loaded already
     return int(pytest.main([*options, *asked], plugins=plugins))
 

@@ -170,7 +170,6 @@ def writer(location: str, seed: int, count: int) -> None:
         )
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_two_writers_at_once_lose_nothing(store):
     location, count = f"s3://{BUCKET}/catalog", 3

@@ -85,7 +85,6 @@ STEPS = st.lists(
 )
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 @settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
 @given(steps=STEPS, merged=st.booleans())

@@ -153,7 +153,6 @@ def test_files_are_not_read_far_ahead_of_what_is_kept():
     assert 1 <= len(handed) <= 100
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_small_files_are_merged_while_they_come(catalog):
     for number in range(40):

@@ -213,7 +213,6 @@ def test_an_older_state_never_replaces_a_newer_one(catalog, tmp_path):
     assert whole(place) == 6
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_another_catalog_and_an_empty_one_replace_nothing(catalog, tmp_path, capsys):
     place = tmp_path / "out"
@@ -269,7 +268,6 @@ while True:
 """
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_a_publisher_that_is_killed_leaves_one_generation_whole(catalog, tmp_path):
     place, rng = tmp_path / "out", random.Random(0)

@@ -123,6 +123,7 @@ def test_a_refused_mission_is_code_1_and_says_why(planned, tmp_path, capsys):
     assert capsys.readouterr().err.startswith("refused: ")
 
 
+@pytest.mark.ci
 def test_a_flight_in_wind_is_told_in_the_report(planned, tmp_path, capsys):
     reports = tmp_path / "reports"
     assert main(["report", str(reports)]) == 0

@@ -45,7 +45,6 @@ def test_a_mesh_is_checked_in_words_and_drawn(tmp_path, monkeypatch, capsys):
     assert not Path("bad-check.png").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_a_scan_is_written_without_its_ground(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -107,7 +106,6 @@ def test_missions_are_written_for_the_vehicle_and_clearance_that_the_plan_was_ma
     assert as_settled({}, MissionOptions()) == as_settled({"settings_json": "{"}, MissionOptions())
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_the_user_says_which_engine_is_meant(tmp_path, monkeypatch):
     a320, b747 = member("a320-v1").structure, member("b747-v1").structure

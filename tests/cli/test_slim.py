@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
-import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 import trimesh
+from flow_runs import Session
 from random_members import random_member
 
 from upplied import fleet
@@ -18,18 +20,22 @@ from upplied.outputs.logs import write_log
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
-# The command in a process where what the extra brings cannot be imported; then what it loaded.
+# A process where what the extra brings cannot be imported.
 SLIM = """
-import json, sys
+import sys
 ABSENT = {"open3d", "libusb_package", "dash", "flask"}
 class Absent:
     def find_spec(self, name, path=None, target=None):
         if name.split(".")[0] in ABSENT:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Absent())
+"""
+# A command in it; then what it loaded, with those before it.
+COMMAND = """
+import json, sys
 from upplied.cli import main
-code = main(sys.argv[1:])
-print(json.dumps(sorted({name.split(".")[0] for name in sys.modules})), file=sys.stderr)
+code = main({words})
+print(json.dumps(sorted({{name.split(".")[0] for name in sys.modules}})), file=sys.stderr)
 sys.exit(code)
 """
 
@@ -52,9 +58,14 @@ def place(tmp_path_factory) -> tuple[Path, str]:
     return place, catalog.transfers()["transfer_id"].iloc[0]
 
 
-def slim(place: Path, plan: str, words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", SLIM, *words.replace("PLAN", plan).split()]
-    return subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
+@pytest.fixture(scope="module")
+def slim(place) -> Iterator[Callable[[str], subprocess.CompletedProcess[str]]]:
+    """Runs a command in the folder, all of them in one process without what the extra brings."""
+    folder, plan = place
+    session = Session(dict(os.environ), folder)
+    assert session.run(SLIM).returncode == 0
+    yield lambda words: session.run(COMMAND.format(words=words.replace("PLAN", plan).split()))
+    session.close()
 
 
 @pytest.mark.parametrize(
@@ -75,8 +86,8 @@ def slim(place: Path, plan: str, words: str) -> subprocess.CompletedProcess[str]
         ("in-force", "Ada"),
     ],
 )
-def test_reading_asking_deciding_and_giving_away_need_no_ray_caster(place, words, what):
-    done = slim(*place, words)
+def test_reading_asking_deciding_and_giving_away_need_no_ray_caster(slim, words, what):
+    done = slim(words)
     assert done.returncode == 0, done.stdout + done.stderr
     assert what in done.stdout + done.stderr
     assert not {"open3d", "prefect"} & set(json.loads(done.stderr.splitlines()[-1]))
@@ -95,9 +106,9 @@ def test_reading_asking_deciding_and_giving_away_need_no_ray_caster(place, words
         "samples write more",
     ],
 )
-def test_what_casts_rays_names_the_extra_in_a_line(place, words):
+def test_what_casts_rays_names_the_extra_in_a_line(slim, place, words):
     before = sorted(open_catalog(place[0] / "catalog").structures()["structure_id"])
-    done = slim(*place, words)
+    done = slim(words)
     assert done.returncode == 2, done.stdout + done.stderr
     told = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
     assert len(told) == 1 and told[0].endswith('Install it: pip install "upplied[plan]"'), done.stderr
@@ -106,8 +117,8 @@ def test_what_casts_rays_names_the_extra_in_a_line(place, words):
     assert sorted(open_catalog(place[0] / "catalog").structures()["structure_id"]) == before
 
 
-def test_doctor_says_that_a_slim_install_plans_nothing(place):
-    done = slim(*place, "doctor --json")
+def test_doctor_says_that_a_slim_install_plans_nothing(slim):
+    done = slim("doctor --json")
     rows = {row["check"]: row for row in json.loads(done.stdout)}
     assert rows["Open3D"]["result"] == "bad" and 'pip install "upplied[plan]"' in rows["Open3D"]["details"]
     assert {rows[name]["result"] for name in ("Python", "numba", "catalog")} == {"good"}

@@ -46,7 +46,6 @@ def test_a_number_without_a_row_is_noticed(tmp_path: Path, monkeypatch: pytest.M
     assert constants.literals() == {"carry.made_up.far": "0.37 5"}
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_the_page_tells_of_every_number():
     page = constants.constants_page()

@@ -31,6 +31,7 @@ def site(tmp_path_factory) -> Path:
     return goal
 
 
+@pytest.mark.ci
 def test_pages_fetch_nothing_from_elsewhere(site):
     pages = list(site.rglob("*.html"))
     assert len(pages) > 25
@@ -43,6 +44,7 @@ def test_pages_fetch_nothing_from_elsewhere(site):
         assert not fetched, f"{page.name} fetches {fetched}"
 
 
+@pytest.mark.ci
 def test_every_picture_of_a_page_is_there(site):
     for page in site.rglob("*.html"):
         for source in re.findall(r"<img[^>]*\ssrc=[\"']?([^\"'\s>]+)", page.read_text(encoding="utf-8")):
@@ -50,6 +52,7 @@ def test_every_picture_of_a_page_is_there(site):
                 assert (page.parent / source).is_file(), f"{page.name} shows {source}"
 
 
+@pytest.mark.ci
 def test_the_reference_tells_of_every_public_name_and_of_the_way_of_a_plan(site):
     import upplied
 
@@ -64,6 +67,7 @@ def test_the_reference_tells_of_every_public_name_and_of_the_way_of_a_plan(site)
     assert sorted(way, key=tree.index) == way
 
 
+@pytest.mark.ci
 def test_the_reference_tells_of_every_setting_key_and_column(site):
     from upplied.catalog.schema.tables import TABLES
     from upplied.config import settings_for
@@ -82,6 +86,7 @@ def test_the_reference_tells_of_every_setting_key_and_column(site):
         assert all(f"<code>{column.name}</code>" in dictionary for column in table.columns)
 
 
+@pytest.mark.ci
 def test_the_reference_tells_of_every_command(site):
     from upplied.cli import app
 
@@ -91,13 +96,13 @@ def test_the_reference_tells_of_every_command(site):
             assert f"upplied {name}" in told
 
 
+@pytest.mark.ci
 def test_the_reference_tells_what_planning_returns(site):
     planning = (site / "reference" / "planning.html").read_text(encoding="utf-8")
     assert 'id="upplied.planning.plan.plan_transfer"' in planning
     assert "Plan the demonstrated inspection of one structure on another" in planning
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_examples_run(example, tmp_path, monkeypatch, capsys):
@@ -106,6 +111,7 @@ def test_examples_run(example, tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out.strip() or list(tmp_path.iterdir()), "an example shows what came of it"
 
 
+@pytest.mark.ci
 def test_the_gallery_shows_every_example_in_order(site):
     shown = re.findall(r"examples/(\d\d_\w+\.py)", (site / "examples.html").read_text(encoding="utf-8"))
     assert shown == [path.name for path in EXAMPLES]

@@ -70,16 +70,20 @@ def imported(*folders: str) -> dict[str, set[str]]:
     """The files that import each top-level package from elsewhere."""
     found: dict[str, set[str]] = {}
     for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            if isinstance(node, ast.ImportFrom) and node.level == 0:
-                names = [str(node.module)]
-                if node.module == "google":
-                    names = [f"google.{alias.name}" for alias in node.names]
-            for name in names:
-                top = name.split(".")[0]
-                if top not in sys.stdlib_module_names:
-                    found.setdefault(top, set()).add(path.relative_to(ROOT).as_posix())
+        for top in packages(path) - sys.stdlib_module_names:
+            found.setdefault(top, set()).add(path.relative_to(ROOT).as_posix())
+    return found
+
+
+@cache
+def packages(path: Path) -> set[str]:
+    """Top-level packages that a file imports."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            found.add(str(node.module).split(".")[0])
     return found
 
 

@@ -97,7 +97,7 @@ def chaos(place: Path, kills: int, every_s: float) -> Stage:
 @pytest.mark.parametrize(
     ("kills", "every_s"),
     [
-        pytest.param(12, 0.35, id="12 kills", marks=[pytest.mark.slow, pytest.mark.ci]),
+        pytest.param(12, 0.35, id="12 kills", marks=pytest.mark.ci),
         pytest.param(200, 0.7, id="200 kills", marks=pytest.mark.slow),
     ],
 )

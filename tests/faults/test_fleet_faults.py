@@ -59,7 +59,6 @@ def boxes(location: Path, count: int) -> Catalog:
     return catalog
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_culprits_are_rows_with_a_reason_and_the_rest_is_planned(tmp_path):
     catalog = boxes(tmp_path / "catalog", 8)

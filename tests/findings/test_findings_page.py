@@ -7,6 +7,7 @@ import shlex
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from PIL import Image
 from test_findings import BEGAN_NS, CUBE, CUBOID, flown
 
@@ -16,6 +17,7 @@ from upplied.cli import main
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "findings.md"
 
 
+@pytest.mark.ci
 def test_every_block_of_the_page_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     catalog = open_catalog("catalog")

@@ -101,7 +101,6 @@ def test_a_change_is_carried_over_to_the_next_draft_once(catalog, tmp_path):
     assert list(catalog.edits()["base_id"]) == [first, second]
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_a_change_that_a_kill_left_without_its_plan_is_carried_over(catalog, tmp_path, monkeypatch):
     plan = newest(catalog)["transfer_id"]
@@ -139,7 +138,6 @@ def test_a_rejected_change_is_not_carried_over(catalog, tmp_path):
     assert carry_edits(catalog) == [] and newest(catalog)["transfer_id"] == second
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_more_distance_is_kept_and_kept_on_when_the_plan_is_changed_again(catalog, tmp_path):
     plan = newest(catalog)

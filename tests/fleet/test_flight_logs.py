@@ -321,6 +321,7 @@ def test_a_flight_of_another_mission_is_told_by_its_fit(catalog, made, tmp_path)
         judged(catalog, log, plan="")  # without a name it is laid on the recommended one
 
 
+@pytest.mark.ci
 def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, made, tmp_path, capsys):
     """A vehicle that flew 2.5 m beside its plan, and a log that is 2.5 m off, are the same log."""
     flown = fly_trajectory(made.trajectory, wind=Wind(2.0), seed=2)
@@ -383,6 +384,7 @@ def test_a_log_of_another_structure_or_on_no_plan_is_refused(catalog, log, tmp_p
         judged(catalog, path)
 
 
+@pytest.mark.ci
 def test_a_simulated_flight_is_a_flight(catalog, made):
     path = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
     half = Trajectory(path.t_s[:600], path.positions[:600], path.quat_xyzw[:600])
@@ -410,7 +412,6 @@ def test_new_drafts_are_flown_and_those_that_come_too_near_are_told(catalog, mad
     assert "comes within 1.25 m (limit 2 m)" in told[0] and "not in the catalog" in told[1]
 
 
-@pytest.mark.ci
 def test_a_plan_that_a_person_changed_is_judged_anew_and_is_a_draft(catalog, tmp_path, capsys):
     where, file = ["--catalog", catalog.location], tmp_path / "plan.json"
     assert main(["edit", ID[:8], "--out", str(file), *where]) == 0

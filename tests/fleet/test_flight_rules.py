@@ -62,7 +62,6 @@ def test_a_wrong_log_is_refused_by_name_and_may_be_overruled(
     assert "below-ground" in json.loads(stored["passport_json"])["allowed"]
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_strict_and_bounds_decide_what_is_taken(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     right = str(place / "right.mcap")

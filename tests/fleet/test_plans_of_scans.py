@@ -105,6 +105,7 @@ def as_though_all_was_scanned(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Catalog, "supposed", lambda *_: None)
 
 
+@pytest.mark.ci
 def test_the_ways_of_a_mission_lead_round_what_was_never_scanned(catalog, tmp_path, monkeypatch) -> None:
     assert exported(catalog, only(catalog), tmp_path / "made.csv")[1] > 1.9
     as_though_all_was_scanned(monkeypatch)
@@ -152,6 +153,7 @@ def test_it_goes_out_and_in_with_the_plan_and_stays_as_long_as_a_row_names_it(
         import_dataset(open_catalog(tmp_path / "third"), tmp_path / "set")
 
 
+@pytest.mark.ci
 def test_the_page_tells_the_clearance_of_all_of_it(catalog, planned) -> None:
     (pair,) = pairs_of(catalog.transfers(), catalog.transfers(every=True))
     (plan,) = Reader(catalog).pair_data(pair)["plans"]

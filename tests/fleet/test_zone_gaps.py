@@ -127,7 +127,6 @@ def test_a_zone_that_the_plan_does_not_show_is_flown_as_it_asks(catalog, made, c
         plan_gap(catalog, "aaa")
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_what_a_zone_asks_beyond_the_plan_is_added_to_what_the_flight_missed(catalog, made):
     (plan,) = catalog.transfers()["transfer_id"]
@@ -158,7 +157,6 @@ def test_more_than_a_camera_tells_is_said_to_be_unattainable(catalog, made):
     assert f"{ROOF_M2:.1f} m2 of it no safe pose shows so; it requires 2 pictures" in found.warnings[1]
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_a_log_that_comes_in_tells_once_which_zones_it_left_out(catalog, made, tmp_path):
     catalog.require("structure", "cube-v1", "monthly", [ROOF], "Ada")

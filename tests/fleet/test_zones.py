@@ -50,7 +50,6 @@ def catalog(tmp_path) -> Catalog:
 
 
 @pytest.mark.ci
-@pytest.mark.slow
 def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     cube = catalog.structure("cube-v1")
     low, high = cube.vertices.min(axis=0), cube.vertices.max(axis=0)
@@ -144,7 +143,6 @@ def test_a_zone_of_one_structure_is_asked_of_all_of_its_kind(catalog):
 
 
 @pytest.mark.ci
-@pytest.mark.slow
 def test_a_run_plans_for_what_is_required_and_the_same_comes_of_it_again(catalog, capsys):
     cuboid = member("cuboid-v1").structure
     catalog.add_structures([cuboid])

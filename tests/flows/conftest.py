@@ -1,4 +1,4 @@
-"""The server that tests of flows share, and the fleet of each module."""
+"""The server and the fleet of each module."""
 
 from __future__ import annotations
 
@@ -16,17 +16,9 @@ from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 
-@pytest.fixture(scope="session")
-def server(tmp_path_factory) -> Iterator[Server]:
-    """A server for runs of flows; nobody deploys anything to it."""
-    with private_server(tmp_path_factory.mktemp("prefect")) as server:
-        server.wait()
-        yield server
-
-
 @pytest.fixture(scope="module")
-def own_server(tmp_path_factory) -> Iterator[Server]:
-    """A server of one module's own, for deployments and automations."""
+def server(tmp_path_factory) -> Iterator[Server]:
+    """A server of one module's own: waiting for tests of others costs more than a start."""
     with private_server(tmp_path_factory.mktemp("prefect")) as server:
         server.wait()
         yield server

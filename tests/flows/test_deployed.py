@@ -20,13 +20,13 @@ from upplied.flows.server import Server, start, stop
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
-pytestmark = [pytest.mark.slow, pytest.mark.ci, pytest.mark.server, pytest.mark.filterwarnings("default")]
+pytestmark = [pytest.mark.ci, pytest.mark.server, pytest.mark.filterwarnings("default")]
 
 
-def test_an_automation_that_is_there_stays_with_what_it_has_heard(own_server, place):
+def test_an_automation_that_is_there_stays_with_what_it_has_heard(server, place):
     """In its place a new one would know nothing of the runs that died while nobody served."""
     done = python(
-        own_server,
+        server,
         place,
         """
 from prefect import get_client
@@ -44,9 +44,8 @@ with get_client(sync_client=True) as client:
     assert changed[1] == "90"
 
 
-def test_from_a_clone_to_a_scheduled_worker(own_server, place):
+def test_from_a_clone_to_a_scheduled_worker(server, place):
     """The README's commands: pool, deployments, worker, a run on demand, and runs for the nights to come."""
-    server = own_server
     open_catalog(place / "catalog").add_demonstrations([fly(member("cube-v1").structure, "sides")])
     for pool in ("local", "planners"):  # as `prefect work-pool create` does
         prefect_api.ask(server.api_url, "work_pools/", {"name": pool, "type": "process"}, server.password)

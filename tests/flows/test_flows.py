@@ -15,7 +15,7 @@ from upplied.catalog import open_catalog
 from upplied.fleet import planner
 from upplied.flows.environment import ROOTS
 
-pytestmark = [pytest.mark.server, pytest.mark.filterwarnings("default")]
+pytestmark = [pytest.mark.ci, pytest.mark.server, pytest.mark.filterwarnings("default")]
 
 
 def test_the_whole_way_by_flows(server, place):
@@ -59,8 +59,6 @@ for mm_px in (8.0, 8.0, 0.01, 0.01):
 """
 
 
-@pytest.mark.slow
-@pytest.mark.ci
 def test_maintenance_checks_the_catalog_and_says_what_is_wrong_with_it(server, place):
     code = """
 from upplied.flows.upkeep import maintain_catalog
@@ -153,8 +151,6 @@ def test_a_plan_is_followed_from_its_log_to_its_page(server, place):
     assert page.is_file()
 
 
-@pytest.mark.slow
-@pytest.mark.ci
 def test_a_shard_plans_what_it_is_named_and_nothing_twice(server, place):
     """What a machine of the work pool does; two machines do it in test_machines.py."""
     changes = {"viewpoints": {"shared": 0.5}}
@@ -202,8 +198,6 @@ WRONG = (
 )
 
 
-@pytest.mark.slow
-@pytest.mark.ci
 def test_wrong_parameters_are_refused_before_anything_runs(server, place):
     calls = "\n".join(f"attempt(lambda: transfer_fleet({wrong}))" for wrong in WRONG)
     code = f"""
@@ -221,8 +215,6 @@ def attempt(call):
     assert len(told) == len(WRONG), done.stdout + done.stderr
 
 
-@pytest.mark.slow
-@pytest.mark.ci
 def test_failed_runs_say_so_and_name_what_failed(server, place):
     """A state of a type or a name of its own is what an alert can match."""
     (place / "broken").mkdir()
@@ -267,8 +259,6 @@ say(transfer_fleet("not-yet", manifest="wrong.toml", return_state=True))
     assert "2 ok" in told[4][1], "what could be planned was not"
 
 
-@pytest.mark.slow
-@pytest.mark.ci
 def test_runs_keep_to_the_declared_roots(server, place, tmp_path):
     code = f"""
 import os
@@ -295,8 +285,6 @@ with patch.dict(os.environ, {{"{ROOTS}": "{place},s3://bucket/fleet"}}):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow
-@pytest.mark.ci
 def test_a_campaign_is_planned_with_the_fleet_once_and_refused_once(server, place):
     done = python(server, place, CAMPAIGN)
     assert done.returncode == 0, done.stderr

@@ -15,7 +15,7 @@ import pytest
 from upplied.flows.server import Server, ServerError, private_server
 from upplied.web.guard import Guard, refusal
 
-pytestmark = [pytest.mark.server, pytest.mark.filterwarnings("default")]
+pytestmark = [pytest.mark.ci, pytest.mark.server, pytest.mark.filterwarnings("default")]
 
 EVIL = "http://evil.example"
 

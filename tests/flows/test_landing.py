@@ -11,7 +11,7 @@ from upplied.catalog import open_catalog
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
-pytestmark = [pytest.mark.slow, pytest.mark.ci, pytest.mark.server, pytest.mark.filterwarnings("default")]
+pytestmark = [pytest.mark.ci, pytest.mark.server, pytest.mark.filterwarnings("default")]
 
 
 def test_a_flight_that_lands_is_judged_and_what_it_left_out_is_planned(server, place):

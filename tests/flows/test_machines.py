@@ -130,10 +130,10 @@ def pool_of(server: Server, place: Path, names: Sequence[str]) -> Iterator[list[
 
 
 @pytest.fixture(scope="module")
-def server(own_server) -> Server:
+def server(server) -> Server:
     """A server with the pools and deployments."""
-    deploy(own_server.environment | {"UPPLIED_HOME": str(ROOT)})
-    return own_server
+    deploy(server.environment | {"UPPLIED_HOME": str(ROOT)})
+    return server
 
 
 def with_store(server: Server) -> dict[str, str]:

@@ -80,7 +80,6 @@ def test_the_compose_file_runs_the_parts_with_one_password():
     assert server["UPPLIED_HOSTS"] in worker["PREFECT_API_URL"]
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_the_images_steps_make_a_program_that_serves(tmp_path):
     """Each file that is copied is there, and its last step installs all of it."""

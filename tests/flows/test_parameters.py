@@ -53,7 +53,6 @@ def read(catalog: str, folder, allow=(), strict=False, bounds=()) -> list[dict]:
     return [{**vars(one), "findings": "; ".join(one.findings)} for one in files]
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_a_flow_overrules_and_refuses_as_the_command_does(tmp_path):
     cube, catalog = member("cube-v1").structure, str(tmp_path / "catalog")
@@ -70,7 +69,6 @@ def test_a_flow_overrules_and_refuses_as_the_command_does(tmp_path):
     assert (row["overruled"], row["verdict"]) == ("too-fast", "overruled")
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_what_was_taken_with_a_warning_is_refused_where_that_is_asked(tmp_path):
     cube, catalog = member("cube-v1").structure, str(tmp_path / "catalog")

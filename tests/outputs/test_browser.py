@@ -125,7 +125,6 @@ def test_the_fleet_filters_searches_and_sorts(visit, reports):
 
 
 @pytest.mark.ci
-@pytest.mark.slow
 def test_thousands_of_rows_are_drawn_a_screen_at_a_time(visit, tmp_path):
     rows = [
         [
@@ -255,7 +254,6 @@ def test_a_transfer_flies_seen_through_the_camera(visit, reports):
 
 
 @pytest.mark.ci
-@pytest.mark.slow
 def test_planned_and_flown_are_drawn_together(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--cuboid-0.html").as_uri())
     drawn(page)
@@ -352,7 +350,6 @@ def test_without_webgl_the_picture_and_the_figures_remain(visit, reports, browse
 
 
 @pytest.mark.ci
-@pytest.mark.slow
 def test_dark_mode_is_dark_and_legible(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
     page.emulate_media(color_scheme="dark")
@@ -375,6 +372,7 @@ def test_the_path_can_be_taken_along(visit, reports, tmp_path):
     assert "upplied export t0003" in page.locator(".downloads").text_content()
 
 
+@pytest.mark.ci
 def test_findings_are_bright_where_they_are_on_the_structure(visit, tmp_path):
     catalog = FakeCatalog(targets=1)
     low, high = (getattr(catalog.structure("cuboid-0").vertices, end)(axis=0) for end in ("min", "max"))

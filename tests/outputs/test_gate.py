@@ -178,6 +178,7 @@ def test_a_keep_out_box_between_waypoints_that_were_left_out_is_seen(tmp_path):
         assert not ((flown > box[0] + 1e-6) & (flown < box[1] - 1e-6)).all(axis=1).any()
 
 
+@pytest.mark.ci
 @settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     format=st.sampled_from(FILES),

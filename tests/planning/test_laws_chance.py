@@ -42,6 +42,7 @@ def planned(source: str, target: str, inspection: str, change: str, seed: int) -
     return plan_transfer(fly(flown, inspection, seed=3), flown, other, settings)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("pair", PAIRS)
 @pytest.mark.parametrize(("change", "seed"), [("moved", 0), ("reordered", 0), ("", 1)])
 def test_the_same_structure_gets_the_same_plan(pair: tuple[str, str, str], change: str, seed: int) -> None:

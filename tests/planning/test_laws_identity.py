@@ -17,7 +17,7 @@ from upplied.records import Camera, Demonstration, Floats, Plan, Structure, Traj
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
 
-FAST = [("cube-v1", "sides", 0), ("a320-v1", "engine_left", 1)]
+FAST = [("cube-v1", "sides", 0), pytest.param("a320-v1", "engine_left", 1, marks=pytest.mark.ci)]
 SLOW = [
     ("a320-v1", "fuselage", 0),
     ("a320-v1", "wings", 0),
@@ -155,6 +155,7 @@ def test_close_ups_hovers_and_second_passes_are_kept(depth: float, hover: float,
     assert length[0] == pytest.approx(80 + 2 * depth + (30 if second else 0), rel=0.02)
 
 
+@pytest.mark.ci
 def test_a_long_flight_in_close_rows_is_followed_as_well_as_a_short_one() -> None:
     of = hall()
     low, high = of.vertices.min(axis=0), of.vertices.max(axis=0)
@@ -191,16 +192,21 @@ def shaken(demonstration: Demonstration, noise_m: float, seed: int) -> Demonstra
     return replace(demonstration, positions=demonstration.positions + noise, sha256="")
 
 
+PLAIN = ("cube-v1", "sides", "cuboid-v1")
 PAIRS = [
-    ("cube-v1", "sides", "cuboid-v1"),
-    pytest.param("a320-v1", "fuselage", "b747-v1", marks=pytest.mark.slow),
-    pytest.param("cruise-v1", "hull", "yacht-1-v1", marks=pytest.mark.slow),
-    pytest.param("bridge-1-v1", "piers", "bridge-2-v1", marks=pytest.mark.slow),
+    ("a320-v1", "fuselage", "b747-v1"),
+    ("cruise-v1", "hull", "yacht-1-v1"),
+    ("bridge-1-v1", "piers", "bridge-2-v1"),
+]
+RATES, NOISE = ("twice the rate", "half the rate"), "5 cm of noise"
+DOUBLED = [
+    (*PLAIN, NOISE),
+    *(pytest.param(*PLAIN, how, marks=pytest.mark.ci) for how in RATES),
+    *(pytest.param(*pair, how, marks=pytest.mark.slow) for pair in PAIRS for how in (*RATES, NOISE)),
 ]
 
 
-@pytest.mark.parametrize(("source", "inspection", "target"), PAIRS)
-@pytest.mark.parametrize("how", ["twice the rate", "half the rate", "5 cm of noise"])
+@pytest.mark.parametrize(("source", "inspection", "target", "how"), DOUBLED)
 def test_doubling(source: str, inspection: str, target: str, how: str) -> None:
     """A flight logged at another rate, or with noise, gives the same plan."""
     plain = flown(source, inspection, 0)

@@ -43,6 +43,7 @@ def check_mirrored(fleet, source, target, part, preset, seed):
     return strays, a, b
 
 
+@pytest.mark.ci
 def test_everything_mirrored_gives_the_mirrored_plan(fleet):
     check_mirrored(fleet, "cube-v1", "cuboid-v1", "sides", "recommended", 1)
     check_mirrored(fleet, "cruise-v1", "yacht-1-v1", "hull", "recommended", 1)
@@ -72,6 +73,7 @@ def test_every_kind_mirrored_gives_the_mirrored_plan(fleet, source, target, part
     check_mirrored(fleet, source, target, part, "recommended", seed)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("degrees", [0.0, 37.0])
 def test_the_repetition_on_the_other_side_is_the_mirrored_flight(fleet, degrees):
     """Whose own structure is its mirror image: the second half of the plan is the first, left for right."""

@@ -47,6 +47,7 @@ def check_moved(fleet, kind, preset, seed):
     assert strays_m(plan_transfer(*moved, options), plan) < (1e-6 if preset == "recommended" else 1e-3)
 
 
+@pytest.mark.ci
 def test_a_target_moved_by_a_kilometre_gets_the_moved_plan(fleet):
     check_moved(fleet, "cube", "recommended", 1)
     check_moved(fleet, "engine", "recommended", 1)

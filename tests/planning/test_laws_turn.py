@@ -65,11 +65,14 @@ def check_all_turned(fleet, kind, preset, seed, degrees):
 
 
 @pytest.mark.parametrize("degrees", [37.0, 90.0])
-@pytest.mark.parametrize("kind", ["cube", "ship", "engine"])
+@pytest.mark.parametrize(
+    "kind", ["cube", *(pytest.param(kind, marks=pytest.mark.ci) for kind in ("ship", "engine"))]
+)
 def test_all_turned_together_gives_the_turned_plan(fleet, kind, degrees):
     check_all_turned(fleet, kind, "recommended", 1, degrees)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("preset", ["paper", "baseline"])
 def test_published_plans_turn_with_structures_that_stand_askew(fleet, preset):
     check_all_turned(fleet, "cube", preset, 1, 37.0)
@@ -99,6 +102,7 @@ def check_turned_target(fleet, kind, turn, search, seed=1, **changes):
     assert turned.counterpart_summary == plan.counterpart_summary
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("degrees", [29.0, 180.0])
 def test_the_plan_on_a_turned_target_is_the_turned_plan(fleet, degrees):
     """An engine named by its place is the same engine, at any heading that the search finds."""
@@ -114,6 +118,7 @@ def test_the_plan_on_a_turned_target_is_the_turned_plan_at_any_heading(fleet, ki
         check_turned_target(fleet, kind, about_z(degrees), "heading")
 
 
+@pytest.mark.ci
 def test_the_frechet_distance_of_a_turned_ship_on_itself_is_small(fleet):
     """29 degrees were once no turn at all, and the reported distance 104.7 m."""
     ship = fleet["cruise-v1"]

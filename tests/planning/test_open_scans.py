@@ -34,6 +34,7 @@ def ring(near: float) -> Demonstration:
     return Demonstration("ring", "body", (np.arange(240) * 5e8).astype(np.int64), at, quats)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("first", [-1.0, 1.0])
 def test_what_was_never_scanned_is_said_not_shown_and_kept_clear_of(first: float) -> None:
     whole, scan = larger(body()), larger(cut(body(), first, first + 4))

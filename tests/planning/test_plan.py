@@ -198,6 +198,7 @@ def test_a_camera_that_looked_higher_than_the_gimbal_may_is_told(fleet, around_c
     assert not any("gimbal" in warning for warning in untold)
 
 
+@pytest.mark.ci
 def test_a_stand_off_in_metres_is_kept_round_a_structure_twice_as_large(fleet):
     settings = settings_for("recommended")
     kept = replace(settings, transfer=replace(settings.transfer, standoff="kept"))

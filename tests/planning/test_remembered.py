@@ -10,6 +10,7 @@ import remembered
 
 from upplied.config import settings_for
 from upplied.planning import plan as planning
+from upplied.planning.correspondence.siblings import study
 from upplied.planning.plan import plan_transfer
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -41,3 +42,18 @@ def test_a_test_may_plan_everything_itself():
 
 def test_the_others_share():
     assert planning._planned is remembered.planned
+
+
+def test_a_pair_that_is_shared_leaves_in_each_memo_what_its_study_leaves_there():
+    kept: list[dict] = [{}, {}]
+    for store in kept:
+
+        def memo(stage, record_type, key, compute, store=store):
+            if (stage, key) not in store:
+                store[stage, key] = compute()
+            return store[stage, key]
+
+        pair = remembered._studied(study, CUBE, CUBOID, settings_for("baseline"), memo)
+        assert pair.source.sha256 == CUBE.sha256
+    assert kept[0].keys() == kept[1].keys() and len(kept[0]) >= 5
+    assert all(kept[0][name] is kept[1][name] for name in kept[0])

@@ -52,6 +52,7 @@ def planned() -> tuple[Demonstration, Structure, Plan]:
     return flown, target, plan
 
 
+@pytest.mark.ci
 def test_what_a_plan_claims_to_show_a_ray_caster_of_its_own_sees_with_the_camera_of_each_pose(
     planned,
 ) -> None:
@@ -96,6 +97,7 @@ def test_a_wide_look_does_not_stand_in_for_a_narrow_one_from_as_near() -> None:
     )
 
 
+@pytest.mark.ci
 def test_each_format_that_can_say_a_zoom_says_it_and_the_others_refuse(planned, tmp_path: Path) -> None:
     flown, target, plan = planned
 
@@ -137,6 +139,7 @@ def test_each_format_that_can_say_a_zoom_says_it_and_the_others_refuse(planned, 
     assert any(note.startswith("OVERRULED zoom") for note in notes)
 
 
+@pytest.mark.ci
 def test_a_plan_that_does_not_zoom_is_told_nothing_of_it(tmp_path: Path) -> None:
     source, flown = flights("box", 0)
     source = replace(source, placement=ELSEWHERE)

@@ -178,6 +178,7 @@ def test_the_shape_decides_whatever_kind_is_declared(location, structure, expect
     assert found[0].unlikeness == min(one.unlikeness for one in found)
 
 
+@pytest.mark.ci
 def test_declared_kinds_are_evidence_but_not_all(tmp_path):
     """Shapes that fit outweigh what is declared; where none fits, the kind decides whom to look at first."""
     catalog = open_catalog(tmp_path / "catalog")

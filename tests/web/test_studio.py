@@ -149,7 +149,6 @@ def test_a_zone_is_painted_asked_for_and_judged(session, catalog):
 # --- in a browser --------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 @pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine; apt-get install chromium")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

@@ -62,6 +62,7 @@ def test_the_scan_is_one_piece(scan):
     assert mesh_pieces(scan).max() == 0
 
 
+@pytest.mark.ci
 def test_every_engine_of_a_scan_is_found_and_flown(a320, engine, scan):
     takes, found, refused = answers(engine, a320, scan, repeat="each", expect=4)
     assert not refused and not doubts(found)
@@ -91,6 +92,7 @@ def test_the_named_engine_of_a_scan_is_flown(a320, engine, scan, meant, engine_m
     assert (there == engine_meant).mean() > 0.9
 
 
+@pytest.mark.ci
 def test_a_flight_round_a_scan_is_carried_to_a_model(scan, a320):
     """The other way round: the demonstrated structure is the one of a single piece."""
     flight = fly(one_piece(a320), "engine_left", seed=2)
@@ -111,6 +113,7 @@ def test_an_engine_among_others_that_nothing_tells_apart_is_refused_with_the_rea
     assert "engine_left=" in plan.reason or "cannot be distinguished" in plan.reason
 
 
+@pytest.mark.ci
 def test_an_engine_that_was_modelled_as_one_with_its_wing_is_not_flown_as_a_wing(a320, engine, b747):
     of = member("a320-v1")
     edges = []
@@ -122,6 +125,7 @@ def test_an_engine_that_was_modelled_as_one_with_its_wing_is_not_flown_as_a_wing
     assert one.twins > 0 and "part of its own" in refused
 
 
+@pytest.mark.ci
 def test_wings_that_were_modelled_as_one_with_the_fuselage_are_found_on_the_target(a320):
     """Engines are pieces of their own, so pieces tell parts there; the wings' boxes are the fuselage's."""
     of = member("b777-v1")
@@ -182,6 +186,7 @@ def test_no_abutment_is_taken_for_a_pier():
     assert not answers(fly(bridge, "piers", seed=2), bridge, member("bridge-2-v1").structure, expect=2)[2]
 
 
+@pytest.mark.ci
 def test_engines_of_a_side_that_was_never_scanned_are_not_passed_over(a320, engine):
     b777 = member("b777-v1").structure
     left = b777.vertices[b777.triangles].mean(axis=1)[:, 1] > 6.0

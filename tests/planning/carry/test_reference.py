@@ -43,6 +43,7 @@ def test_it_is_turned_as_the_target_is(fleet, kind, part, turn, search):
     np.testing.assert_allclose(standing(pair), turn.T, atol=0.02)
 
 
+@pytest.mark.ci
 def test_the_shape_that_bounds_the_planner_is_the_one_it_is_measured_by(fleet, monkeypatch):
     ship, bounds = fleet["cruise-v1"], []
     bounded = completing._within
@@ -64,6 +65,7 @@ def test_the_shape_that_bounds_the_planner_is_the_one_it_is_measured_by(fleet, m
     assert min(found) < 0.05
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("standoff", "wanted_m"), [("scaled", 4.31), ("kept", 15.65)])
 def test_what_the_stand_off_bounds_is_carried_with_it(fleet, monkeypatch, standoff, wanted_m):
     """From the cruise ship to a yacht a quarter as large: what weighs a path follows the stand-off."""

@@ -47,6 +47,7 @@ def test_the_engine_is_what_the_flight_round_it_is_about(fleet, engine):
     assert 4 < part[1] < 8 and part[2] < 3  # under the left wing of an A320
 
 
+@pytest.mark.ci
 def test_each_engine_of_a_747_is_inspected(fleet, engine):
     settings = settings_for("recommended", correspondence={"repeat": "each"})
     plan = plan_transfer(engine, fleet["a320-v1"], fleet["b747-v1"], settings)
@@ -73,6 +74,7 @@ def test_joined_flights_follow_one_another(engine):
     np.testing.assert_array_equal(both.positions[len(flight) :], flight.positions + 1)
 
 
+@pytest.mark.ci
 def test_between_the_takes_nothing_crawls_and_nobody_hovers(fleet, engine):
     """The flight closed to a loop: each take ends where it began, which is no hover of anybody."""
     share = np.linspace(0, 1, 41)[1:, None]
@@ -99,6 +101,7 @@ def test_between_the_takes_nothing_crawls_and_nobody_hovers(fleet, engine):
         assert step.sum() / spent.sum() > 1.0
 
 
+@pytest.mark.ci
 def test_each_engine_is_found_on_a_target_that_is_turned(fleet, engine):
     """Which parts lie on the demonstrated side is asked where the target lies on the source."""
     turn = about_z(180)

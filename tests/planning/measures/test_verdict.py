@@ -74,6 +74,7 @@ def test_rules_of_the_airspace_hold_for_every_preset(asked):
     assert "above the ceiling" in said
 
 
+@pytest.mark.ci
 def test_recommended_is_refused_and_comparisons_carry_the_verdict(asked, monkeypatch):
     *_, flown, fleet = asked
     target = fleet["cuboid-v1"]

@@ -28,6 +28,7 @@ def planned(inspection: str, target: str, fidelity: str) -> Plan:
     return plan_transfer(fly(source, inspection), source, fleet[target], settings)
 
 
+@pytest.mark.ci
 def test_a_shape_that_departs_further_than_usual_is_a_warning_and_no_refusal():
     plans = {fidelity: planned("engine_left", "b747-v1", fidelity) for fidelity in FIDELITIES}
     for fidelity, plan in plans.items():
@@ -57,6 +58,7 @@ def test_a_bound_of_ones_own_is_kept_or_refused(bound: float):
         assert f"at most {bound:g} (refine.deviation)" in plan.reason
 
 
+@pytest.mark.ci
 def test_what_has_no_counterpart_is_not_planned_for():
     fleet = {structure.structure_id: structure for structure in sample_structures()}
     source = fleet["a320-v1"]
