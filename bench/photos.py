@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from proof_truth import hidden
+from proof_truth import met
 from scipy.spatial.transform import Rotation
 from transfers import transfers
 
@@ -27,10 +27,10 @@ from upplied.config import settings_for
 from upplied.outputs.missions import FORMATS, Mission, MissionOptions, export
 from upplied.outputs.missions.read_back import read_mission
 from upplied.planning.plan import plan_transfer
-from upplied.records import Camera, Floats, Placement, Plan, Structure
+from upplied.records import Bools, Camera, Floats, Placement, Plan, Structure
 
 _FINE = ("gsd_mm_p50", "gsd_mm_p95", "gsd_demonstrated_mm_p50", "gsd_demonstrated_mm_p95", "gsd_within_pct")
-_POINTS = 20_000
+_CELLS, _SLACK = (60, 45), 1e-3  # of a picture; of a sight line, at its end
 PLACE = Placement(47.0, 8.0, 400.0, 30.0, "ellipsoid")
 
 
@@ -131,41 +131,47 @@ def written_of(plan: Plan, target: Structure, camera: Camera, trigger_s: float, 
 def overlaps(mission: Mission, target: Structure, camera: Camera) -> Floats:
     """Share of each picture (K - 1,), percent, that the one before shows too, without rays of ours.
 
-    Points spread evenly over the mesh, each worth the solid angle that it stands for in a flat picture; what
-    hides them by `proof_truth`, which tries every triangle.
+    A ray through each cell of a picture, somewhere in it by chance, meets the surface by `proof_truth.met`,
+    which tries every triangle; so does the ray to there from the picture before.
     """
-    corners = target.vertices[target.triangles]
-    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
-    size, random = np.linalg.norm(area, axis=1), np.random.default_rng(0)
-    triangle = random.choice(len(size), _POINTS, p=size / size.sum())
-    side = np.sort(random.uniform(0, 1, (_POINTS, 2)), axis=1)
-    parts = np.column_stack([side[:, 0], side[:, 1] - side[:, 0], 1 - side[:, 1]])
-    points = np.einsum("nk,nkx->nx", parts, corners[triangle])
-    normals = area[triangle] / size[triangle, None]
-    shown, worth = [], []
-    slopes = np.tan(np.radians([camera.hfov_deg, camera.vfov_deg]) / 2)
-    for place, turn in zip(
-        mission.local[mission.photo],
-        Rotation.from_quat(mission.quat_xyzw[mission.photo]).as_matrix(),
-        strict=True,
-    ):
-        ray = points - place
-        ahead, *sides = (ray @ turn).T
-        reach = np.linalg.norm(ray, axis=1)
-        inside = (ahead > 0) & (np.abs(np.array(sides).T) <= ahead[:, None] * slopes).all(axis=1)
-        inside &= (reach >= camera.min_range_m) & (reach <= camera.max_range_m)
-        some = np.flatnonzero(inside)
-        inside[some] = ~hidden(place, ray[some], corners, 1e-3)
-        shown.append(inside)
-        with np.errstate(divide="ignore"):
-            worth.append(np.where(inside, np.abs((ray * normals).sum(axis=1)) / ahead**3, 0.0))
-    return np.array(
-        [
-            100 * worth[at][shown[at - 1]].sum() / worth[at].sum()
-            for at in range(1, len(shown))
-            if worth[at].sum() > 0
-        ]
-    )
+    corners, random = target.vertices[target.triangles], np.random.default_rng(0)
+    places, quats = mission.local[mission.photo], mission.quat_xyzw[mission.photo]
+    axes = Rotation.from_quat(quats).as_matrix()
+    shares = []
+    for at in range(1, len(places)):
+        points = pictured(places[at], axes[at], corners, camera, random)
+        if len(points):
+            before = shows(places[at - 1], axes[at - 1], points, corners, camera)
+            shares.append(100 * float(before.mean()))
+    return np.array(shares)
+
+
+def pictured(
+    place: Floats, axes: Floats, corners: Floats, camera: Camera, random: np.random.Generator
+) -> Floats:
+    """The points (K, 3) of the surface that rays through the cells of a picture meet within range, m."""
+    cells = np.stack(np.meshgrid(*map(np.arange, _CELLS)), axis=-1).reshape(-1, 2)
+    within = 2 * (cells + random.uniform(0, 1, cells.shape)) / _CELLS - 1
+    rays = np.column_stack([np.ones(len(cells)), within * _slopes(camera)]) @ axes.T
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    reach = met(place, rays, corners)
+    near = (reach >= camera.min_range_m) & (reach <= camera.max_range_m)
+    return np.asarray(place + rays[near] * reach[near, None])
+
+
+def shows(place: Floats, axes: Floats, points: Floats, corners: Floats, camera: Camera) -> Bools:
+    """Which points (N, 3) are in a picture, with nothing before them."""
+    rays = points - place
+    ahead, *sides = (rays @ axes).T
+    reach = np.linalg.norm(rays, axis=1)
+    inside = (ahead > 0) & (np.abs(np.array(sides).T) <= ahead[:, None] * _slopes(camera)).all(axis=1)
+    inside &= (reach >= camera.min_range_m) & (reach <= camera.max_range_m)
+    inside[inside] = met(place, rays[inside], corners) > 1 - _SLACK
+    return inside
+
+
+def _slopes(camera: Camera) -> Floats:
+    return np.tan(np.radians([camera.hfov_deg, camera.vfov_deg]) / 2)
 
 
 if __name__ == "__main__":
