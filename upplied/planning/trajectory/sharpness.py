@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from upplied.config import Settings
+from upplied.config import Settings, focal_px
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import angle_between, fov_at, matrices
 from upplied.planning.carry.inspected_surface import InspectedSurface
@@ -92,12 +92,14 @@ def _sharp_speeds(
 ) -> Floats:
     """Speed (W,), m/s, at each waypoint up to which the inspected surface in view is sharp; inf for none.
 
-    Sharp is what moves no faster through the picture than `settings.inspection` says, or than the
-    expert's own pictures did.
+    Sharp is what moves no faster through the picture than `settings.inspection` says, or than the expert's
+    own pictures did, as long as that is no more than a pixel of his camera (`max_motion_px`).
     """
     camera, scene = takes[0].inspection.camera, takes[0].pair.target_scene
     rule = settings.inspection
-    limit, _ = look_limits(takes, rule)
+    focal = focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
+    one_pixel = rule.max_motion_px / ((camera.exposure_s or rule.exposure_s) * focal)
+    limit = min(look_limits(takes, rule)[0], one_pixel)
     few = np.flatnonzero(inspected.need > 0)[:_SAMPLES]
     part = inspected.cloud.at(few)
     poses, fov_deg = (path.positions, path.quat_xyzw), fov_at(flight, path.t_s)
