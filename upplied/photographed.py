@@ -7,7 +7,6 @@ ready by then, the path is flown more slowly if overlap or coverage depend on it
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,15 +99,19 @@ def photographed(
     finest = reach.min(axis=0)
     wanted = np.where(np.isfinite(finest), _AS_FINE * finest, -np.inf)  # what no place shows, none need
     enough = 1.0 if complete else _ENOUGH
-    seen = frames, path, surface, wanted
-    chosen, shown = _covering(*seen, chosen, times[useful], reach <= wanted, interval_s, enough)
+
+    def shown_by(photo_s: list[float]) -> Bools:
+        taken = Frames(interpolate(path, np.array(photo_s)), camera, scene)
+        return np.array([_reach(taken, at, surface) <= wanted for at in range(len(photo_s))])
+
+    chosen, shown = _covering(chosen, shown_by(chosen), times[useful], reach <= wanted, interval_s, enough)
     if overlap is not None:  # few are fixed: the others are spread evenly between them
-        needed = _without_spare(*seen, sorted(chosen), np.inf)
-        fixed = np.unique([min(chosen), *needed, max(chosen)])
+        needed = _without_spare(chosen, shown_by(chosen), np.inf)
+        fixed = np.unique([chosen[0], *needed, chosen[-1]])
         chosen = _filled(frames, useful, path, fixed, overlap[0])
     elif complete:
-        chosen = _without_spare(*seen, sorted(chosen), interval_s)
-    photo_s = np.sort(chosen)
+        chosen = _without_spare(chosen, shown_by(chosen), interval_s)
+    photo_s = np.array(chosen)
     timed, flags, planned_s = _with_photos(path, photo_s, interval_s * MARGIN, most_mps2)
     taken = Frames(timed.take(flags), camera, scene)
     along = np.array([taken.overlap(at - 1, at) for at in range(1, len(photo_s))])
@@ -221,22 +224,14 @@ def share_shown(path: Trajectory, photo: Bools, camera: Camera, scene: Scene, su
 
 
 def _covering(
-    frames: Frames,
-    path: Trajectory,
-    surface: Cloud,
-    wanted: Floats,
-    photo_s: list[float],
-    times: Floats,
-    shows: Bools,
-    interval_s: float,
-    enough: float,
+    photo_s: list[float], shown: Bools, times: Floats, shows: Bools, interval_s: float, enough: float
 ) -> tuple[list[float], float]:
-    """The photos, and more of them where they leave out what places (P,) show (P, M); what all then show."""
+    """The photos, and more where they leave out (K, M) what places (P,) show (P, M); the share they show."""
     known, chosen = shows.any(axis=0), list(photo_s)
     whole = int(known.sum())
     if not whole:
         return chosen, float("nan")
-    left = known & ~_shown(frames, path, surface, wanted, chosen).any(axis=0)
+    left = known & ~shown.any(axis=0)
     while left.sum() > (1 - enough) * whole:
         gain = (shows & left).sum(axis=1)
         ready = np.abs(times[:, None] - np.array(chosen)).min(axis=1) >= interval_s
@@ -244,23 +239,12 @@ def _covering(
         best = int(np.argmax(np.where(ready, gain, gain / 2)))
         chosen.append(float(times[best]))
         left &= ~shows[best]
-    return chosen, 1 - float(left.sum()) / whole
+    return sorted(chosen), 1 - float(left.sum()) / whole
 
 
-def _shown(
-    frames: Frames, path: Trajectory, surface: Cloud, wanted: Floats, photo_s: Sequence[float]
-) -> Bools:
-    """Which samples (K, M) photos show as finely as is wanted."""
-    taken = Frames(interpolate(path, np.array(photo_s)), frames.camera, frames.scene)
-    return np.array([_reach(taken, at, surface) <= wanted for at in range(len(photo_s))])
-
-
-def _without_spare(
-    frames: Frames, path: Trajectory, surface: Cloud, wanted: Floats, photo_s: list[float], interval_s: float
-) -> list[float]:
-    """The photos without those of less than an interval from another that show nothing of their own."""
-    shown, times = _shown(frames, path, surface, wanted, photo_s), np.array(photo_s)
-    kept, count = np.ones(len(times), bool), shown.sum(axis=0)
+def _without_spare(photo_s: list[float], shown: Bools, interval_s: float) -> list[float]:
+    """The photos without those less than an interval from another that show (K, M) nothing of their own."""
+    times, kept, count = np.array(photo_s), np.ones(len(photo_s), bool), shown.sum(axis=0)
     for at in np.argsort(shown.sum(axis=1), kind="stable"):
         kept[at] = False
         waits = np.abs(times[kept] - times[at]).min(initial=np.inf) < interval_s

@@ -27,6 +27,8 @@ from upplied.records import Bools, Floats, Trajectory, Waypoints
 
 _SAMPLES = 600  # of the inspected surface, that are asked for
 MARGIN = 0.95  # of the limit, for what speeds differ within a leg
+# Of what is in view, and of a pixel, where the demonstration was not sharp: the hand trembles within a leg.
+_NEARLY_ALL, _STEADY = 0.98, 0.8
 _SLOWEST_MPS = 0.1
 
 
@@ -99,7 +101,9 @@ def _sharp_speeds(
     rule = settings.inspection
     focal = focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
     one_pixel = rule.max_motion_px / ((camera.exposure_s or rule.exposure_s) * focal)
-    limit = min(look_limits(takes, rule)[0], one_pixel)
+    own, _ = look_limits(takes, rule)
+    # Where looks of more than a pixel count as shown, nearly all that is in view has to stay within one.
+    limit, share = (own, MAJORITY) if own <= one_pixel else (_STEADY * one_pixel, _NEARLY_ALL)
     few = np.flatnonzero(inspected.need > 0)[:_SAMPLES]
     part = inspected.cloud.at(few)
     poses, fov_deg = (path.positions, path.quat_xyzw), fov_at(flight, path.t_s)
@@ -108,7 +112,7 @@ def _sharp_speeds(
     coarse = coarseness(camera, fov_deg)
     coarse = np.ones(len(path)) if coarse is None else coarse
     angle = moved_in_picture(
-        path.positions, matrices(path.quat_xyzw), part.points, seen, coarse, farthest_m, MAJORITY
+        path.positions, matrices(path.quat_xyzw), part.points, seen, coarse, farthest_m, share
     )
     leg = leg_lengths(path.positions)
     with np.errstate(divide="ignore", invalid="ignore"):
