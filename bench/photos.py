@@ -32,7 +32,7 @@ from upplied.records import Bools, Camera, Floats, Placement, Plan, Structure
 
 _FINE = ("gsd_mm_p50", "gsd_mm_p95", "gsd_demonstrated_mm_p50", "gsd_demonstrated_mm_p95", "gsd_within_pct")
 _CELLS, _COARSE = (60, 45), (24, 18)  # of a picture, each with a ray
-_PICTURES = 20  # whose overlap with other passes is measured
+_PICTURES = 40  # whose overlap with other passes is measured
 _GROWN, _SLACK = 0.02, 1e-3  # more than rays tell apart; of a sight line, at its end
 PLACE = Placement(47.0, 8.0, 400.0, 30.0, "ellipsoid")
 

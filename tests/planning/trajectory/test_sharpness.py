@@ -101,7 +101,7 @@ def test_so_many_of_the_slowest_swings_are_steadied_that_the_others_are_rare():
 
 
 def test_where_the_pictures_of_the_expert_smeared_the_plan_is_slower():
-    """An exposure that smears his pictures by two pixels: no more than half as fast as he flew."""
+    """An exposure that smears his pictures by two pixels: about half as fast as he flew."""
     settings = settings_for("recommended", clouds={"surface_samples": 400})
     cube = box((12.0, 12.0, 12.0), "cube").structure
     flight = fly(cube, "sides", seed=3)
