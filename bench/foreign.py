@@ -8,7 +8,8 @@ trajectory by our judge, with the camera of their launch files (75 x 55 degrees,
 the outer surface by area what is in view, in range, not occluded and not too oblique; `shown`, of what the
 flight was about (`coverage_inspected_pct`); `mm` a pixel and `score` (`picture_score`). The other rows are
 our plans for the same structure, as if theirs had been flown in these shares of its time, within their limits
-of speed and acceleration. Passes are counted that were added; none should be.
+of speed, acceleration and pitch, and sharp to a pixel of their camera. Passes are counted that were added;
+none should be.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from upplied.records import Camera, Cloud, Demonstration, Measures, Structure, T
 
 # Cloud, trajectory, and the range of the camera in their launch file, m.
 SCENES = (("christmore", "Christ", 8.0), ("MBSmore", "MBS", 11.0), ("pipe", "Pipe", 11.0))
+CAMERA = Camera(75.0, 55.0, width_px=640, height_px=480)
 _THINNED_M = 0.3  # of clouds, whose points lie 0.08 to 0.5 m apart
 
 
@@ -50,8 +52,13 @@ def main() -> None:
     if folder is None or not (folder / "peers" / "fc_planner").is_dir():
         print("no plans: UPPLIED_REAL_DATA names no folder with peers/fc_planner")
         return
-    limits = {"max_speed_mps": options.speed, "max_acceleration_mps2": options.acceleration}
-    settings = settings_for("recommended", retime=limits, verdict={"enforce": False})
+    limits = {
+        "max_speed_mps": options.speed,
+        "max_acceleration_mps2": options.acceleration,
+        "max_gimbal_pitch_deg": 90.0,  # theirs looks up by 70
+    }
+    theirs = {"retime": limits, "inspection": {"width_px": CAMERA.width_px}}
+    settings = settings_for("recommended", verdict={"enforce": False}, **theirs)
     names = ("seen %", "shown %", "mm 50", "mm 95", "fine %", "score", "blur", "s", "m", "clear m", "passes")
     print(f"{'structure':12}{'plan':>12}" + "".join(f"{name:>9}" for name in names))
     for cloud, name, range_m in SCENES:
@@ -78,7 +85,7 @@ def foreign_flight(path: Path, structure: Structure, range_m: float) -> Demonstr
         t_ns=np.round(1e9 * t_s).astype(np.int64),
         positions=np.column_stack(places),
         quat_xyzw=from_yaw_pitch(yaw, pitch),
-        camera=Camera(75.0, 55.0, max_range_m=range_m, width_px=640, height_px=480),
+        camera=replace(CAMERA, max_range_m=range_m),
         sha256=path.stem,
     )
 

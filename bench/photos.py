@@ -7,8 +7,9 @@ export would ask for that takes a photo at each viewpoint: how many, and the sho
 `least` is the shortest time between photos of any format, `+ s` how much longer the flight takes for them;
 `off m` how far a photo of any file lies from where it was meant, `lost` how many are missing or too many;
 `photos %` of the inspected surface they show, of the `plan %` that the plan shows. With ``--overlap`` that is
-required along the flight, and `along` is what 95 % of the photos overlap by at least, by `overlaps`. Beside
-them the resolution in millimetres a pixel, demonstrated and planned.
+required along the flight: `along` is what 95 % of the photos overlap by at least, by `overlaps`, and `across`
+what half of them overlap with one of another pass, by `overlaps_across`. Beside them the resolution in
+millimetres a pixel, demonstrated and planned.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from proof_truth import hidden
+from proof_truth import met
 from scipy.spatial.transform import Rotation
 from transfers import transfers
 
@@ -27,10 +28,12 @@ from upplied.config import settings_for
 from upplied.outputs.missions import FORMATS, Mission, MissionOptions, export
 from upplied.outputs.missions.read_back import read_mission
 from upplied.planning.plan import plan_transfer
-from upplied.records import Camera, Floats, Placement, Plan, Structure
+from upplied.records import Bools, Camera, Floats, Placement, Plan, Structure
 
 _FINE = ("gsd_mm_p50", "gsd_mm_p95", "gsd_demonstrated_mm_p50", "gsd_demonstrated_mm_p95", "gsd_within_pct")
-_POINTS = 20_000
+_CELLS, _COARSE = (60, 45), (24, 18)  # of a picture, each with a ray
+_PICTURES = 40  # whose overlap with other passes is measured
+_GROWN, _SLACK = 0.02, 1e-3  # more than rays tell apart; of a sight line, at its end
 PLACE = Placement(47.0, 8.0, 400.0, 30.0, "ellipsoid")
 
 
@@ -50,6 +53,7 @@ def main() -> None:
         "off m",
         "lost",
         "along",
+        "across",
         "plan %",
         "photos %",
         "plan s",
@@ -74,6 +78,7 @@ def main() -> None:
             f"{written.least_s:9.3f}",
         ]
         cells += [f"{written.off_m:9.3f}", f"{written.lost:9d}", f"{written.along_pct:9.1f}"]
+        cells += [f"{written.across_pct:9.1f}"]
         cells += [f"{measures.coverage_inspected_pct:9.1f}", f"{written.shown_pct:9.1f}"]
         cells += [f"{measures.duration_s:9.0f}", f"{written.flown_s - measures.duration_s:9.0f}"]
         cells += [f"{getattr(measures, name):9.1f}" for name in _FINE]
@@ -93,6 +98,7 @@ class Written:
     off_m: float  # from where a photo was meant
     lost: int  # photos that a file lacks, or has too many
     along_pct: float  # overlap with the photo before, 5th percentile; NaN where none was required
+    across_pct: float  # overlap with a photo of another pass, median
     shown_pct: float
     flown_s: float
 
@@ -116,13 +122,18 @@ def written_of(plan: Plan, target: Structure, camera: Camera, trigger_s: float, 
             if name == "csv":
                 whole = done.missions
     inside = [mission.arrival_s[mission.inspect] for mission in whole]
-    along = [overlaps(mission, target, camera) for mission in whole] if overlap else [np.full(1, np.nan)]
+    nothing = np.full(1, np.nan)
+    along, across = (
+        np.concatenate([of(mission, target, camera) for mission in whole]) if overlap else nothing
+        for of in (overlaps, overlaps_across)
+    )
     return Written(
         count=sum(int(mission.photo.sum()) for mission in whole),
         least_s=min(apart),
         off_m=max(off),
         lost=lost,
-        along_pct=float(np.percentile(np.concatenate(along), 5)),
+        along_pct=float(np.percentile(along, 5)),
+        across_pct=float(np.median(across)),
         shown_pct=whole[0].shown_pct,
         flown_s=sum(float(np.ptp(times)) for times in inside),
     )
@@ -131,41 +142,77 @@ def written_of(plan: Plan, target: Structure, camera: Camera, trigger_s: float, 
 def overlaps(mission: Mission, target: Structure, camera: Camera) -> Floats:
     """Share of each picture (K - 1,), percent, that the one before shows too, without rays of ours.
 
-    Points spread evenly over the mesh, each worth the solid angle that it stands for in a flat picture; what
-    hides them by `proof_truth`, which tries every triangle.
+    A ray through each cell of a picture, somewhere in it by chance, meets the surface by `proof_truth.met`,
+    which tries every triangle; so does the ray to there from the picture before.
     """
-    corners = target.vertices[target.triangles]
-    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
-    size, random = np.linalg.norm(area, axis=1), np.random.default_rng(0)
-    triangle = random.choice(len(size), _POINTS, p=size / size.sum())
-    side = np.sort(random.uniform(0, 1, (_POINTS, 2)), axis=1)
-    parts = np.column_stack([side[:, 0], side[:, 1] - side[:, 0], 1 - side[:, 1]])
-    points = np.einsum("nk,nkx->nx", parts, corners[triangle])
-    normals = area[triangle] / size[triangle, None]
-    shown, worth = [], []
-    slopes = np.tan(np.radians([camera.hfov_deg, camera.vfov_deg]) / 2)
-    for place, turn in zip(
-        mission.local[mission.photo],
-        Rotation.from_quat(mission.quat_xyzw[mission.photo]).as_matrix(),
-        strict=True,
-    ):
-        ray = points - place
-        ahead, *sides = (ray @ turn).T
-        reach = np.linalg.norm(ray, axis=1)
-        inside = (ahead > 0) & (np.abs(np.array(sides).T) <= ahead[:, None] * slopes).all(axis=1)
-        inside &= (reach >= camera.min_range_m) & (reach <= camera.max_range_m)
-        some = np.flatnonzero(inside)
-        inside[some] = ~hidden(place, ray[some], corners, 1e-3)
-        shown.append(inside)
-        with np.errstate(divide="ignore"):
-            worth.append(np.where(inside, np.abs((ray * normals).sum(axis=1)) / ahead**3, 0.0))
-    return np.array(
-        [
-            100 * worth[at][shown[at - 1]].sum() / worth[at].sum()
-            for at in range(1, len(shown))
-            if worth[at].sum() > 0
-        ]
-    )
+    corners, random = target.vertices[target.triangles], np.random.default_rng(0)
+    places, axes = _taken(mission)
+    shares = []
+    for at in range(1, len(places)):
+        points = pictured(places[at], axes[at], corners, camera, random, _CELLS)
+        if len(points):
+            before = shows(places[at - 1], axes[at - 1], points, corners, camera)
+            shares.append(100 * float(before.mean()))
+    return np.array(shares)
+
+
+def overlaps_across(mission: Mission, target: Structure, camera: Camera) -> Floats:
+    """Share, percent, of some pictures that one of another pass shows at best, by the same rays.
+
+    A pass ends where the overlap with a picture, on the way before or behind it, has fallen and grows again.
+    """
+    corners, random = target.vertices[target.triangles], np.random.default_rng(0)
+    places, axes = _taken(mission)
+    most = []
+    for at in np.unique(np.linspace(0, len(places) - 1, _PICTURES).astype(int)):
+        points = pictured(places[at], axes[at], corners, camera, random, _COARSE)
+        if not len(points):
+            continue
+        share = [shows(*other, points, corners, camera).mean() for other in zip(places, axes, strict=True)]
+        others = [0.0]
+        for way in (share[at:], share[at::-1]):
+            grown = np.flatnonzero(np.array(way) > np.minimum.accumulate(way) + _GROWN)
+            others += way[grown[0] :] if len(grown) else []
+        most.append(100 * float(max(others)))
+    return np.array(most)
+
+
+def _taken(mission: Mission) -> tuple[Floats, Floats]:
+    """Positions (K, 3) and axes (K, 3, 3) of the photos."""
+    return mission.local[mission.photo], Rotation.from_quat(mission.quat_xyzw[mission.photo]).as_matrix()
+
+
+def pictured(
+    place: Floats,
+    axes: Floats,
+    corners: Floats,
+    camera: Camera,
+    random: np.random.Generator,
+    number: tuple[int, int],
+) -> Floats:
+    """The points (K, 3) of the surface that rays through so many cells of a picture meet within range, m."""
+    cells = np.stack(np.meshgrid(*map(np.arange, number)), axis=-1).reshape(-1, 2)
+    within = 2 * (cells + random.uniform(0, 1, cells.shape)) / number - 1
+    rays = np.column_stack([np.ones(len(cells)), within * _slopes(camera)]) @ axes.T
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    reach = met(place, rays, corners)
+    near = (reach >= camera.min_range_m) & (reach <= camera.max_range_m)
+    return np.asarray(place + rays[near] * reach[near, None])
+
+
+def shows(place: Floats, axes: Floats, points: Floats, corners: Floats, camera: Camera) -> Bools:
+    """Which points (N, 3) are in a picture, with nothing before them."""
+    rays = points - place
+    ahead, *sides = (rays @ axes).T
+    reach = np.linalg.norm(rays, axis=1)
+    inside = (ahead > 0) & (np.abs(np.array(sides).T) <= ahead[:, None] * _slopes(camera)).all(axis=1)
+    inside &= (reach >= camera.min_range_m) & (reach <= camera.max_range_m)
+    inside[inside] = met(place, rays[inside], corners) > 1 - _SLACK
+    return inside
+
+
+def _slopes(camera: Camera) -> Floats:
+    return np.tan(np.radians([camera.hfov_deg, camera.vfov_deg]) / 2)
 
 
 if __name__ == "__main__":

@@ -149,6 +149,31 @@ def hidden(origin: Floats, rays: Floats, corners: Floats, slack: float) -> Bools
 
 
 @njit(cache=True)
+def met(origin: Floats, rays: Floats, corners: Floats) -> Floats:
+    """How many times its length each ray (K, 3) from one origin goes to the first triangle (T, 3, 3); inf."""
+    first = np.full(len(rays), np.inf)
+    for t in range(len(corners)):
+        a0, a1, a2 = corners[t, 0]
+        e0, e1, e2 = corners[t, 1, 0] - a0, corners[t, 1, 1] - a1, corners[t, 1, 2] - a2
+        f0, f1, f2 = corners[t, 2, 0] - a0, corners[t, 2, 1] - a1, corners[t, 2, 2] - a2
+        s0, s1, s2 = origin[0] - a0, origin[1] - a1, origin[2] - a2
+        q0, q1, q2 = s1 * e2 - s2 * e1, s2 * e0 - s0 * e2, s0 * e1 - s1 * e0
+        n0, n1, n2 = e1 * f2 - e2 * f1, e2 * f0 - e0 * f2, e0 * f1 - e1 * f0
+        m0, m1, m2 = f1 * s2 - f2 * s1, f2 * s0 - f0 * s2, f0 * s1 - f1 * s0
+        height = f0 * q0 + f1 * q1 + f2 * q2
+        for k in range(len(rays)):
+            d0, d1, d2 = rays[k]
+            scale = -(d0 * n0 + d1 * n1 + d2 * n2)
+            if scale == 0.0:
+                continue
+            u, v = (d0 * m0 + d1 * m1 + d2 * m2) / scale, (d0 * q0 + d1 * q1 + d2 * q2) / scale
+            along = height / scale
+            if u >= 0.0 and v >= 0.0 and u + v <= 1.0 and 1e-9 < along < first[k]:
+                first[k] = along
+    return first
+
+
+@njit(cache=True)
 def _balls(corners: Floats) -> tuple[Floats, Floats]:
     """Centres (T, 3) and radii (T,) of balls that hold the triangles (T, 3, 3), a little larger."""
     centres, radii = np.empty((len(corners), 3)), np.zeros(len(corners))

@@ -11,7 +11,8 @@ from upplied.geometry.poses import matrices
 from upplied.geometry.scene import Scene
 from upplied.records import Bools, Camera, Floats, Trajectory
 
-_RAYS = (32, 24)  # of a picture, across and up: a share is known to a percent
+_RAYS = 768  # of a picture: a share is known to a percent
+_GOLDEN = (5**0.5 - 1) / 2
 _SLACK = 0.01  # of a sight line, at its end
 _GROWN = 0.02  # more than rays tell apart
 _ASKED = 40  # pictures, at most, whose overlap with other passes is asked
@@ -63,8 +64,12 @@ class Frames:
 
     @cached_property
     def _grid(self) -> Floats:
-        across, up = (2 * (np.arange(count) + 0.5) / count - 1 for count in _RAYS)
-        return np.stack(np.meshgrid(across, up), axis=-1).reshape(-1, 2)
+        """Places (K, 2) in a picture, -1 to 1: a Fibonacci lattice, no two of them in a row or a column.
+
+        A picture that moves by less than a row of an upright grid, along a tower, would count as the same.
+        """
+        order = np.arange(_RAYS)
+        return 2 * np.column_stack([(order + 0.5) / _RAYS, (order + 0.5) * _GOLDEN % 1]) - 1
 
     def overlap(self, first: int, second: int) -> float:
         """Share, 0 to 1, of what the second picture shows of the surface that the first shows too."""

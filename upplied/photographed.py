@@ -92,15 +92,25 @@ def photographed(
         nothing = np.zeros(len(path), bool)
         return Photographed(path, nothing, float("nan"), np.empty(0), float("nan"), 0.0, path.t_s)
     times = frames.poses.t_s
-    chosen = _along(frames, useful, path, None if overlap is None else overlap[0], interval_s)
+    chosen = _along(frames, useful, path, interval_s)
     if not complete:
         surface = surface.at(np.arange(0, len(surface), max(1, len(surface) // _POINTS)))
-    spare = complete and overlap is None
+    reach = np.array([_reach(frames, at, surface) for at in useful])
+    finest = reach.min(axis=0)
+    wanted = np.where(np.isfinite(finest), _AS_FINE * finest, -np.inf)  # what no place shows, none need
     enough = 1.0 if complete else _ENOUGH
-    chosen, shown = _covering(frames, useful, path, chosen, surface, interval_s, enough, spare)
-    chosen = sorted(chosen)
-    if overlap is not None:
-        chosen = _filled(frames, path, chosen, overlap[0])
+
+    def shown_by(photo_s: list[float]) -> Bools:
+        taken = Frames(interpolate(path, np.array(photo_s)), camera, scene)
+        return np.array([_reach(taken, at, surface) <= wanted for at in range(len(photo_s))])
+
+    chosen, shown = _covering(chosen, shown_by(chosen), times[useful], reach <= wanted, interval_s, enough)
+    if overlap is not None:  # few are fixed: the others are spread evenly between them
+        needed = _without_spare(chosen, shown_by(chosen), np.inf)
+        fixed = np.unique([chosen[0], *needed, chosen[-1]])
+        chosen = _filled(frames, useful, path, fixed, overlap[0])
+    elif complete:
+        chosen = _without_spare(chosen, shown_by(chosen), interval_s)
     photo_s = np.array(chosen)
     timed, flags, planned_s = _with_photos(path, photo_s, interval_s * MARGIN, most_mps2)
     taken = Frames(timed.take(flags), camera, scene)
@@ -112,39 +122,60 @@ def photographed(
     return Photographed(timed, flags, shown, along, across, slower, planned_s)
 
 
-def _along(
-    frames: Frames, useful: list[int], path: Trajectory, asked: float | None, interval_s: float
+def _along(frames: Frames, useful: list[int], path: Trajectory, interval_s: float) -> list[float]:
+    """Times of photos, each the last that overlaps enough with the one before, once the camera is ready."""
+    times, chosen = frames.poses.t_s[useful], [float(frames.poses.t_s[useful[0]])]
+    while times[-1] > chosen[-1] + _SAME_S:
+        last = _last(frames, useful, path, _USUAL, (chosen[-1], float(times[-1])))
+        if last == times[-1]:  # the rest overlaps enough
+            return [*chosen, last] if last - chosen[-1] >= interval_s else chosen
+        later = int(np.searchsorted(times, max(last, chosen[-1] + interval_s)))
+        if later == len(times):
+            break
+        chosen.append(float(times[later]))
+    return chosen
+
+
+def _last(
+    frames: Frames, useful: list[int], path: Trajectory, wanted: float, ends: tuple[float, float]
+) -> float:
+    """The last place between two times whose picture, like all before it, overlaps enough with the first."""
+    times, before, last = frames.poses.t_s[useful], _at(frames, path, ends[0]), ends[0]
+    for at in range(int(np.searchsorted(times, ends[0] + _SAME_S)), len(times)):
+        if times[at] > ends[1] or _shared(before, frames, useful[at]) < wanted:
+            break
+        last = float(times[at])
+    return last
+
+
+def _filled(
+    frames: Frames, useful: list[int], path: Trajectory, photo_s: Floats, asked: float
 ) -> list[float]:
-    """Times of photos, each the last at which it overlaps enough with the one before."""
-    wanted, times, found = asked or _USUAL, frames.poses.t_s[useful], [float(frames.poses.t_s[useful[0]])]
-    while times[-1] > found[-1] + _SAME_S:
-        before, last = _at(frames, path, found[-1]), found[-1]
-        later = int(np.searchsorted(times, found[-1] + _SAME_S))
-        while later < len(times) and _shared(before, frames, useful[later]) >= wanted:
-            last, later = float(times[later]), later + 1
-        if later == len(times):  # the rest overlaps enough
-            return [*found, last] if last - found[-1] >= interval_s else found
-        if asked is None:  # no sooner than the camera takes
-            later = int(np.searchsorted(times, max(last, found[-1] + interval_s)))
-            if later == len(times):
-                return found
-            found.append(float(times[later]))
-        else:
-            found.append(_exactly(before, frames, path, asked, (last, float(times[later]))))
-    return found
-
-
-def _filled(frames: Frames, path: Trajectory, photo_s: list[float], asked: float) -> list[float]:
-    """The times of photos, and more where one that coverage needs overlaps too little with the one before."""
-    found = photo_s[:1]
-    for later in photo_s[1:]:
-        for _ in range(_HALVINGS):  # far more than are needed, where pictures change evenly
-            before = _at(frames, path, found[-1])
+    """The times of photos, and more between them, so that each overlaps enough with the one before."""
+    chosen, times = photo_s[:1].tolist(), np.append(frames.poses.t_s[useful], np.inf)
+    for end in photo_s[1:].tolist():
+        steps = chosen[-1:]
+        while True:
+            last = _last(frames, useful, path, asked, (steps[-1], end))
+            later = min(end, float(times[np.searchsorted(times, last + _SAME_S)]))
+            before = _at(frames, path, steps[-1])
             if _shared(before, _at(frames, path, later), 0) >= asked:
                 break
-            found.append(_exactly(before, frames, path, asked, (found[-1], later)))
-        found.append(later)
-    return found
+            steps.append(_exactly(before, frames, path, asked, (last, later)))
+        chosen += _evenly(frames, path, steps, end, asked)
+    return chosen
+
+
+def _evenly(frames: Frames, path: Trajectory, steps: list[float], end: float, asked: float) -> list[float]:
+    """The times after the first of some photos, spread so that the last is not much nearer to the end."""
+    if len(steps) > 1:
+        begin = steps[0]
+        share = min(1.0, (end - begin) / (2 * steps[-1] - steps[-2] - begin))
+        even = [begin + share * (step - begin) for step in steps]
+        taken = Frames(interpolate(path, np.array([*even, end])), frames.camera, frames.scene)
+        if not any(taken.overlap(at - 1, at) < asked for at in range(1, len(taken.poses))):
+            steps = even
+    return [*steps[1:], end]
 
 
 def _at(frames: Frames, path: Trajectory, time_s: float) -> Frames:
@@ -193,52 +224,35 @@ def share_shown(path: Trajectory, photo: Bools, camera: Camera, scene: Scene, su
 
 
 def _covering(
-    frames: Frames,
-    useful: list[int],
-    path: Trajectory,
-    chosen: list[float],
-    surface: Cloud,
-    interval_s: float,
-    enough: float,
-    spare: bool,
+    photo_s: list[float], shown: Bools, times: Floats, shows: Bools, interval_s: float, enough: float
 ) -> tuple[list[float], float]:
-    """The photos, and more of them where they leave out what the path shows, or show it less finely."""
-    if not len(surface):
-        return chosen, float("nan")
-    reach = np.array([_reach(frames, at, surface) for at in useful])
-    wanted = _AS_FINE * reach.min(axis=0)
-    known = np.isfinite(wanted)
+    """The photos, and more where they leave out (K, M) what places (P,) show (P, M); the share they show."""
+    known, chosen = shows.any(axis=0), list(photo_s)
     whole = int(known.sum())
     if not whole:
         return chosen, float("nan")
-    taken = Frames(interpolate(path, np.array(chosen)), frames.camera, frames.scene)
-    shown = [known & (_reach(taken, at, surface) <= wanted) for at in range(len(chosen))]
-    left = known & ~np.any(shown, axis=0)
-    shows, times = reach <= wanted, frames.poses.t_s[useful]
+    left = known & ~shown.any(axis=0)
     while left.sum() > (1 - enough) * whole:
         gain = (shows & left).sum(axis=1)
         ready = np.abs(times[:, None] - np.array(chosen)).min(axis=1) >= interval_s
         # Where the camera is ready anyway a photo costs nothing; elsewhere the flight waits for it.
         best = int(np.argmax(np.where(ready, gain, gain / 2)))
         chosen.append(float(times[best]))
-        shown.append(known & shows[best])
         left &= ~shows[best]
-    if spare:
-        chosen = _without_spare(np.array(chosen), np.array(shown), interval_s)
-    return chosen, 1 - float(left.sum()) / whole
+    return sorted(chosen), 1 - float(left.sum()) / whole
 
 
-def _without_spare(photo_s: Floats, shown: Bools, interval_s: float) -> list[float]:
-    """The times (K,) of photos, without those that cost time and show (K, M) nothing of their own."""
-    kept, times = np.ones(len(photo_s), bool), shown.sum(axis=0)
+def _without_spare(photo_s: list[float], shown: Bools, interval_s: float) -> list[float]:
+    """The photos without those less than an interval from another that show (K, M) nothing of their own."""
+    times, kept, count = np.array(photo_s), np.ones(len(photo_s), bool), shown.sum(axis=0)
     for at in np.argsort(shown.sum(axis=1), kind="stable"):
         kept[at] = False
-        waits = np.abs(photo_s[kept] - photo_s[at]).min(initial=np.inf) < interval_s
-        if waits and (times[shown[at]] > 1).all():
-            times = times - shown[at]
+        waits = np.abs(times[kept] - times[at]).min(initial=np.inf) < interval_s
+        if waits and (count[shown[at]] > 1).all():
+            count = count - shown[at]
         else:
             kept[at] = True
-    return photo_s[kept].tolist()
+    return times[kept].tolist()
 
 
 def _reach(frames: Frames, at: int, surface: Cloud) -> Floats:

@@ -1,12 +1,20 @@
 """How far what is inspected moves through the picture between two poses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from remembered import study_pair
 
+from upplied.config import focal_px, settings_for
 from upplied.geometry.poses import from_yaw_pitch, matrices
+from upplied.planning.carry.inspected_surface import inspected_by
+from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.trajectory.retime import Sharp
-from upplied.planning.trajectory.sharpness import moved_in_picture, steadied_swings
-from upplied.records import Trajectory
+from upplied.planning.trajectory.sharpness import moved_in_picture, sharp_limits, steadied_swings
+from upplied.records import Trajectory, Waypoints
+from upplied.samples.pilot import fly
+from upplied.samples.surfaces import box
 
 AHEAD = np.array([[10.0, 0, 0]])
 
@@ -90,3 +98,22 @@ def test_so_many_of_the_slowest_swings_are_steadied_that_the_others_are_rare():
     swings = [(5, 8, 30), (15, 16.5, 60), (25, 28, 20)]
     assert steady_after(swings) == [True, False, True]  # 1.5 of 40 s are left
     assert steady_after([(5, 8, 30), (15, 18, 60)]) == [True, True]  # 3 s would be too many
+
+
+def test_where_the_pictures_of_the_expert_smeared_the_plan_is_slower():
+    """An exposure that smears his pictures by two pixels: about half as fast as he flew."""
+    settings = settings_for("recommended", clouds={"surface_samples": 400})
+    cube = box((12.0, 12.0, 12.0), "cube").structure
+    flight = fly(cube, "sides", seed=3)
+    take = takes_of(flight, study_pair(cube, cube, settings), settings)[0]
+    camera = take.inspection.camera
+    focal = focal_px(camera.width_px or settings.inspection.width_px, camera.hfov_deg)
+    camera = replace(camera, exposure_s=2 / (focal * take.inspection.attention.motion_radps))
+    blurred = replace(take, inspection=replace(take.inspection, camera=camera))
+    flown = take.inspection.flight
+    path = Waypoints(flown.positions, flown.quat_xyzw, flown.t_s, np.ones(len(flown), bool))
+    limits = sharp_limits(path, flown, [blurred], inspected_by(blurred, settings), settings)
+    speed = np.linalg.norm(np.diff(flown.positions, axis=0), axis=1) / np.diff(flown.t_s)
+    bounded = np.isfinite(limits.speed_mps[1:]) & (speed > 0.1)
+    assert bounded.mean() > 0.5
+    assert np.median(limits.speed_mps[1:][bounded] / speed[bounded]) < 0.75

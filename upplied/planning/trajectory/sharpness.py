@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from upplied.config import Settings
+from upplied.config import Settings, focal_px
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import angle_between, fov_at, matrices
 from upplied.planning.carry.inspected_surface import InspectedSurface
@@ -27,6 +27,8 @@ from upplied.records import Bools, Floats, Ints, Trajectory, Waypoints
 
 _SAMPLES = 1500  # of the inspected surface, that are asked for
 MARGIN = 0.95  # of the limit, for what speeds differ within a leg
+# Of what is in view, and of a pixel, where the demonstration was not sharp: the hand trembles within a leg.
+_NEARLY_ALL, _STEADY = 0.98, 0.8
 _SLOWEST_MPS = 0.1
 
 
@@ -92,12 +94,16 @@ def _sharp_speeds(
 ) -> Floats:
     """Speed (W,), m/s, at each waypoint up to which the inspected surface in view is sharp; inf for none.
 
-    Sharp is what moves no faster through the picture than `settings.inspection` says, or than the
-    expert's own pictures did.
+    Sharp is what moves no faster through the picture than `settings.inspection` says, or than the expert's
+    own pictures did, as long as that is no more than a pixel of his camera (`max_motion_px`).
     """
     camera, scene = takes[0].inspection.camera, takes[0].pair.target_scene
     rule = settings.inspection
-    limit, _ = look_limits(takes, rule)
+    focal = focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
+    one_pixel = rule.max_motion_px / ((camera.exposure_s or rule.exposure_s) * focal)
+    own, _ = look_limits(takes, rule)
+    # Where looks of more than a pixel count as shown, nearly all that is in view has to stay within one.
+    limit, share = (own, MAJORITY) if own <= one_pixel else (_STEADY * one_pixel, _NEARLY_ALL)
     few = np.flatnonzero(inspected.need > 0)[:_SAMPLES]
     part = inspected.cloud.at(few)
     poses, fov_deg = (path.positions, path.quat_xyzw), fov_at(flight, path.t_s)
@@ -107,7 +113,7 @@ def _sharp_speeds(
     coarse = np.ones(len(path)) if coarse is None else coarse
     surface = part.points, part.outward
     angle, stillest, least = moved_in_picture(
-        path.positions, matrices(path.quat_xyzw), *surface, seen, coarse, farthest_m, MAJORITY
+        path.positions, matrices(path.quat_xyzw), *surface, seen, coarse, farthest_m, share
     )
     # Most of each picture is sharp, and all of the surface in one of them.
     np.maximum.at(angle, stillest[stillest >= 0], least[stillest >= 0])
