@@ -157,13 +157,13 @@ def decide(catalog: Catalog, preset: str) -> str:
 
 
 def shards(catalog: Catalog) -> str:
-    """As a run hands out all of the fleet, and learns what was kept of it."""
+    """As a run hands out all of the fleet, and learns what of it is known."""
     jobs = fleet.decide(catalog, ANOTHER).jobs
     cut = fleet.shards(jobs, SHARDS, -(-len({job.target_id for job in jobs}) // SHARDS))
     manifest.write_shards(catalog, "large", cut)
-    kept, missing = fleet.known_outcomes(catalog, jobs, "large")
+    known, missing = fleet.known_outcomes(catalog, jobs, "large")
     manifest.remove_shards(catalog, "large")
-    return f"{len(cut)} shards of {len(cut[0])} pairs; {kept.total} kept, {len(missing)} missing"
+    return f"{len(cut)} shards of {len(cut[0])} pairs; {known.total} known, {len(missing)} missing"
 
 
 def published(catalog: Catalog, pages: str) -> str:

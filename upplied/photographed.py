@@ -113,38 +113,38 @@ def photographed(
 
 
 def _along(
-    frames: Frames, useful: list[int], path: Trajectory, asked: float | None, interval_s: float
+    frames: Frames, useful: list[int], path: Trajectory, overlap: float | None, interval_s: float
 ) -> list[float]:
     """Times of photos, each the last at which it overlaps enough with the one before."""
-    wanted, times, found = asked or _USUAL, frames.poses.t_s[useful], [float(frames.poses.t_s[useful[0]])]
-    while times[-1] > found[-1] + _SAME_S:
-        before, last = _at(frames, path, found[-1]), found[-1]
-        later = int(np.searchsorted(times, found[-1] + _SAME_S))
+    wanted, times, photo_s = overlap or _USUAL, frames.poses.t_s[useful], [float(frames.poses.t_s[useful[0]])]
+    while times[-1] > photo_s[-1] + _SAME_S:
+        before, last = _at(frames, path, photo_s[-1]), photo_s[-1]
+        later = int(np.searchsorted(times, photo_s[-1] + _SAME_S))
         while later < len(times) and _shared(before, frames, useful[later]) >= wanted:
             last, later = float(times[later]), later + 1
         if later == len(times):  # the rest overlaps enough
-            return [*found, last] if last - found[-1] >= interval_s else found
-        if asked is None:  # no sooner than the camera takes
-            later = int(np.searchsorted(times, max(last, found[-1] + interval_s)))
+            return [*photo_s, last] if last - photo_s[-1] >= interval_s else photo_s
+        if overlap is None:  # no sooner than the camera takes
+            later = int(np.searchsorted(times, max(last, photo_s[-1] + interval_s)))
             if later == len(times):
-                return found
-            found.append(float(times[later]))
+                return photo_s
+            photo_s.append(float(times[later]))
         else:
-            found.append(_exactly(before, frames, path, asked, (last, float(times[later]))))
-    return found
+            photo_s.append(_exactly(before, frames, path, overlap, (last, float(times[later]))))
+    return photo_s
 
 
-def _filled(frames: Frames, path: Trajectory, photo_s: list[float], asked: float) -> list[float]:
+def _filled(frames: Frames, path: Trajectory, photo_s: list[float], overlap: float) -> list[float]:
     """The times of photos, and more where one that coverage needs overlaps too little with the one before."""
-    found = photo_s[:1]
+    times = photo_s[:1]
     for later in photo_s[1:]:
         for _ in range(_HALVINGS):  # far more than are needed, where pictures change evenly
-            before = _at(frames, path, found[-1])
-            if _shared(before, _at(frames, path, later), 0) >= asked:
+            before = _at(frames, path, times[-1])
+            if _shared(before, _at(frames, path, later), 0) >= overlap:
                 break
-            found.append(_exactly(before, frames, path, asked, (found[-1], later)))
-        found.append(later)
-    return found
+            times.append(_exactly(before, frames, path, overlap, (times[-1], later)))
+        times.append(later)
+    return times
 
 
 def _at(frames: Frames, path: Trajectory, time_s: float) -> Frames:
@@ -161,7 +161,7 @@ def _shared(before: Frames, frames: Frames, at: int) -> float:
 def _exactly(
     before: Frames, frames: Frames, path: Trajectory, wanted: float, ends: tuple[float, float]
 ) -> float:
-    """The time between two at which the overlap with the photo before falls to what is asked."""
+    """The time between two at which the overlap with the photo before falls to the required one."""
     low, high = ends
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
@@ -230,15 +230,15 @@ def _covering(
 
 def _without_spare(photo_s: Floats, shown: Bools, interval_s: float) -> list[float]:
     """The times (K,) of photos, without those that cost time and show (K, M) nothing of their own."""
-    kept, times = np.ones(len(photo_s), bool), shown.sum(axis=0)
+    needed, times = np.ones(len(photo_s), bool), shown.sum(axis=0)
     for at in np.argsort(shown.sum(axis=1), kind="stable"):
-        kept[at] = False
-        waits = np.abs(photo_s[kept] - photo_s[at]).min(initial=np.inf) < interval_s
+        needed[at] = False
+        waits = np.abs(photo_s[needed] - photo_s[at]).min(initial=np.inf) < interval_s
         if waits and (times[shown[at]] > 1).all():
             times = times - shown[at]
         else:
-            kept[at] = True
-    return photo_s[kept].tolist()
+            needed[at] = True
+    return photo_s[needed].tolist()
 
 
 def _reach(frames: Frames, at: int, surface: Cloud) -> Floats:
