@@ -54,7 +54,8 @@ class Sessions:
             return {"stage": self._stages.get(plan, "Opening the plan")}
         with self._lock:
             stage = partial(self._stages.__setitem__, plan)
-            session = self._open[plan] = self._open.pop(plan, None) or Session(self._catalog, plan, stage)
+            session = self._open.pop(plan, None) or Session(self._catalog, plan, stage)
+            self._open[plan] = session
             self._stages.pop(plan, None)
             if len(self._open) > _MOST_OPEN:
                 del self._open[next(iter(self._open))]
