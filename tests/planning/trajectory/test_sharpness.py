@@ -11,12 +11,17 @@ from upplied.records import Trajectory
 AHEAD = np.array([[10.0, 0, 0]])
 
 
-def moved(positions, yaw, points=AHEAD, seen=None, farthest=100.0, share=0.7):
+def moved_and_stillest(positions, yaw, points=AHEAD, seen=None, farthest=100.0, share=0.7):
     axes = matrices(from_yaw_pitch(np.asarray(yaw, float), np.zeros(len(yaw))))
     seen = np.ones((len(yaw), len(points)), bool) if seen is None else seen
     positions = np.asarray(positions, float)
-    coarse = np.ones(len(positions))
-    return moved_in_picture(positions, axes, points, seen, coarse, np.full(len(points), farthest), share)
+    coarse, facing = np.ones(len(positions)), np.tile([-1.0, 0, 0], (len(points), 1))
+    limits = np.full(len(points), farthest), share
+    return moved_in_picture(positions, axes, points, facing, seen, coarse, *limits)
+
+
+def moved(*args, **others):
+    return moved_and_stillest(*args, **others)[0]
 
 
 def test_flying_past_moves_by_way_over_distance():
@@ -39,6 +44,22 @@ def test_the_rim_may_move_faster():
     path = [[0, 0, 0], [0, 0.1, 0]]
     assert moved(path, [0, 0], points, share=0.6)[0] == pytest.approx(0.01, rel=1e-2)
     assert moved(path, [0, 0], points, share=0.9)[0] == pytest.approx(0.1, rel=1e-2)
+
+
+def test_each_sample_has_the_leg_on_which_it_moves_least_for_its_length():
+    path = [[0, 0, 0], [0, 0.1, 0], [0, 0.4, 0], [0, 0.5, 0]]
+    angle, stillest, least = moved_and_stillest(path, [0, 0, -0.03, -0.03])  # the middle follows
+    assert stillest.tolist() == [1] and least[0] < 1e-3 < angle[0]
+    unseen = np.array([[True], [True], [False], [True]])
+    assert moved_and_stillest(path, [0, 0, -0.03, -0.03], seen=unseen)[1].tolist() == [0]
+    assert moved_and_stillest(path, [0, 0, 0, 0], seen=np.zeros((4, 1), bool))[1].tolist() == [-1]
+
+
+def test_a_leg_from_which_a_sample_is_shown_too_obliquely_is_not_its_stillest():
+    path = [[8, 6.0, 0], [8, 5.9, 0], [0, 0.0, 0], [0, 0.4, 0]]  # near and 70 deg oblique, then frontal
+    near = moved_and_stillest(path, np.zeros(4), farthest=30.0)
+    assert near[1].tolist() == [0]
+    assert moved_and_stillest(path, np.zeros(4), farthest=15.0)[1].tolist() == [2]
 
 
 def turned(swings, total_s=40.0):

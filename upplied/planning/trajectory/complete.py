@@ -33,7 +33,9 @@ _LEAST_TURN_RAD = (
 _HALVINGS = 20  # of the way to the demonstrated shape
 _WORTHWHILE = 0.01  # share of the need, that added passes must show more: as near as coverage is known
 _LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
-_TRIES = 5  # of adding passes: fewer, where they take too long
+_TRIES = 2  # of adding passes: fewer, where they take too long
+_SHORTENED = 5  # times, until passes are flown in time
+_DRAWN_BACK = 5  # paths between the start and the result, of which the farthest in time is flown
 
 
 def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
@@ -64,12 +66,10 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         airspace = airspace.in_plane(goal.height_m)
     ways = Ways(airspace, pair.obstacle)
 
-    def safe(positions: Floats) -> Floats:
-        return safe_positions(positions, ways) if settings.route.enforce else positions
-
+    way = _Flight(carried, goal, settings, ways)
     axis = optical_axis(flight.quat_xyzw)
     turned = float(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)).sum())
-    starts, view = _starts(carried, safe), _view(take, goal, settings)
+    starts, view = _starts(carried, way.safe), _view(take, goal, settings)
     if take.required is not None:
         times = settings.optimise.required
         view = required_first(
@@ -90,84 +90,51 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         level=settings.transfer.plane,
     )
     best = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
+    every, none = np.arange(len(flown)), np.zeros(len(flown), bool)
+    limit_s = way.allowed_s(view)
+    alone = way.in_time(best, every, none, limit_s)
+    if alone is None:  # no part of it is flown in time: what is carried takes longer already
+        alone = best.shown, way.finished(best, every, none)
     if goal.standoff.in_metres and goal.height_m is None and settings.refine.added_passes:
-        longer = _with_passes(problem, best, ways, carried, goal, settings, safe)
-        if longer is not None:
-            return longer
-    alone = np.arange(len(flown)), np.zeros(len(flown), bool)
-    return _finished(best, *alone, carried, goal, settings, safe)
+        return _with_passes(problem, best, alone, way, limit_s)
+    return alone[1]
 
 
 def _with_passes(
-    problem: Problem,
-    best: Optimised,
-    ways: Ways,
-    carried: Carried,
-    goal: Goal,
-    settings: Settings,
-    safe: Callable[[Floats], Floats],
-) -> Waypoints | None:
-    """The flight with passes added, where they show more than the best without in the time that there is."""
-    if best.shown > 1 - _WORTHWHILE:
-        return None
-    timer, path = _Timer(carried, goal, settings), problem.starts[0].safe
-    limit_s, pace = timer.allowed_s(problem.view), Pace(problem.speed_mps, problem.pan_radps)
-    beside = Beside.of(path, problem.view, ways, pace, _half_rad(carried.take, settings))
+    problem: Problem, best: Optimised, alone: tuple[float, Waypoints], flight: _Flight, limit_s: float
+) -> Waypoints:
+    """The flight with passes added, where they show more than it does alone in the time that there is."""
+    least, settings = alone[0] + _WORTHWHILE, flight.settings
+    if least > 1:
+        return alone[1]
+    path, pace = problem.starts[0].safe, Pace(problem.speed_mps, problem.pan_radps)
+    half_rad = _half_rad(flight.carried.take, settings)
+    beside = Beside.of(path, problem.view, flight.ways, pace, half_rad)
     if beside is None:
-        return None
-    alone_s, most_s, longer = timer.seconds_of(beside.alone), _LESS * limit_s, None
+        return alone[1]
+    results, most_s, longer = [], _LESS * limit_s, None
     for _ in range(_TRIES):
         try:
-            longer = _longer(beside, most_s, alone_s, timer, safe, longer)
+            longer = _longer(beside, most_s, flight.seconds_of(beside.alone), flight, longer)
             if longer is None:
-                return None
+                break
             request = problem.along(longer.path, longer.origin, longer.added, best.path)
             result = optimise(request, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
-            if result.shown - best.shown < _WORTHWHILE:
-                return None
-            waypoints = _finished(result, longer.origin, longer.added, carried, goal, settings, safe)
+            if result.shown < least:
+                break
+            taken_s = flight.seconds(flight.finished(result, longer.origin, longer.added))
+            results.append(flight.in_time(result, longer.origin, longer.added, limit_s))
         except RefusedError:  # no safe way along the passes: the flight without them has one
-            return None
-        taken_s = timer.seconds(waypoints)
+            break
         if taken_s <= limit_s:
-            return waypoints
+            break
         most_s -= taken_s - _LESS * limit_s
-    return None
-
-
-def _finished(
-    result: Optimised,
-    origin: Ints,
-    added: Bools,
-    carried: Carried,
-    goal: Goal,
-    settings: Settings,
-    safe: Callable[[Floats], Floats],
-) -> Waypoints:
-    """A path as it is flown: a curve that is safe, and that departs no farther than it may."""
-    at, curve = result.state.curve(result.variables, _STEP_M)
-    positions, station = safe(curve.positions), np.interp(at, np.arange(float(len(origin))), origin)
-    if settings.refine.deviation is not None:
-        positions = _within(settings.refine.deviation, positions, station, goal, safe)
-    low, high = np.radians([settings.retime.min_gimbal_pitch_deg, settings.retime.max_gimbal_pitch_deg])
-    nearest = np.floor(at).astype(int), np.ceil(at).astype(int)
-    further = added[nearest[0]] | added[nearest[1]]
-    return Waypoints(
-        positions,
-        from_yaw_pitch(curve.yaw, np.clip(curve.pitch, low, high)),
-        np.interp(station, np.arange(float(len(goal.flown))), carried.path.t_s),
-        (nearest[0] == at) & carried.path.is_viewpoint[origin[nearest[0]]] & ~further,
-        further,
-    )
+    shown, waypoints = max((one for one in results if one), key=lambda one: one[0], default=alone)
+    return waypoints if shown >= least else alone[1]
 
 
 def _longer(
-    beside: Beside,
-    most_s: float,
-    alone_s: float,
-    timer: _Timer,
-    safe: Callable[[Floats], Floats],
-    before: Extended | None,
+    beside: Beside, most_s: float, alone_s: float, flight: _Flight, before: Extended | None
 ) -> Extended | None:
     """The carried flight with passes that are flown in at most so much time; None where there are none.
 
@@ -180,13 +147,13 @@ def _longer(
         If there is no safe way along them.
     """
     spare_s = (most_s - alone_s) * beside.own_s / max(alone_s, 1e-3)
-    for _ in range(_TRIES):
+    for _ in range(_SHORTENED):
         prices = PRICES if before is None else (before.price,)
-        longer = beside.with_passes(spare_s, timer.settings.refine.added_passes, prices)
+        longer = beside.with_passes(spare_s, flight.settings.refine.added_passes, prices)
         if longer is None:
             return None
-        longer = replace(longer, path=replace(longer.path, positions=safe(longer.path.positions)))
-        taken_s = timer.seconds_of(longer)
+        longer = replace(longer, path=replace(longer.path, positions=flight.safe(longer.path.positions)))
+        taken_s = flight.seconds_of(longer)
         if taken_s <= most_s:
             return longer
         before, spare_s = longer, longer.passes_s * (most_s - alone_s) / (taken_s - alone_s)
@@ -194,12 +161,56 @@ def _longer(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _Timer(Record):
-    """How long paths of a take are flown, and may be."""
+class _Flight(Record):
+    """Paths of a take as they are flown: safe, how long they take, and may take."""
 
     carried: Carried
     goal: Goal
     settings: Settings
+    ways: Ways
+
+    def safe(self, positions: Floats) -> Floats:
+        """Positions that keep the rules, with every leg between them."""
+        return safe_positions(positions, self.ways) if self.settings.route.enforce else positions
+
+    def finished(self, result: Optimised, origin: Ints, added: Bools) -> Waypoints:
+        """A path as it is flown: a curve that is safe, and that departs no farther than it may."""
+        carried, goal, settings = self.carried, self.goal, self.settings
+        at, curve = result.state.curve(result.variables, _STEP_M)
+        positions = self.safe(curve.positions)
+        station = np.interp(at, np.arange(float(len(origin))), origin)
+        if settings.refine.deviation is not None:
+            positions = _within(settings.refine.deviation, positions, station, goal, self.safe)
+        low, high = np.radians([settings.retime.min_gimbal_pitch_deg, settings.retime.max_gimbal_pitch_deg])
+        nearest = np.floor(at).astype(int), np.ceil(at).astype(int)
+        further = added[nearest[0]] | added[nearest[1]]
+        return Waypoints(
+            positions,
+            from_yaw_pitch(curve.yaw, np.clip(curve.pitch, low, high)),
+            np.interp(station, np.arange(float(len(goal.flown))), carried.path.t_s),
+            (nearest[0] == at) & carried.path.is_viewpoint[origin[nearest[0]]] & ~further,
+            further,
+        )
+
+    def in_time(
+        self, result: Optimised, origin: Ints, added: Bools, limit_s: float
+    ) -> tuple[float, Waypoints] | None:
+        """As much of a result as is flown in a time, drawn back to its start, and what that shows.
+
+        None where none of it is.
+        """
+        within, beyond, share, fitting = 0.0, 1.0, 1.0, None
+        for _ in range(_DRAWN_BACK):
+            part = result.partly(share)
+            waypoints = self.finished(part, origin, added)
+            if self.seconds(waypoints) > limit_s:
+                beyond = share
+            else:
+                within, fitting = share, (part.shown, waypoints)
+            if within == 1:
+                break
+            share = (within + beyond) / 2
+        return fitting
 
     def allowed_s(self, view: View) -> float:
         """At most as much longer than the demonstration as what is to be shown is larger, and some more."""

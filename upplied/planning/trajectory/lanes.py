@@ -17,9 +17,9 @@ from upplied.geometry.poses import from_yaw_pitch, matrices, optical_axis
 from upplied.geometry.vectors import unit
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.constants import SAME_FACE
-from upplied.planning.trajectory.extra_views import in_picture
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
+from upplied.planning.visibility.frustum import in_picture
 from upplied.records import Bools, Floats, Ints, Record
 
 STEPS = 7  # to each side

@@ -8,7 +8,7 @@ are worth most are optimised, and the best of the results is taken.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,11 +19,11 @@ from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
-from upplied.planning.trajectory.extra_views import Price, with_extra_views
 from upplied.planning.trajectory.state import Flown, State
 from upplied.planning.trajectory.terms import Term
 from upplied.planning.trajectory.terms.axis import Axis, aims, axes
 from upplied.planning.trajectory.terms.coverage import Coverage
+from upplied.planning.trajectory.terms.hidden import Hidden
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
 from upplied.planning.trajectory.view import View
 from upplied.records import Bools, Floats, Ints, Record
@@ -83,16 +83,27 @@ class Problem(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Optimised(Record):
-    """A state, its variables, and the share of what is needed that its path truly shows."""
+    """The result of a search, and the share of what is needed that its path truly shows."""
 
-    state: State
+    search: _Search
     variables: Floats
     shown: float
 
     @property
     def path(self) -> Flown:
         """The path at its stations."""
-        return self.state.flown(self.variables)
+        return self.search.state.flown(self.variables)
+
+    @property
+    def state(self) -> State:
+        """What the variables are of."""
+        return self.search.state
+
+    def partly(self, share: float) -> Optimised:
+        """Of the way from the start to the result, this share."""
+        first = self.search.first
+        variables = first + share * (self.variables - first)
+        return replace(self, variables=variables, shown=self.search.shown(variables))
 
 
 def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -> Optimised:
@@ -113,7 +124,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     samples, need = _sampled(problem.view, weights.samples)
     searches = [_Search.of(problem, start, samples, need, shape_weight, weights) for start in problem.starts]
     if len(samples) == 0:
-        return Optimised(searches[0].state, searches[0].first, 0.0)
+        return Optimised(searches[0], searches[0].first, 0.0)
     first = [search.worth(search.first) for search in searches]
     ranked = np.argsort(-np.array(first), kind="stable")[: weights.starts].tolist()
     results, least = [(first[0], searches[0], searches[0].first)], 0.0
@@ -124,7 +135,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
         if searches[number].shown(variables) >= least:
             results.append((worth, searches[number], variables))
     _, search, variables = max(results, key=lambda result: result[0])
-    return Optimised(search.state, variables, search.shown(variables))
+    return Optimised(search, variables, search.shown(variables))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,7 +149,6 @@ class _Search(Record):
     samples: Ints  # (m,) that stand for all
     need: Floats  # (m,)
     lasting: Sequence[tuple[float, Term]]  # the terms that hold for all rounds, with their weights
-    price: Callable[[Floats], Floats]  # of going aside by (C, 3), m
 
     @classmethod
     def of(
@@ -165,10 +175,7 @@ class _Search(Record):
             ),
         ]
 
-        def price(off: Floats) -> Floats:
-            return np.asarray(shape_weight / shape.unit_m**2 * (off**2).sum(axis=1))
-
-        return cls(problem, weights, state, first, samples, need, lasting, price)
+        return cls(problem, weights, state, first, samples, need, lasting)
 
     def shown(self, variables: Floats) -> float:
         """Share of the need that is truly seen."""
@@ -190,19 +197,13 @@ class _Search(Record):
 
     def improved(self) -> tuple[float, Floats]:
         """The best of the rounds, and what it is worth."""
-        problem, weights, state = self.problem, self.weights, self.state
+        weights, state = self.weights, self.state
         variables, results = self.first, []
         widths = np.geomspace(_WIDEST, _NARROWEST, weights.rounds)
         for number, width in enumerate([*widths, *widths[-1:].repeat(_FURTHER)]):
             if number >= weights.rounds and self.near(variables) < _NEAR_M2:
                 break
             path = state.flown(variables)
-            if number == weights.rounds // 2:  # what small moves can show is shown by now
-                turn = weights.turning / problem.turned_rad
-                way = float(problem.speed_mps.mean()) / problem.pan_radps
-                price = Price(_standoff_m(problem), self.price, turn, way)
-                path = with_extra_views(path, problem.view, problem.airspace, price)
-                variables = state.nearest(path)
             variables = self.solved(variables, self.terms(path, float(width)))
             if number >= weights.rounds // 2:
                 results.append((self.worth(variables), variables))
@@ -225,6 +226,7 @@ class _Search(Record):
         comfortable_m = min(nearest_m, _COMFORTABLE * problem.airspace.clearance_m)
         return [
             (1.0, Coverage.of(view, samples, self.need, free, width, stride)),
+            (1.0, Hidden.of(view, problem.airspace, path, _standoff_m(problem))),
             (weights.axis, Axis(aim, problem.aside_rad[::stride], stride)),
             (weights.clearance, clearance),
             (weights.clearance, clearance.no_nearer(comfortable_m)),

@@ -23,9 +23,9 @@ from upplied.planning.trajectory.retime import Sharp, retime
 from upplied.planning.visibility.frustum import coarseness
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.moments import moments
-from upplied.records import Bools, Floats, Trajectory, Waypoints
+from upplied.records import Bools, Floats, Ints, Trajectory, Waypoints
 
-_SAMPLES = 600  # of the inspected surface, that are asked for
+_SAMPLES = 1500  # of the inspected surface, that are asked for
 MARGIN = 0.95  # of the limit, for what speeds differ within a leg
 _SLOWEST_MPS = 0.1
 
@@ -105,9 +105,12 @@ def _sharp_speeds(
     farthest_m = inspected.standoff_m[few] / rule.least_resolution
     coarse = coarseness(camera, fov_deg)
     coarse = np.ones(len(path)) if coarse is None else coarse
-    angle = moved_in_picture(
-        path.positions, matrices(path.quat_xyzw), part.points, seen, coarse, farthest_m, MAJORITY
+    surface = part.points, part.outward
+    angle, stillest, least = moved_in_picture(
+        path.positions, matrices(path.quat_xyzw), *surface, seen, coarse, farthest_m, MAJORITY
     )
+    # Most of each picture is sharp, and all of the surface in one of them.
+    np.maximum.at(angle, stillest[stillest >= 0], least[stillest >= 0])
     leg = leg_lengths(path.positions)
     with np.errstate(divide="ignore", invalid="ignore"):
         fastest = np.where((angle > 0) & (leg > 1e-6), leg * MARGIN * limit / angle, np.inf)
@@ -154,23 +157,35 @@ def moved_in_picture(
     positions: Floats,
     axes: Floats,
     points: Floats,
+    normals: Floats,
     seen: Bools,
     coarse: Floats,
     farthest_m: Floats,
     share: float,
-) -> Floats:
-    """Angle (W - 1,), rad, by which a share of what both ends of a leg show moves at most."""
+) -> tuple[Floats, Ints, Floats]:
+    """How far what both ends of a leg show moves in the picture.
+
+    Returns the angle (W - 1,), rad, by which a share of it moves at most, and for each sample (N,) the leg
+    on which it moves least for its length, of those that show it finely enough, and the angle there; -1
+    where there is none.
+    """
     angle = np.zeros(len(positions) - 1)
     moved = np.empty(len(points))
+    stillest, least, rate = np.full(len(points), -1), np.zeros(len(points)), np.full(len(points), np.inf)
     for leg in range(len(angle)):
-        count = 0
+        count, squared = 0, 0.0
+        for axis in range(3):
+            squared += (positions[leg + 1, axis] - positions[leg, axis]) ** 2
+        length = max(np.sqrt(squared), 1e-6)
         for index in range(len(points)):
             if not (seen[leg, index] and seen[leg + 1, index]):
                 continue
-            first, second, across = 0.0, 0.0, 0.0
+            first, second, across, above, below = 0.0, 0.0, 0.0, 0.0, 0.0
             for axis in range(3):
                 first += (points[index, axis] - positions[leg, axis]) ** 2
                 second += (points[index, axis] - positions[leg + 1, axis]) ** 2
+                above += (positions[leg, axis] - points[index, axis]) * normals[index, axis]
+                below += (positions[leg + 1, axis] - points[index, axis]) * normals[index, axis]
             if min(first * coarse[leg] ** 2, second * coarse[leg + 1] ** 2) > farthest_m[index] ** 2:
                 continue
             for column in range(3):
@@ -180,7 +195,11 @@ def moved_in_picture(
                     there += axes[leg + 1, axis, column] * (points[index, axis] - positions[leg + 1, axis])
                 across += (here / np.sqrt(first) - there / np.sqrt(second)) ** 2
             moved[count] = np.sqrt(across)
+            fine = first * coarse[leg] <= farthest_m[index] * above
+            fine &= second * coarse[leg + 1] <= farthest_m[index] * below
+            if fine and moved[count] / length < rate[index]:
+                stillest[index], least[index], rate[index] = leg, moved[count], moved[count] / length
             count += 1
         if count:
             angle[leg] = np.sort(moved[:count])[min(int(share * count), count - 1)]
-    return angle
+    return angle, stillest, least

@@ -7,7 +7,7 @@ from numba import njit
 
 from upplied.config import VisibilitySettings, focal_px
 from upplied.errors import SettingsError
-from upplied.records import Bools, Camera, Cloud, Floats
+from upplied.records import Bools, Camera, Cloud, Floats, Ints
 
 
 def limits_of(
@@ -102,3 +102,26 @@ def in_view(
             ok &= (cosine < 0) | ((facing > 0) & (facing * facing >= cosine * cosine * squared))
             inside[index] = ok
         seen[pose] = inside
+
+
+@njit(cache=True)
+def in_picture(
+    places: Floats, row: Ints, axes: Floats, points: Floats, reach: Bools, half: Floats, round_: Bools
+) -> Bools:
+    """Which of the points in reach fall into the picture of each orientation, (C, m)."""
+    shown = np.zeros((len(row), len(points)), np.bool_)
+    for index in range(len(row)):
+        place, turn = places[row[index]], axes[index]
+        for sample in range(len(points)):
+            if not reach[row[index], sample]:
+                continue
+            x, y, z = 0.0, 0.0, 0.0
+            for axis in range(3):
+                ray = points[sample, axis] - place[axis]
+                x += turn[axis, 0] * ray
+                y += turn[axis, 1] * ray
+                z += turn[axis, 2] * ray
+            forward = np.hypot(x, y) if round_[index] else x
+            across, up = abs(np.arctan2(y, x)), abs(np.arctan2(z, forward))
+            shown[index, sample] = across <= half[index, 0] and up <= half[index, 1]
+    return shown

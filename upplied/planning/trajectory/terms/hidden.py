@@ -1,0 +1,104 @@
+"""Hidden surface: what all of the path misses draws it to places beside it, from where it would be seen.
+
+The slope of the coverage is zero for what is hidden from the path, faces away or lies too far off. So places
+to all sides of the path are asked what they show of it, as the camera looks there. The fewest places nearest
+to the path that show all that any of them shows each pull the station they belong to.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from upplied.geometry.polylines import chosen_evenly
+from upplied.geometry.poses import from_yaw_pitch, matrices, optical_axis
+from upplied.planning.airspace.rules import Airspace
+from upplied.planning.trajectory.state import Flown
+from upplied.planning.trajectory.view import View
+from upplied.planning.visibility.frustum import in_picture
+from upplied.records import Bools, Floats, Ints, Record
+
+_STATIONS = 48  # of the path, beside which places are tried
+_AWAY = 0.4  # stand-offs, to all sides, and twice that
+_MISSED = 256  # samples, at most, that stand for all that is missed
+_INSIDE = 0.98  # of the field of view: well inside the picture
+_AT_START = 1 - np.exp(-0.5)  # of its pull, that a place keeps at its own distance from the path
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Hidden(Record):
+    """Share of the need that K places would show, and the path does not, by how far it is from them."""
+
+    station: Ints  # (K,)
+    place: Floats  # (K, 3) m
+    need: Floats  # (K,) that each shows
+    away_m: Floats  # (K,) from the station, as the path was
+
+    @classmethod
+    def of(cls, view: View, airspace: Airspace, path: Flown, usual_m: float) -> Hidden:
+        """The term near a path; without places where nothing is missed that any of them shows.
+
+        Parameters
+        ----------
+        view : View
+        airspace : Airspace
+            Whose rules the places keep.
+        path : Flown
+            M stations.
+        usual_m : float
+            The stand-off.
+        """
+        missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
+        few, at, off = missed[:_MISSED], *places_beside(path, usual_m)
+        beside = airspace.allowed(path.positions[at] + off) & off.any(axis=1)
+        at, off = at[beside], off[beside]
+        left, away_m = np.array(view.need[few]), np.linalg.norm(off, axis=1)
+        left *= view.need[missed].sum() / max(left.sum(), 1e-12)
+        shows = np.zeros((len(at), len(few)), bool)
+        if shows.size:
+            shows = _shown(path, at, off, few, view)
+        left[~shows.any(axis=0)] = 0.0
+        chosen, need = [], []
+        while left.any():
+            gain = shows @ left
+            best = int(np.argmax(gain / away_m))
+            chosen.append(best)
+            need.append(gain[best])
+            left[shows[best]] = 0.0
+        row = np.array(chosen, np.int64)
+        return cls(at[row], path.positions[at[row]] + off[row], np.array(need), away_m[row])
+
+    def value(self, flown: Flown) -> tuple[float, Flown]:
+        """Need of the places, times how much farther than at them the path is, and its slope."""
+        off = flown.positions[self.station] - self.place
+        near = np.exp(-(off**2).sum(axis=1) / (2 * self.away_m**2))
+        need, nothing = self.need / _AT_START, np.zeros(len(flown))
+        slope = np.zeros_like(flown.positions)
+        np.add.at(slope, self.station, (need * near / self.away_m**2)[:, None] * off)
+        return float((need * (1 - near)).sum()), Flown(slope, nothing, nothing)
+
+
+def places_beside(path: Flown, usual_m: float) -> tuple[Ints, Floats]:
+    """The station of each place (C,), and how far it is aside (C, 3), m: none, and all round, as it looks."""
+    stations = chosen_evenly(len(path), _STATIONS)
+    ahead = optical_axis(from_yaw_pitch(path.yaw[stations], np.zeros(len(stations))))
+    up = np.array([0.0, 0.0, 1.0])
+    axes = np.stack([ahead, np.cross(up, ahead), np.broadcast_to(up, ahead.shape)], axis=1)
+    ways = np.array([way for way in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    steps = usual_m * np.concatenate([np.zeros((1, 3)), _AWAY * ways, 2 * _AWAY * ways])
+    aside = np.einsum("ci,sij->scj", steps, axes).reshape(-1, 3)
+    return np.repeat(stations, len(steps)), aside
+
+
+def _shown(path: Flown, at: Ints, off: Floats, few: Ints, view: View) -> Bools:
+    """(C, m) which samples are seen from the places with the camera as it looks from their stations."""
+    places = path.positions[at] + off
+    reach = view.reach(places, few, station=at)
+    half = view.halves_rad(len(path))[at]
+    axes = matrices(from_yaw_pitch(path.yaw[at], path.pitch[at]))
+    wide = half[:, 0] >= np.pi / 2
+    every = np.arange(len(at))
+    return np.asarray(in_picture(places, every, axes, view.cloud.points[few], reach, half * _INSIDE, wide))
