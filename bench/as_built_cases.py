@@ -1,4 +1,4 @@
-"""What is asked of scanned structures, and the truth about what is decided or planned: from the generator."""
+"""Inspections of scanned structures, and the truth about what is decided or planned: from the generator."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from upplied.planning.surface.samples import surface_samples
 from upplied.records import Bools, Cloud, Demonstration, Floats
 from upplied.samples.pilot import fly
 
-Asked = dict[str, Any]
+Correspondence = dict[str, Any]
 RIGHT = 0.8  # of what corresponds, or of what the demonstration shows, that must be on a right part
 _LOOKED_AT = 0.4  # attention from which a sample was inspected
 _REACH = 2.5  # spacings: a sample of the target this near a counterpart is reached
@@ -47,12 +47,12 @@ def side(name: str) -> str:
 
 @dataclass(frozen=True)
 class Case:
-    """One inspection, what is asked, and the parts of the target that are right."""
+    """One inspection, its settings, and the parts of the target that are right."""
 
     inspection: str
     sort: str  # of the parts that are meant
     side: str = ""
-    asked: Asked = field(default_factory=dict)
+    correspondence: Correspondence = field(default_factory=dict)
     every: bool = False  # whether each of the right parts must be reached, not one of them
     place: str = ""  # what the name of a right part says, where any name does
 
@@ -69,14 +69,14 @@ class Case:
 
     @property
     def label(self) -> str:
-        """What is asked, in words."""
-        return str(self.asked or "once")
+        """The settings in words."""
+        return str(self.correspondence or "once")
 
 
 CASES = {
     "airliner": (
         Case("engine_left", "engine", "left"),
-        Case("engine_left", "engine", asked={"repeat": "each"}, every=True),
+        Case("engine_left", "engine", correspondence={"repeat": "each"}, every=True),
         Case("engine_left", "engine", "left", {"counterparts": (("engine_left", "outer"),)}, place="outer"),
         Case("wings", "wing", every=True),
         Case("fuselage", "fuselage"),
@@ -84,13 +84,13 @@ CASES = {
     "wind_turbine": (Case("tower", "tower"),),
     "bridge": (
         Case("piers", "pier"),
-        Case("piers", "pier", asked={"repeat": "each"}, every=True),
+        Case("piers", "pier", correspondence={"repeat": "each"}, every=True),
     ),
     "ship": (Case("hull", "hull"),),
 }
 
 
-#: By real mesh, inspection and what is asked: the parts that are right, and how much of them is reached.
+#: By real mesh, inspection and settings: the parts that are right, and how much of them is reached.
 _LEARNED: dict[tuple[str, str, str], tuple[list[str], float]] = {}
 _ANSWERS = 0.2  # share of what corresponds, from which a part of a real mesh is one that is meant
 

@@ -154,7 +154,7 @@ def _row(
     source_as: str = "model",
 ) -> dict[str, Any]:
     source = scan(kind, SOURCE[kind], source_as)
-    settings = settings_for("recommended", correspondence=case.asked)
+    settings = settings_for("recommended", correspondence=case.correspondence)
     there = scan(kind, target, variant)
     plan, takes = decided(flown(kind, case.inspection), source, there, settings, memo, siblings)
     if takes and "/" in target and variant == "model":
@@ -213,7 +213,7 @@ def judge(options: argparse.Namespace) -> None:
             there = [row["status"] == "refused" for row in some if row["present"] >= _WHOLE]
             counted = f"{len(some):5}{ok:6}{warned:8}{refused:9}{mean:9.1f}{sum(map(is_silent, some)):16}"
             print(f"{name:72}{counted}{sum(there):10} of {len(there)}")
-    _print_said(rows)
+    _print_decisions(rows)
     if options.curve:
         Path(options.curve).write_text(_curve(rows), encoding="utf-8")
     taken = [row for row in others if row["status"] != "refused"]
@@ -227,7 +227,7 @@ def judge(options: argparse.Namespace) -> None:
             print("SILENT", *row["case"], row["inspection"], row["asked"], text, row["flown"])
 
 
-def _print_said(rows: Sequence[dict[str, Any]]) -> None:
+def _print_decisions(rows: Sequence[dict[str, Any]]) -> None:
     """How often what was said to be so certain was right."""
     known = [row for row in rows if row["sure"] is not None]
     for low, high in itertools.pairwise(_SURE):

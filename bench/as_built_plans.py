@@ -75,7 +75,7 @@ def plans(options: argparse.Namespace) -> None:
 
 def _learn(kind: str, case: Case, target: str, memo: Kept) -> None:
     """Take for right what is decided, without a doubt, for a real mesh as modelled."""
-    settings = settings_for("recommended", correspondence=case.asked)
+    settings = settings_for("recommended", correspondence=case.correspondence)
     demonstration, source = flown(kind, case.inspection), member_of(kind, SOURCE[kind]).structure
     plan, takes = decided(demonstration, source, member_of(kind, target).structure, settings, memo)
     if takes and plan.status == "ok" and not _named(plan):
@@ -87,7 +87,7 @@ def _row(kind: str, case: Case, target: str, variant: str, memo: Kept) -> dict[s
     demonstration = flown(kind, case.inspection)
     start = time.process_time()
     plan = plan_transfer(
-        demonstration, source, there, settings_for("recommended", correspondence=case.asked), memo
+        demonstration, source, there, settings_for("recommended", correspondence=case.correspondence), memo
     )
     took = time.process_time() - start
     row = {
@@ -123,11 +123,11 @@ def _judged(plan: Plan, path: Trajectory, kind: str, case: Case, target: str, va
         "promised_m": plan.measures.min_clearance_m,
         "error_m": plan.measures.surface_error_m,
         "kept_m": path_clearance(scene, path.positions).distance_m,
-        "kept_scanned_m": _kept_of_scanned(path, kind, target, variant),
+        "kept_scanned_m": _clearance_of_scanned(path, kind, target, variant),
     }
 
 
-def _kept_of_scanned(path: Trajectory, kind: str, target: str, variant: str) -> float:
+def _clearance_of_scanned(path: Trajectory, kind: str, target: str, variant: str) -> float:
     """Clearance of a path on the clean mesh, m, where the surface that is nearest was scanned."""
     steps = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
@@ -144,7 +144,7 @@ def places(options: argparse.Namespace) -> None:
     """How far places round scans are from the clean mesh, beside what the scans promise of them."""
     print(f"{'structure':36}{'scan':8}{'size':>8}{'error, m':>10}{'largest, m':>12}{'places':>8}", end="")
     print(f"{'unscanned':>11}{'nearer':>8}{'if no error':>13}{'worst, m':>10}")
-    kept = asked = nearer = counted = 0
+    clear = scans = nearer = counted = 0
     errors = []
     for kind, target, variant in _real_targets(options) if options.real else targets_of(options):
         if variant == "model":
@@ -160,10 +160,10 @@ def places(options: argparse.Namespace) -> None:
         size = len(there.triangles) or len(there.vertices)
         line = f"{kind + ' ' + target:36}{variant:8}{size:8}{scene.error_m:10.3f}{largest:12.3f}{len(at):8}"
         print(f"{line}{(~known).sum():11}{few:8}{else_:13}{spare.min():10.3f}", flush=True)
-        kept, asked = kept + (few == 0), asked + 1
+        clear, scans = clear + (few == 0), scans + 1
         nearer, counted = nearer + few, counted + len(spare)
         errors.append((scene.error_m, largest))
-    print(f"{kept} of {asked} scans keep what they promise; {nearer} of {counted} places are nearer")
+    print(f"{clear} of {scans} scans keep what they promise; {nearer} of {counted} places are nearer")
     stated, largest = np.median(errors, axis=0)
     print(f"in the median the error is {stated:.2f} m, the largest deviation {largest:.2f} m")
 

@@ -78,8 +78,8 @@ def places(seed: int, count: int, real: int) -> None:
     for name, truth, known in cases_of:
         cases = list(_marked(name, truth, known, path_round(truth), ERRORS, count // len(cases_of), rng))
         every += cases
-        print(f"places {name:28}{_said(cases)}", flush=True)
-    print(f"places {'all':28}{_said(every)}")
+        print(f"places {name:28}{_words(cases)}", flush=True)
+    print(f"places {'all':28}{_words(every)}")
 
 
 def _marked(
@@ -145,13 +145,13 @@ def flights(seed: int, count: int) -> None:
                     continue
                 off = float(np.linalg.norm(one.place - (true.positions[0] + reach * ray)))
                 rows_of_kind.append((off, one.error_m, flown.place_error_m))
-        print(f"flights {fault:28}{_said(rows_of_kind)}", flush=True)
+        print(f"flights {fault:28}{_words(rows_of_kind)}", flush=True)
 
 
-def _said(found: list[tuple[float, float, float]]) -> str:
-    if not found:
+def _words(rows: list[tuple[float, float, float]]) -> str:
+    if not rows:
         return "none"
-    off, stated, own = np.array(found, float).T
+    off, stated, own = np.array(rows, float).T
     return (f"{len(off):5} marks, within the stated error {100 * (off <= stated).mean():5.1f} %, median off "
             f"{100 * np.median(off):5.1f} cm, stated {100 * np.median(stated):5.1f} cm, "
             f"1.5 px and the pose's own {100 * np.median(own):5.1f} cm")  # fmt: skip

@@ -99,7 +99,7 @@ def _pairs(
 def missions(seed: int) -> None:
     """Whether missions show each place as finely as asked, keep clear, and how long they are."""
     rng = np.random.default_rng(seed)
-    fine, kept, ratios, asked, refused = [], [], [], 0, 0
+    fine, clear, ratios, places, refused = [], [], [], 0, 0
     for kind, structure in members_of(seed + 400):
         catalog = catalog_of([structure], [demonstration_of(structure, path_round(structure))])
         path = catalog.demonstration("flight").trajectory
@@ -110,31 +110,29 @@ def missions(seed: int) -> None:
         add_marks(catalog, marks, "bench")
         rows = [{str(k): v for k, v in row.items()} for row in catalog.findings().to_dict("records")]
         for mm_px in (1.0, 2.0):
-            asked += len(rows)
+            places += len(rows)
             try:
-                plan_made = plan_reshoot(catalog, rows, structure.structure_id, mm_px)
+                mission = plan_reshoot(catalog, rows, structure.structure_id, mm_px)
             except RefusedError as error:
                 print(f"missions {kind} at {mm_px} mm: {error}"[:200])
                 refused += len(rows)
                 continue
-            refused += len(plan_made.refused)
-            plan = catalog.plan(plan_made.transfer_id)
+            refused += len(mission.refused)
+            plan = catalog.plan(mission.transfer_id)
             assert plan.trajectory is not None and plan.is_viewpoint is not None
             shots = plan.trajectory.take(plan.is_viewpoint)
             for row in rows:
-                if row["finding_id"] in plan_made.shown:
+                if row["finding_id"] in mission.shown:
                     fine.append(_finest_mm(scene_of(structure), shots, spot_of(row)) <= mm_px)
             cloud = points_on_triangles(structure, 200_000, rng)[0]
             between = interpolate(plan.trajectory, np.arange(0, plan.trajectory.t_s[-1], 0.1)).positions
-            kept.append(float(cKDTree(cloud).query(between)[0].min()))
-            words = plan_made.words[0].split()
+            clear.append(float(cKDTree(cloud).query(between)[0].min()))
+            words = mission.words[0].split()
             flew, need = float(words[words.index("m") - 1]), float(words[-2])
             ratios.append(flew / need if need >= 5 else 1.0)
-    line = (
-        f"{asked} asked, {refused} refused with the reason, {100 * np.mean(fine):.1f} % of others as fine as"
-    )
+    line = f"{places} places, {refused} refused with a reason, {100 * np.mean(fine):.1f} % of others as fine"
     tours = f"tours {np.mean(ratios):.2f} of the bound, most {max(ratios):.2f}"
-    print(f"missions: {line} asked; least clearance {min(kept):.2f} m of 2; {tours}")
+    print(f"missions: {line} as required; least clearance {min(clear):.2f} m of 2; {tours}")
 
 
 def _finest_mm(scene: Scene, shots: Trajectory, spot: Spot) -> float:

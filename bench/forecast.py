@@ -75,7 +75,7 @@ class Known:
 
     structure: Structure
     kind: str
-    made: Member | None
+    member: Member | None
 
 
 def structures(first: int) -> list[Known]:
@@ -157,13 +157,13 @@ def _row(source: Known, target: Known, inspection: str, flight: Any) -> dict[str
 
 def _right(take: Take, source: Known, target: Known, inspection: str) -> float | None:
     """Share of the inspected surface whose counterpart is on the intended part; None if it has no name."""
-    if target.made is None or source.kind != target.kind:
+    if target.member is None or source.kind != target.kind:
         return None
     fit, match = take.pair.surface, take.pair.surface.correspondences
     weight = take.inspection.attention.weight * fit.source.area_m2
     known = np.flatnonzero((match.target_index >= 0) & (weight > 0))
     triangle = scene_of(target.structure).closest(fit.target.points)[1]
-    names = np.array(target.made.part_names)[target.made.part_of_triangle[triangle]]
+    names = np.array(target.member.part_names)[target.member.part_of_triangle[triangle]]
     strict, attached = INTENDED[inspection]
     mine = np.array([name.startswith(strict + attached) for name in names])
     return float(weight[known][mine[match.target_index[known]]].sum() / max(weight[known].sum(), 1e-12))

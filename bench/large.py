@@ -1,17 +1,17 @@
 """What a large fleet takes of each process: 10 000 to 100 000 targets with ten demonstrations each.
 
-    python bench/large.py [--kept 10000 100000] [--planned 1000 10000] [--demonstrations 10] [--pages 1000]
+    python bench/large.py [--settled 10000 100000] [--planned 1000 10000] [--demonstrations 10] [--pages 1000]
 
 First a catalog that holds a plan of every pair, generated (real rows and waypoints, all of one flight): its
 files are merged, it is decided when nothing changed and when everything has to be planned, the shards are
 written and read, and it is published, first all of it, then where nothing changed, then where one structure
 did. Then three machines plan it with other settings, with the stand-in for planning of `scale.py`: processes
 that share the catalog and the shards alone, each with two workers and a cache of its own, as those of a work
-pool. Each reads one of its eight shards, whole, asks the catalog what is kept of it and plans the first so
+pool. Each reads one of its eight shards, whole, asks the catalog what is settled, and plans the first so
 many of its pairs (`--pairs 0 --shards 8` plans all, which takes hours); and it is published again. Then
 smaller fleets of which nothing was planned, planned whole.
 
-Each step runs in a process of its own, whose largest resident memory is told, and that of its children.
+Each step runs in a process of its own, whose largest resident memory is reported, and that of its children.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ ANOTHER = fleet.PlanRequest(("paper",), scale.CHANGES)  # of which the catalog h
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--kept", type=int, nargs="*", default=[10_000, 100_000])
+    parser.add_argument("--settled", type=int, nargs="*", default=[10_000, 100_000])
     parser.add_argument("--planned", type=int, nargs="*", default=[1000, 10_000])
     parser.add_argument("--demonstrations", type=int, default=10)
     parser.add_argument("--pages", type=int, default=1000)
-    parser.add_argument("--shards", type=int, default=1, help="of each machine, of the fleets of --kept")
+    parser.add_argument("--shards", type=int, default=1, help="of each machine, of the fleets of --settled")
     parser.add_argument("--pairs", type=int, default=3000, help="of each of these shards; 0: all")
     parser.add_argument("--step", nargs="+", default=[], help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -62,10 +62,10 @@ def main() -> None:
         print(json.dumps(step(name, *given)))
         return
     line("targets x demonstrations", "step", "CPU s", "GiB", "GiB, children", "what came of it")
-    for targets in options.kept:
+    for targets in options.settled:
         with tempfile.TemporaryDirectory() as folder:
             many = str(options.demonstrations)
-            what = f"{targets} x {many}, kept"
+            what = f"{targets} x {many}, settled"
             for name, *given in (
                 ("generate", str(targets), many),
                 ("merge",),
@@ -157,13 +157,13 @@ def decide(catalog: Catalog, preset: str) -> str:
 
 
 def shards(catalog: Catalog) -> str:
-    """As a run hands out all of the fleet, and learns what was kept of it."""
+    """As a run hands out all of the fleet, and learns what of it is known."""
     jobs = fleet.decide(catalog, ANOTHER).jobs
     cut = fleet.shards(jobs, SHARDS, -(-len({job.target_id for job in jobs}) // SHARDS))
     planner.write_shards(catalog, "large", cut)
-    kept, missing = fleet.known_outcomes(catalog, jobs, "large")
+    known, missing = fleet.known_outcomes(catalog, jobs, "large")
     planner.remove_shards(catalog, "large")
-    return f"{len(cut)} shards of {len(cut[0])} pairs; {kept.total} kept, {len(missing)} missing"
+    return f"{len(cut)} shards of {len(cut[0])} pairs; {known.total} known, {len(missing)} missing"
 
 
 def published(catalog: Catalog, pages: str) -> str:

@@ -43,12 +43,12 @@ class Remembered:
     """A memo in memory, for the runs of one pair."""
 
     def __init__(self) -> None:
-        self.kept: dict[tuple[str, str], Any] = {}
+        self.results: dict[tuple[str, str], Any] = {}
 
     def __call__(self, stage: str, record_type: type, key: str, compute: Callable[[], Any]) -> Any:
-        if (stage, key) not in self.kept:
-            self.kept[stage, key] = compute()
-        return self.kept[stage, key]
+        if (stage, key) not in self.results:
+            self.results[stage, key] = compute()
+        return self.results[stage, key]
 
 
 def main() -> None:

@@ -50,7 +50,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="paths whose name contains this")
     parser.add_argument("--worst", action="store_true", help="print every flight")
     options = parser.parse_args()
-    found: dict[str, list[Found]] = {name: [] for name in FAULTS}
+    flights: dict[str, list[Found]] = {name: [] for name in FAULTS}
     began = time.process_time()
     for demonstration in sample_demonstrations():
         if options.only not in demonstration.demonstration_id:
@@ -63,23 +63,23 @@ def main() -> None:
             truth = fly_trajectory(path, wind=wind, seed=seed)
             for name, inject in FAULTS.items():
                 one = ground.judged(inject(truth))
-                found[name].append(one)
+                flights[name].append(one)
                 if options.worst:
                     print(f"{demonstration.demonstration_id:24}{name:32}{one}", flush=True)
     print(f"{'fault':32}{'flights':>8}{'gap %':>8}{'F1 area':>9}{'mean':>9}{'least':>8}{'closed %':>10}"
           f"{'length':>8}{'place cm':>10}{'most':>7}{'own':>6}{'clock s':>9}{'most':>7}"
           f"{'beyond':>8}")  # fmt: skip
-    for name, rows in found.items():
+    for name, rows in flights.items():
         print(f"{name:32}{_summary(rows)}")
-    every = [row for rows in found.values() for row in rows]
-    asked = [row for name in ASKED for row in found[name]]
-    print(f"gap area of all flights: F1 {_pooled(every):.4f}; of those asked for {_pooled(asked):.4f}")
+    every = [row for rows in flights.values() for row in rows]
+    named = [row for name in ASKED for row in flights[name]]
+    print(f"gap area of all flights: F1 {_pooled(every):.4f}; of the named faults {_pooled(named):.4f}")
     lengths = np.array([row.length for row in every if np.isfinite(row.length)])
     print(
         f"closing flights: {lengths.mean():.2f} times the bound, {(lengths <= 1.3).mean():.0%} at most 1.3, "
         f"most {lengths.max():.2f}"
     )
-    print(f"{sum(map(len, found.values()))} flights, {time.process_time() - began:.0f} s of CPU")
+    print(f"{sum(map(len, flights.values()))} flights, {time.process_time() - began:.0f} s of CPU")
 
 
 @dataclass(frozen=True)

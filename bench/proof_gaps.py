@@ -3,7 +3,7 @@
     python bench/proof_gaps.py [--only WORDS]
 
 Flights of the second simulator (`proof_flights`) leave something of each sample inspection out. The flight
-that closes it keeps the clearance of its plan. As asked is told by another ruler (`proof_truth`): corners of
+that closes it keeps the clearance of its plan. As planned: by another ruler (`proof_truth`): corners of
 pixels cast from each viewpoint, with rays that meet every triangle, and the motion between its neighbours.
 """
 
@@ -35,7 +35,7 @@ _WITHIN_M, _PLACES = 0.05, 300  # of the plan's clearance; places of the plan th
 
 
 def closed(place: Place) -> Iterator[tuple[str, float, float, float]]:
-    """Of each gap its name, the length over the bound, % inspected as asked, and m nearer than the plan."""
+    """Of each gap its name, the length over the bound, % inspected as planned, and m nearer than the plan."""
     plan, nearest = place.plan, path_clearance(place.scene, place.plan.positions).distance_m
     airspace = Airspace(place.scene, nearest - _WITHIN_M, place.structure.surroundings)
     graph = roadmap(airspace, place.surface, plan.positions[:: max(1, len(plan) // _PLACES)])
@@ -59,19 +59,20 @@ def main() -> None:
     options = parser.parse_args()
     rows = []
     for place in places(options.only):
-        for name, length, as_asked, nearer in closed(place):
-            rows.append((length, as_asked, nearer))
+        for name, length, as_planned, nearer in closed(place):
+            rows.append((length, as_planned, nearer))
             print(
-                f"{place.name:22}{name:14}length over its bound {length:5.2f}  inspected as asked "
-                f"{as_asked:6.2f} %  nearer than the plan by {nearer:+5.2f} m",
+                f"{place.name:22}{name:14}length over its bound {length:5.2f}  inspected as planned "
+                f"{as_planned:6.2f} %  nearer than the plan by {nearer:+5.2f} m",
                 flush=True,
             )
     if not rows:
         raise SystemExit(f"no path has {options.only!r} in its name")
-    length, as_asked, nearer = np.array(rows).T
+    length, as_planned, nearer = np.array(rows).T
     print(
-        f"{len(rows)} gaps: length {length.mean():.2f} times the bound, most {length.max():.2f}; inspected "
-        f"as asked {as_asked.mean():.1f} %, least {as_asked.min():.1f} %; nearer by {nearer.max():+.2f} m"
+        f"{len(rows)} gaps: length {length.mean():.2f} times the bound, most {length.max():.2f}; "
+        f"inspected as planned {as_planned.mean():.1f} %, least {as_planned.min():.1f} %; "
+        f"nearer by {nearer.max():+.2f} m"
     )
 
 

@@ -88,9 +88,9 @@ class Place:
         rule, own = InspectionSettings(), self.camera
         self.rule = rule.sharp_radps(own.hfov_deg, own.width_px, own.exposure_s), rule.max_incidence_deg
         self.viewpoint_s = plan.t_s[::2]
-        self.asked = {sign: self._asked(plan, _MOTION_TOLERANCE**-sign) for sign in (-1, 0, 1)}
+        self.required = {sign: self._required(plan, _MOTION_TOLERANCE**-sign) for sign in (-1, 0, 1)}
 
-    def _asked(self, plan: Trajectory, motion: float) -> tuple[Bools, Floats]:
+    def _required(self, plan: Trajectory, motion: float) -> tuple[Bools, Floats]:
         """Whether a look by the rule is asked of each sample, and how fine; with so many times its motion."""
         rule = self.rule[0] * motion, self.rule[1]
         by_rule = np.isfinite(self._finest(plan, plan.t_s, rule))
@@ -132,9 +132,9 @@ class Place:
         )
 
     def inspected(self, truth: Trajectory, moments: Floats, sign: int) -> Bools:
-        """Which samples (N,) were truly inspected as asked: 1 adds the tolerances, -1 takes them off."""
-        by_rule, asked_m = self.asked[sign]
-        limit = _AS_FINE * _GSD_TOLERANCE**sign * asked_m
+        """Which samples (N,) were truly inspected as required: 1 adds the tolerances, -1 takes them off."""
+        by_rule, limit_m = self.required[sign]
+        limit = _AS_FINE * _GSD_TOLERANCE**sign * limit_m
         strict, any_look = (
             self._finest(truth, moments, rule, limit) <= limit
             for rule in ((self.rule[0] * _MOTION_TOLERANCE**sign, self.rule[1]), (np.inf, 90.0))

@@ -51,10 +51,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         catalog = open_catalog(options.catalog or folder)
         _fill(catalog, list(structures.values()))
-        answers = _asked(catalog, structures, "first")
-        _asked(catalog, structures, "again")
+        answers = _answers(catalog, structures, "first")
+        _answers(catalog, structures, "again")
         _print_ranks(structures, answers, "declared kinds counted")
-        _print_ranks(structures, _asked(catalog, structures, "by shape", False), "by shape alone")
+        _print_ranks(structures, _answers(catalog, structures, "by shape", False), "by shape alone")
         _print_many()
         if options.plan:
             _print_foreseen(catalog, structures, answers, options.plan)
@@ -77,7 +77,7 @@ def _fill(catalog: Catalog, structures: list[Structure]) -> None:
     print(f"{len(structures)} structures, {len(flights)} flights")
 
 
-def _asked(catalog: Catalog, structures: dict[str, Structure], when: str, by_kind: bool = True) -> Answers:
+def _answers(catalog: Catalog, structures: dict[str, Structure], when: str, by_kind: bool = True) -> Answers:
     seconds, answers = [], {}
     for name in structures:
         began = time.process_time()
@@ -99,13 +99,13 @@ def _print_ranks(structures: dict[str, Structure], answers: Answers, how: str) -
         first, kind = ranking[0], structures[name].kind
         right = truths[first.source_id] != "cross"
         declared = any(one.kind == kind for other, one in structures.items() if other != name)
-        for title, counts, asked in (
+        for title, counts, answers in (
             ("same form", right, "same" in truths.values()),
             ("any form of the kind", right, set(truths.values()) != {"cross"}),
             ("verdict is fits", right, first.verdict == "fits"),
             ("the declared kind", first.kind == kind, declared),
         ):
-            if asked:
+            if answers:
                 counted[title][0] += counts
                 counted[title][1] += 1
         if not right:

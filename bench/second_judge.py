@@ -75,14 +75,14 @@ def judged(take: Take, plan: Trajectory) -> Judged:
     index, weight = pair.surface.correspondences.target_index, inspection.attention.weight * source.areas
     chosen = np.flatnonzero((weight > 0) & (index >= 0))
     flown = finest(pair.source, inspection.logged, source.at(chosen), camera, limits, np.zeros(len(chosen)))
-    chosen, asked_m = chosen[np.isfinite(flown)], _FINE * flown[np.isfinite(flown)]
+    chosen, limit_m = chosen[np.isfinite(flown)], _FINE * flown[np.isfinite(flown)]
     weight, index = weight[chosen], index[chosen]
     samples, at = np.unique(index, return_inverse=True)
     least, most = np.full(len(samples), np.inf), np.zeros(len(samples))
-    np.minimum.at(least, at, asked_m)
-    np.maximum.at(most, at, asked_m)
+    np.minimum.at(least, at, limit_m)
+    np.maximum.at(most, at, limit_m)
     shown = finest(pair.target, plan, target.at(samples), camera, limits, least)[at]
-    fine = shown <= asked_m
+    fine = shown <= limit_m
     missed = np.unique(at[~fine])
     possible = np.ones(len(samples), bool)
     for sample in missed:
@@ -92,7 +92,7 @@ def judged(take: Take, plan: Trajectory) -> Judged:
     return Judged(*(100 * float(share) for share in shares))
 
 
-def shows(structure: Structure, sample: Cloud, camera: Camera, asked_m: float) -> bool:
+def shows(structure: Structure, sample: Cloud, camera: Camera, limit_m: float) -> bool:
     """Whether one of some cameras round a sample, safe and above the ground, shows it as finely."""
     random = np.random.default_rng(1)
     point, normal = sample.points[0], sample.outward[0]
@@ -102,7 +102,7 @@ def shows(structure: Structure, sample: Cloud, camera: Camera, asked_m: float) -
     ways *= np.sqrt(1 - cosine**2)[:, None] / np.linalg.norm(ways, axis=1, keepdims=True)
     ways += cosine[:, None] * normal
     nearest = max(camera.min_range_m, SETTINGS.route.clearance_m)
-    farthest = np.minimum(asked_m * cosine, camera.max_range_m)
+    farthest = np.minimum(limit_m * cosine, camera.max_range_m)
     reach = nearest + random.uniform(0, 1, _TRIED) * (farthest - nearest)
     places = (point + ways * reach[:, None])[farthest > nearest]
     ground = structure.surroundings.ground_z_m

@@ -109,12 +109,12 @@ def _run(options: argparse.Namespace) -> None:
             rows_done = []
             for row in rows:
                 print(json.dumps(row), file=file, flush=True)
-                rows_done.append(f"{row['variant']} {_said(row)}")
+                rows_done.append(f"{row['variant']} {_words(row)}")
             name = row["pair"]
             print(f"{time.monotonic() - began:6.0f} s {number:5d} {name}: {' '.join(rows_done)}", flush=True)
 
 
-def _said(row: dict[str, Any]) -> str:
+def _words(row: dict[str, Any]) -> str:
     shown = row.get("measures", {}).get("coverage_inspected_pct")
     figure = "-" if shown is None else f"{shown:.1f}"
     return figure if row["status"] == "ok" else f"({row['status']} {figure})"

@@ -37,7 +37,7 @@ _ON_TARGET = ("shown", "missed", "unattainable")
 def rows_of(pair: Pair, variants: list[str]) -> Iterator[dict[str, Any]]:
     """A row for each variant; an exception is a row of status ``crash``.
 
-    The first is planned with nothing known (`cold`), the others with what was found out about the flight.
+    The first is planned with nothing known (`cold`), the others with what was learned about the flight.
     """
     memo = _Kept()
     for variant in variants:
@@ -48,7 +48,7 @@ def rows_of(pair: Pair, variants: list[str]) -> Iterator[dict[str, Any]]:
             "generated": pair.generated,
             "stranger": pair.stranger,
             "variant": variant,
-            "cold": not memo.found,
+            "cold": not memo.results,
         }
         try:
             row |= _row(pair, variant, memo)
@@ -68,12 +68,12 @@ class _Kept:
     """Remembers in memory what planning finds out."""
 
     def __init__(self) -> None:
-        self.found: dict[tuple[str, str], Any] = {}
+        self.results: dict[tuple[str, str], Any] = {}
 
     def __call__(self, stage: str, record_type: type, key: str, compute: Callable[[], Any]) -> Any:
-        if (stage, key) not in self.found:
-            self.found[stage, key] = compute()
-        return self.found[stage, key]
+        if (stage, key) not in self.results:
+            self.results[stage, key] = compute()
+        return self.results[stage, key]
 
 
 def warm_up() -> None:

@@ -10,7 +10,7 @@ class UppliedError(Exception):
     ----------
     what : str
         The file, id or setting that is concerned.
-    found : str
+    finding : str
         What was found there.
     rule : str, optional
         What is allowed.
@@ -18,9 +18,9 @@ class UppliedError(Exception):
         What the reader can do about it.
     """
 
-    def __init__(self, what: str, found: str, rule: str = "", remedy: str = "") -> None:
-        self.what, self.found, self.rule, self.remedy = what, found, rule, remedy
-        text = f"{what}: {found}"
+    def __init__(self, what: str, finding: str, rule: str = "", remedy: str = "") -> None:
+        self.what, self.finding, self.rule, self.remedy = what, finding, rule, remedy
+        text = f"{what}: {finding}"
         if rule:
             text += f" (rule: {rule})"
         if remedy:
@@ -28,7 +28,7 @@ class UppliedError(Exception):
         super().__init__(text)
 
     def __reduce__(self) -> tuple[type, tuple[str, str, str, str]]:
-        return type(self), (self.what, self.found, self.rule, self.remedy)
+        return type(self), (self.what, self.finding, self.rule, self.remedy)
 
 
 class InputError(UppliedError):

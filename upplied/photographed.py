@@ -244,15 +244,15 @@ def _covering(
 
 def _without_spare(photo_s: list[float], shown: Bools, interval_s: float) -> list[float]:
     """The photos without those less than an interval from another that show (K, M) nothing of their own."""
-    times, kept, count = np.array(photo_s), np.ones(len(photo_s), bool), shown.sum(axis=0)
+    times, needed, count = np.array(photo_s), np.ones(len(photo_s), bool), shown.sum(axis=0)
     for at in np.argsort(shown.sum(axis=1), kind="stable"):
-        kept[at] = False
-        waits = np.abs(times[kept] - times[at]).min(initial=np.inf) < interval_s
+        needed[at] = False
+        waits = np.abs(times[needed] - times[at]).min(initial=np.inf) < interval_s
         if waits and (count[shown[at]] > 1).all():
             count = count - shown[at]
         else:
-            kept[at] = True
-    return times[kept].tolist()
+            needed[at] = True
+    return times[needed].tolist()
 
 
 def _reach(frames: Frames, at: int, surface: Cloud) -> Floats:

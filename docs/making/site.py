@@ -66,7 +66,7 @@ BORROWED = {
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are made from the code."""
-    for address, text in made_pages().items():
+    for address, text in generated_pages().items():
         files.append(File.generated(config, address, content=text))
     return files
 
@@ -94,7 +94,7 @@ def on_post_template(output_content: str, **_: Any) -> str:
     return output_content.replace("https://unpkg.com/iframe-worker/shim", "assets/local-worker.js")
 
 
-def made_pages() -> dict[str, str]:
+def generated_pages() -> dict[str, str]:
     """Address to text of every page that is made from the code."""
     pages = {address: (ROOT / document).read_text(encoding="utf-8") for document, address in BORROWED.items()}
     for room, modules in MODULES.items():

@@ -66,7 +66,7 @@ def test_what_a_fleet_costs_besides_planning() -> None:
 @pytest.mark.slow
 def test_what_a_large_fleet_needs_on_several_machines() -> None:
     heads, *lines = run(
-        "large.py", "--kept", "--planned", "12", "--demonstrations", "2", "--pages", "2"
+        "large.py", "--settled", "--planned", "12", "--demonstrations", "2", "--pages", "2"
     ).splitlines()
     assert "GiB, children" in heads
     steps = {line[26:38].strip(): line[38:].split() for line in lines}

@@ -258,7 +258,7 @@ def test_the_same_mark_again_adds_nothing_and_states_are_a_history(filled, tmp_p
     [
         (Mark("it", "P9.png", ((1.0, 1.0),)), "photo P9.png: belongs to no known flight"),
         (Mark("it", "P4.png", ((1590.0, 600.0),)), "is beside the structure, or on another surface"),
-        (Mark("it", "P2.png", ((5000.0, 10.0),)), "lies outside of its photo"),
+        (Mark("it", "P2.png", ((5000.0, 10.0),)), "lies outside its photo"),
         (Mark("it", flight="past", t_s=30.0, pixels=((1.0, 1.0),)), "the flight took 20.0 s"),
         (Mark("it", flight="none", t_s=1.0, pixels=((1.0, 1.0),)), "flight none: is not in the catalog"),
         (Mark("it", pixels=((1.0, 1.0),)), "has neither photo nor time"),
@@ -692,7 +692,10 @@ def test_a_place_that_is_hidden_where_its_photo_was_taken_from_is_seen_from_asid
     other.add_structures([replace(below, sha256="cd" * 32)])
     other.add_demonstrations([flown()])
     made = plan_reshoot(other, [row_of(catalog, name)], "cube-v1", 7.5)
-    assert "degrees aside: nothing nearer is safe and sees it" in made.words[1] or "m nearer" in made.words[1]
+    assert (
+        "degrees aside: no nearer viewpoint is safe and shows it" in made.words[1]
+        or "m nearer" in made.words[1]
+    )
     shot = other.plan(made.transfer_id).trajectory.positions
     inside = ((shot > [HIGH[0] + 3.0, -2.0, 0.0]) & (shot < [HIGH[0] + 20.0, 2.0, 12.0])).all(axis=1)
     assert not inside.any()

@@ -69,6 +69,7 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     assert main(["zones", "cube-v1", "--json", *where]) == 1
     rows = {row["zone"]: row for row in json.loads(capsys.readouterr().out)}
     assert (rows["side"]["planned"], rows["side"]["flown"]) == ("met", "missed")
+    assert rows["side"]["last_seen"] == ""
     # a mission says what becomes of each zone, in its file and beside it
     (plan,) = catalog.transfers()["transfer_id"]
     goal = tmp_path / "mission.geojson"
@@ -105,7 +106,9 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
          "looks_sha256": catalog.put_looks(surface.points, surface.normals, seen.seen, seen.values)}, path,
     )  # fmt: skip
     main(["zones", "cube-v1", "--json", *where])
-    assert {r["zone"]: r["flown"] for r in json.loads(capsys.readouterr().out)}["side"] == "met"
+    (side_row,) = (r for r in json.loads(capsys.readouterr().out) if r["zone"] == "side")
+    (flown_at,) = catalog.flights()["flown_at"]
+    assert (side_row["flown"], side_row["last_seen"]) == ("met", f"{flown_at:%Y-%m-%d %H:%M}")
     # the page says so too, and is written anew when what is asked for changes
     publish_pages(catalog, tmp_path / "reports", pictures=0)
     (page,) = (tmp_path / "reports" / "transfers").glob("*.html")

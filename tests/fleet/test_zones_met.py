@@ -29,7 +29,7 @@ def look(distance=3.0, incidence=20.0, age=0.0, seen=ALL, camera=CAMERA, picture
         ({"gsd_mm": 3.5}, [look(3.0)], "met", ""),
         # a pixel covers 3 mm of what it sees frontally, 4.7 mm at 50 degrees
         ({"gsd_mm": 3.5}, [look(3.0, 50.0)], "missed", "100.0 % was seen from too far for 3.5 mm a pixel"),
-        ({"gsd_mm": 3.5}, [look(camera=Camera())], "missed", "pixels are not known"),
+        ({"gsd_mm": 3.5}, [look(camera=Camera())], "missed", "unknown resolution"),
         ({"incidence_deg": 10.0}, [look()], "missed", "more obliquely than 10 deg"),
         ({"max_age_days": 30.0}, [look(age=31.0)], "missed", "longer ago than 30 days"),
         ({"max_age_days": 30.0}, [look(age=31.0), look(age=2.0)], "met", ""),

@@ -92,7 +92,7 @@ def test_a_hostile_file_is_an_error_that_names_it(tmp_path: Path, kind: str) -> 
         (tmp_path / "cameras.bin").write_bytes(struct.pack("<Q", 0))
     with pytest.raises(InputError) as caught:
         read_demonstration(path, LogOptions(structure_id="tank", unit_m=1.0))
-    assert str(path) in str(caught.value) and caught.value.found
+    assert str(path) in str(caught.value) and caught.value.finding
     assert path.read_bytes() == data
 
 

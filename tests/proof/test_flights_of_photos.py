@@ -96,7 +96,7 @@ def test_a_photo_right_after_a_silence_counts():
 
 def test_logs_of_far_poses_say_that_the_way_between_them_is_not_known(catalog, tmp_path):
     row = judged(catalog, tmp_path / "often", **FIXED).row
-    assert "how near it came between them is not known" not in row["findings"]
+    assert "the clearance between them is unknown" not in row["findings"]
     plan = catalog.plan(KEY[:20]).trajectory
     seconds = np.arange(0.0, plan.t_s[-1], 3.0)
     at = interpolate(plan, seconds)
@@ -105,4 +105,4 @@ def test_logs_of_far_poses_say_that_the_way_between_them_is_not_known(catalog, t
     path, facts = photos(tmp_path / "seldom", Flight(t_ns, log.positions, log.quat_xyzw), **FIXED)
     facts = facts | {"structure_alt_m": 440.0}
     row = judge_log(catalog.location, str(path), KEY[:20], None, LogOptions(**facts)).row
-    assert "its poses are 3.0 s apart: how near it came between them is not known" in row["findings"]
+    assert "its poses are 3.0 s apart: the clearance between them is unknown" in row["findings"]

@@ -16,7 +16,7 @@ from upplied.geometry.scene import scene_of
 from upplied.records import Demonstration, Structure
 from upplied.samples.airframe import airframe, left_nacelle
 from upplied.samples.fleet import member, sample_demonstrations
-from upplied.samples.hand import kept_clear
+from upplied.samples.hand import pushed_clear
 from upplied.samples.pilot import fly
 from upplied.samples.plan_view import offset_outline
 
@@ -193,7 +193,7 @@ def test_what_cannot_be_inspected_is_refused() -> None:
 def test_the_path_is_pushed_off_the_surface() -> None:
     scene = scene_of(member("cube-v1").structure)
     line = np.column_stack([np.linspace(-20, 20, 160), np.full(160, 6.5), np.full(160, 6.0)])
-    clear = kept_clear(line, scene, 2.0, 1.0)
+    clear = pushed_clear(line, scene, 2.0, 1.0)
     assert scene.distance(clear).min() >= 2.0
     assert np.abs(clear[[0, -1]] - line[[0, -1]]).max() < 0.2
 

@@ -214,5 +214,6 @@ def test_a_viewpoint_that_lies_nowhere_is_refused_and_not_allocated(server):
             asked(server, f"/studio/{PLAN}/judge", "POST", {"base": 0, "viewpoints": views})[2]
         )
         assert "at most" in answer["refused"], bad
-        aim = json.loads(asked(server, f"/studio/{PLAN}/aim", "POST", views[3])[2])
+        request = {"base": 0, "viewpoints": views, "viewpoint": 3}
+        aim = json.loads(asked(server, f"/studio/{PLAN}/aim", "POST", request)[2])
         assert "at most" in aim["refused"]

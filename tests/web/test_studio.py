@@ -130,7 +130,7 @@ def test_two_who_decide_at_once_are_told_of_each_other(session, catalog):
 
 def test_a_zone_is_painted_asked_for_and_judged(session, catalog):
     plan = session.answer("plan", {})
-    aim = session.answer("aim", plan["viewpoints"][3])
+    aim = session.answer("aim", wanted(plan, viewpoint=3))
     assert aim["place"] is not None
     where = "ball " + " ".join(map(str, aim["place"])) + " 0.8"
     assert 0 < session.answer("zone", {"where": where})["share_pct"] < 20

@@ -50,7 +50,7 @@ def best(store: Catalog, structure: str) -> str:
     fitting = next((one for one in others if one.verdict == "fits"), None)
     if fitting is None:
         closest = f"; the closest is {others[0].demonstration_id}: {others[0].why}" if others else ""
-        raise InputError(f"structure {structure}", f"no demonstration fits beyond doubt{closest}")
+        raise InputError(f"structure {structure}", f"no demonstration clearly fits{closest}")
     kind = store.newest("structures", structure)["kind"]
     if kind != fitting.kind:
         raise InputError(

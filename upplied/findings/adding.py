@@ -103,7 +103,7 @@ class Placing:
         t_s = float(photo["t_s"]) if photo else float(mark.t_s or 0.0)
         if mark.t_s is not None and not abs(mark.t_s - t_s) <= _SAME_TIME_S:
             fault = f"is of {mark.t_s:g} s, its photo {mark.photo} of {t_s:g} s"
-            raise RefusedError(mark.what, fault, "one time", "leave the time or the photo away")
+            raise RefusedError(mark.what, fault, "one time", "omit the time or the photo")
         if not 0 <= t_s <= float(flight.path.t_s[-1]):
             when = f"is of {t_s:g} s, the flight took {float(flight.path.t_s[-1]):.1f} s"
             raise RefusedError(mark.what, when, "a time of the flight", "count from its first pose")
@@ -116,10 +116,13 @@ class Placing:
         corners = mark.corners * _enlarged(mark, limits)
         if not len(corners) or (corners < 0).any() or (corners > limits).any():
             rule = f"0 to {limits[0]} and 0 to {limits[1]} px"
-            raise RefusedError(mark.what, "lies outside of its photo", rule, "check the pixels and the photo")
+            raise RefusedError(mark.what, "lies outside its photo", rule, "check the pixels and the photo")
         if not np.isfinite(rays_of(camera, corners)).all():
-            rule, remedy = "within what the lens shows", "check the distortion in the camera's calibration"
-            raise RefusedError(mark.what, "lies where the model of its lens shows nothing", rule, remedy)
+            rule, remedy = (
+                "a pixel in the field of view",
+                "check the distortion in the camera's calibration",
+            )
+            raise RefusedError(mark.what, "lies outside the valid area of the lens model", rule, remedy)
         structure = self._structure(flight.target_id)
         stated = flight.pose_error_m if self.pose_m is None else self.pose_m
         pose_m = self.errors.pose_m if math.isnan(stated) else stated

@@ -124,7 +124,7 @@ def _photo(look: Look, folder: Path | None) -> np.ndarray:
         raise InputError(what, f"is not at {row['path']}", "where it was registered", remedy)
     data = read_regular(place, MOST_BYTES)
     if hashlib.sha256(data).hexdigest() != row["sha256"]:
-        raise InputError(what, f"at {place} is another one", "the bytes that were registered")
+        raise InputError(what, f"at {place} is another file", "the registered file")
     return pixels_in(data, what)
 
 

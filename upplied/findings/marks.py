@@ -164,7 +164,7 @@ def corners_of(flat: Any) -> tuple[tuple[float, float], ...]:
 
 def _finite(pixels: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
     if not all(math.isfinite(value) for pair in pixels for value in pair):
-        raise ValueError("a pixel that is no number")
+        raise ValueError("a pixel that is not a number")
     return pixels
 
 

@@ -181,7 +181,7 @@ def _photo_row(
     end = float(flight.path.t_s[-1])
     if not -_OUTSIDE_S <= t_s <= end + _OUTSIDE_S:
         fault = f"was taken {t_s:.1f} s after the first pose, the flight took {end:.1f} s"
-        remedy = "state what its clock was behind: --clock SECONDS"
+        remedy = "state the offset of its clock: --clock SECONDS"
         raise InputError(str(path), fault, "within the flight", remedy)
     sha256, t_s = hashlib.sha256(data).hexdigest(), min(max(t_s, 0.0), end)
     size = tuple(int(head[name]) if math.isfinite(head[name]) else 0 for name in ("width", "height"))

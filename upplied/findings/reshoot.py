@@ -145,11 +145,11 @@ def mission(carrying: Carrying, rows: Sequence[dict[str, Any]], base: Base, mm_p
         refused.append(f"finding {one.finding_id}: {near}")
     what = f"a mission to {structure_id}"
     if not looks:
-        raise RefusedError(what, "; ".join(refused)[:2000], "one safe look at least")
+        raise RefusedError(what, "; ".join(refused)[:2000], "at least one safe viewpoint")
     tour = _tour(list(looks.values()), list(looks), base, graph, mm_px)
     path = tour.trajectory
     for one in [one for one, there in zip(looks, tour.covered, strict=True) if not there]:
-        refused.append(f"finding {one.finding_id}: no safe way leads to where it is seen from")
+        refused.append(f"finding {one.finding_id}: no safe leg leads to a viewpoint that shows it")
         del looks[one]
     reachable = list(looks)
     broken = place_breaches(path, base.target, supposed, clearance)
@@ -207,7 +207,10 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
         pace, of_plan, source_sha256 = demonstration.trajectory, "", target.sha256
         settings = SettingsOf(catalog, PlanRequest())("recommended", target.kind, structure_id)
     else:
-        fault, rule = "has neither plan nor demonstration", "one of them tells camera, vehicle and clearance"
+        fault, rule = (
+            "has neither plan nor demonstration",
+            "one of them, with camera and clearance",
+        )
         raise RefusedError(
             f"structure {structure_id}", fault, rule, f"plan for it: upplied transfer --to {structure_id}"
         )
@@ -223,7 +226,7 @@ def _sized(base: Base, rows: Sequence[dict[str, Any]]) -> tuple[Base, list[str]]
     stated = [(row["width_px"] or np.nan, row["height_px"] or np.nan) for row in rows]
     known = [(int(width), int(height)) for width, height in stated if np.isfinite([width, height]).all()]
     width, height = known[0] if known else size_px(base.camera)
-    whose = "as a photo of a finding" if known else "as cameras usually have"
+    whose = "as a photo of a finding" if known else "the usual size of a camera"
     text = f"the pixels of the camera are not known: {width} x {height} px, {whose}"
     return replace(base, camera=replace(base.camera, width_px=width, height_px=height)), [text]
 
@@ -282,7 +285,7 @@ def _words(wanted: Wanted, look: Trajectory, camera: Camera) -> str:
     if wanted.reference:
         text += f", as {wanted.reference} showed it"
         if off > _AS_WANTED_DEG:
-            text += f", but {off:.0f} degrees aside: nothing nearer is safe and sees it"
+            text += f", but {off:.0f} degrees aside: no nearer viewpoint is safe and shows it"
         if distance > _AS_NEAR * wanted.distance_m:
             text += f", from {distance - wanted.distance_m:.1f} m farther"
         elif distance * _AS_NEAR < wanted.distance_m:

@@ -84,7 +84,7 @@ def read_edit(
         raise _unreadable(what, error) from None
     numbers = [value for p in after.values() for value in (*p.position, p.yaw_deg, p.pitch_deg)]
     if not np.isfinite([*numbers, clearance]).all() or not np.isfinite(boxes).all():
-        raise InputError(what, "holds what is no number", _RULE)
+        raise InputError(what, "contains a value that is not a number", _RULE)
     places = [*(p.position for p in after.values()), *boxes.reshape(-1, 3), (clearance, 0.0, 0.0)]
     if np.abs(np.array(places)).max() > FARTHEST_M:
         raise InputError(what, "lies too far away", f"at most {FARTHEST_M:g} m from the structure's origin")
@@ -116,7 +116,7 @@ def keep_edit(
     """
     words = ", ".join(filter(None, [edit.words, airspace.words, "planned again" if base.airspace else ""]))
     if not words:
-        rule = "move, turn or leave out a viewpoint, forbid a box, or ask for more clearance"
+        rule = "move, turn or omit a viewpoint, add a keep-out box, or raise the clearance"
         raise InputError(what, "changes nothing", "", rule)
     judged = editing.judged(base, edit, airspace)
     if judged.broken:

@@ -104,7 +104,7 @@ def _as_far(
         if not _lacking(first):
             return first, f"keeps {wish:.1f} m from the structure, as its plan does"
     except RefusedError as refusal:
-        why = refusal.found
+        why = refusal.finding
     try:
         second = flight_at(limit)
     except RefusedError:

@@ -191,7 +191,7 @@ def _surveyed(logs: Iterable[str | Path]) -> list[FileKind]:
     """What the files are; one that is named and is no flight is refused, not passed over."""
     names = [Path(log) for log in logs]
     entries = [
-        replace(one, status="refused", words="is no flight that can be read")
+        replace(one, status="refused", words="is not a readable flight")
         if one.status == "other" and one.path in names
         else one
         for one in survey(names)

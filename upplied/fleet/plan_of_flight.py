@@ -137,7 +137,7 @@ def _best(catalog: Catalog, log: str, tried: list[tuple[Row, Demonstration]]) ->
         candidates.append(Laid(row, flown, on))
     if not candidates:
         known = "; ".join(why) or "no plan of that structure is in the catalog"
-        raise RefusedError(log, f"lies on no plan: {known}", "", "say which plan was flown: --plan ID")
+        raise RefusedError(log, f"lies on no plan: {known}", "", "state which plan was flown: --plan ID")
     return min(candidates, key=lambda laid: laid.off_m)
 
 

@@ -204,15 +204,15 @@ def _overruled(
             if rule in facts.allow:
                 check(replace(facts, allow=()))
         except InputError as error:
-            verdicts.setdefault(rule, replace(broken(RULES[rule], error.found), overruled=True))
+            verdicts.setdefault(rule, replace(broken(RULES[rule], error.finding), overruled=True))
     return tuple(verdicts.values())
 
 
 def _in_context(error: InputError, path: Path, source: Source) -> InputError:
     """The error with the name of the file, and with what was lost of it before."""
     what = error.what if str(path) in error.what else f"{path}, {error.what}"
-    finding = "; ".join([error.found, *source.losses])
-    if error.found.startswith(NOTHING):
+    finding = "; ".join([error.finding, *source.losses])
+    if error.finding.startswith(NOTHING):
         finding += f"; its topics: {source.topics or 'none'}"
     return InputError(what, finding, error.rule, error.remedy)
 

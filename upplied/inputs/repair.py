@@ -56,11 +56,11 @@ def weld(vertices: Floats) -> Ints:
 
 @njit(cache=True)
 def _join(pairs: np.ndarray, first: np.ndarray) -> None:  # pragma: no cover - compiled
-    """Join each point to the first kept one of its pairs, which rise by the later point."""
+    """Join each point to the first of its pairs, which rise by the later point."""
     for at in range(len(pairs)):
-        kept, other = pairs[at]
-        if first[kept] == kept and first[other] == other:
-            first[other] = kept
+        earlier, later = pairs[at]
+        if first[earlier] == earlier and first[later] == later:
+            first[later] = earlier
 
 
 def _faults(vertices: Floats, triangles: Ints) -> Ints:

@@ -10,6 +10,8 @@ SURFACE = "#c7cdd6"
 DEMONSTRATED = "#e69f00"
 #: Colour of the path of each preset.
 PRESETS = {"recommended": "#0072b2", "paper": "#009e73", "baseline": "#cc79a7"}
+#: Colours of all paths on pages.
+PATHS = {"demonstration": DEMONSTRATED, **PRESETS, "flown": "#5f6b78", "newer draft": "#d55e00"}
 
 #: Colour of the surface by its state; the order is that of `records.SURFACE_STATES`.
 STATES = {

@@ -17,19 +17,23 @@ from importlib import resources
 from typing import Any
 
 from upplied.extras import extra
+from upplied.outputs import colours
+from upplied.outputs.labels import LABELS
 
-PLOTLY = "plotly.min.js"
-#: Scripts of each kind of page between `core.js` and `start.js`; 3-D views load the drawing library later.
+PLOTLY, CORE = "plotly.min.js", ("core.js", "labels.js")
+#: Tables of labels that pages show.
+_TABLES = ("research", "quality", "fleet", "fleet_research", "moves", "pose", "zone_limits")
+#: Scripts of each kind of page between those of all and `start.js`; 3-D views load the drawing library later.
 KINDS = {
-    "fleet": ("places.js", "fleet.js"),
+    "fleet": ("fleet.js",),
     "transfer": ("scene.js", "verdict.js", "fly.js", "transfer.js"),
     "structure": ("scene.js", "structure.js"),
     "about": ("about.js",),
 }
 STYLES = ("report.css",)
 #: Files of the package that every report folder holds once, under ``assets/``.
-SCRIPTS = (PLOTLY, "core.js", *dict.fromkeys(name for names in KINDS.values() for name in names), "start.js")
-_LIVE = ("live.js", "login.js", "studio.js", "studio.css")
+SCRIPTS = (PLOTLY, *CORE, *dict.fromkeys(name for names in KINDS.values() for name in names), "start.js")
+_LIVE = ("live.js", "login.js", "studio.js")
 
 _POLICY = (
     "default-src 'none'; script-src {scripts}; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
@@ -62,23 +66,22 @@ def page(
     live : bool
         A person who signed in may decide, export and edit on the page.
     """
-    names = ["core.js", *(["live.js"] if live else []), *KINDS[kind]]
+    names = [*CORE, *(["live.js"] if live else []), *KINDS[kind]]
     scripts = [*(f"assets/{name}" for name in names), *extra, "assets/start.js"]
     return _shell(title, scripts, {**data, "root": root, "live": live}, fallback, root, live)
 
 
 def login_page() -> str:
     """The page for signing in: only a field for the password."""
-    scripts = [f"/assets/{name}" for name in ("core.js", "live.js", "login.js")]
+    scripts = [f"/assets/{name}" for name in (*CORE, "live.js", "login.js")]
     return _shell("Sign in", scripts, {}, "Signing in needs scripts.", "/", True)
 
 
 def studio_page(transfer_id: str) -> str:
     """The page of the studio; its script requests the plan."""
-    scripts = [f"/assets/{name}" for name in (PLOTLY, "core.js", "live.js", "scene.js", "studio.js")]
-    body, styles = '<p role="status" id="stage">Opening the plan</p>', (*STYLES, "studio.css")
-    data, fallback = {"plan": transfer_id}, "The studio needs scripts."
-    return _shell("Studio", scripts, data, fallback, "/", True, body, styles)
+    scripts = [f"/assets/{name}" for name in (PLOTLY, *CORE, "live.js", "scene.js", "studio.js")]
+    body = '<p role="status" id="stage">Opening the plan</p>'
+    return _shell("Studio", scripts, {"plan": transfer_id}, "The studio needs scripts.", "/", True, body)
 
 
 def message_page(text: str) -> str:
@@ -95,11 +98,10 @@ def _shell(
     root: str,
     live: bool,
     body: str = "",
-    styles: Sequence[str] = STYLES,
 ) -> str:
     """A page whose scripts and styles are files beside it."""
     policy = _POLICY.format(scripts="'self'", connect="'self'" if live else "'none'")
-    sheets = [f'<link rel="stylesheet" href="{root}assets/{name}">' for name in styles]
+    sheets = [f'<link rel="stylesheet" href="{root}assets/{name}">' for name in STYLES]
     sheets += ['<link rel="icon" href="data:,">'] * live  # or browsers ask for one
     sources = [html.escape(name if name.startswith("/") else root + name) for name in scripts]
     tags = [f'<script src="{source}"></script>' for source in sources]
@@ -172,9 +174,14 @@ def finite(value: Any) -> Any:
 
 @cache
 def _asset(name: str) -> str:
-    if name == "plotly.min.js":
+    if name == PLOTLY:
         with extra("export"):
             from plotly.offline import get_plotlyjs
 
         return str(get_plotlyjs())
+    if name == "labels.js":
+        states = [("not inspected", colours.SURFACE), *list(colours.STATES.items())[1:]]
+        tables = {table: LABELS[table] for table in _TABLES}
+        drawn = {"labels": tables, "COLOURS": colours.PATHS, "STATES": states}
+        return f"Object.assign(upplied, {inert_json(drawn)});\n"
     return resources.files("upplied.outputs").joinpath("static", name).read_text("utf-8")

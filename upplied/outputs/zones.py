@@ -16,6 +16,7 @@ from upplied.catalog.verbs.belonging import Zones
 from upplied.geometry.polylines import cumulated, leg_lengths
 from upplied.outputs.missions.gate import ZONE
 from upplied.outputs.missions.records import Mission
+from upplied.outputs.pairs import stamp
 from upplied.proof.required_zones import RequiredZones
 from upplied.proof.zones import Looked
 from upplied.records import Camera, Cloud, Floats, Ints, Plan, Structure, Trajectory
@@ -27,7 +28,8 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     """Every required zone of a structure with its result.
 
     Planned is the result of the plans in force together (or of the newest ok plan of `recommended`), flown
-    that of the stored looks of all flights. A zone that names no surface of the structure is ``not judged``.
+    that of the stored looks of all flights; ``last_seen`` is the time of the newest one that saw any of it. A
+    zone that names no surface of the structure is ``not judged``.
     """
     target = catalog.structure(structure_id)
     required_zones = Zones(catalog).of(target.kind, structure_id)
@@ -45,11 +47,15 @@ def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
         for plan, camera in zip(plans, cameras, strict=True)
         if plan.trajectory is not None
     ]
-    flights = looked(catalog, flown_rows(catalog, structure_id), requirements.surface)
-    both = zip(requirements.judged(*shown), requirements.judged(*flights), strict=True)
+    flights = [row for row in flown_rows(catalog, structure_id) if row["looks_sha256"]]
+    flown_looks = looked(catalog, flights, requirements.surface)
+    both = zip(requirements.judged(*shown), requirements.judged(*flown_looks), strict=True)
     named = ("set", "version", "asked_by", "zone", "on", "probability")
     return [
-        {name: planned[name] for name in named} | _result("planned", planned) | _result("flown", flown)
+        {name: planned[name] for name in named}
+        | _result("planned", planned)
+        | _result("flown", flown)
+        | {"last_seen": stamp(max((flights[at]["flown_at"] for at in flown["seen_by"]), default=None))}
         for planned, flown in both
     ]
 
@@ -109,7 +115,7 @@ _ON_THE_SPOT_S = 0.1  # assumed duration of a turn on the spot; no result depend
 
 @dataclass(frozen=True, eq=False)
 class MissionZones:
-    """The zones of a structure, judged for the missions of one plan."""
+    """The zones of a structure, judged for the missions of one plan, or for changes of it."""
 
     catalog: Catalog
     plan: Plan
@@ -121,24 +127,23 @@ class MissionZones:
         """Every required zone of the structure."""
         return Zones(self.catalog).of(self.structure.kind, self.structure.structure_id)
 
-    def judged(self, missions: Sequence[Mission] = ()) -> list[dict[str, Any]]:
-        """The result of each zone for these sorties together, or for the plan if there are none."""
-        if not self.required:
-            return []
+    @cached_property
+    def requirements(self) -> RequiredZones:
+        """The same with the surface that each names."""
         known = self.catalog.structure, self.catalog.cache
         plan, faces = self.plan, self.catalog.faces_labelled
-        requirements = RequiredZones(*known, self.structure, plan.supposed, self.camera, self.required, faces)
-        return requirements.judged(*self._looks(requirements, missions))
+        return RequiredZones(*known, self.structure, plan.supposed, self.camera, self.required, faces)
+
+    def judged(self, missions: Sequence[Mission] = (), plan: Plan | None = None) -> list[dict[str, Any]]:
+        """The result of each zone for these sorties together, or for a plan if there are none."""
+        if not self.required:
+            return []
+        flown = [self.requirements.along(path, self.camera, at_s) for path, at_s in map(_flown, missions)]
+        return self.requirements.judged(*flown or [self.requirements.planned(plan or self.plan, self.camera)])
 
     def notes(self, missions: Sequence[Mission] = ()) -> tuple[str, ...]:
         """The results as notes of a mission."""
         return tuple(map(_words, self.judged(missions)))
-
-    def _looks(self, requirements: RequiredZones, missions: Sequence[Mission]) -> list[Looked]:
-        if not missions:
-            return [requirements.planned(self.plan, self.camera)]
-        flown = map(_flown, missions)
-        return [requirements.along(path, self.camera, pictures) for path, pictures in flown]
 
 
 def _flown(mission: Mission) -> tuple[Trajectory, Floats]:

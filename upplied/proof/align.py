@@ -206,7 +206,7 @@ def _check_near(near: Bools) -> None:
             "the log",
             f"does not lie on the plan: {100 * share:.0f} % of its poses come within {_NEAR_M:g} m",
             f"{100 * _LEAST_SHARE:.0f} % at least",
-            "name the plan that was flown, or say in a side-car where the structure stands",
+            "name the plan that was flown, or state in a side-car where the structure stands",
         )
 
 
@@ -217,7 +217,7 @@ def _check_small(error: FrameError) -> None:
             "the log",
             f"lies on the plan only if it is moved by {shift:.1f} m and turned by {turn_deg:.1f} deg",
             f"{_LARGEST_M:g} m and {_LARGEST_DEG:g} deg at most",
-            "say in a side-car where the structure stands in the log's frame",
+            "state in a side-car where the structure stands in the log's frame",
         )
 
 

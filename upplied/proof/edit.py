@@ -171,7 +171,7 @@ def _between(
     line = way(graph, a.positions[0], b.positions[0])
     if line is None:
         raise RefusedError(
-            f"viewpoint {other}", f"has no safe way from viewpoint {one}", "", "move one of them"
+            f"viewpoint {other}", f"has no safe leg from viewpoint {one}", "", "move one of them"
         )
     along = arc_length(line)
     share = (along / max(along[-1], _APART_M))[1:-1]

@@ -62,7 +62,7 @@ def _corrected(aligned: Alignment) -> Iterator[str]:
     if aligned.backwards > 0.02:
         yield f"{100 * aligned.backwards:.0f} % of it was flown against the order of its plan"
     elif not np.isfinite(aligned.clock_s):
-        yield "it was not flown in the times of its plan"
+        yield "it was not flown at the times of its plan"
 
 
 def _missing(plan: Trajectory, aligned: Alignment, flown_pct: float) -> Iterator[str]:
@@ -77,9 +77,9 @@ def _missing(plan: Trajectory, aligned: Alignment, flown_pct: float) -> Iterator
         yield f"waited for {length:.0f} s at {when:.0f} s"
     usual_s = float(np.median(np.diff(aligned.flown.t_s)))
     if usual_s > SILENT_S:
-        yield f"its poses are {usual_s:.1f} s apart: how near it came between them is not known"
+        yield f"its poses are {usual_s:.1f} s apart: the clearance between them is unknown"
     for when, length in silences(aligned.flown):
-        what = "what was seen and how near it came then is not known"
+        what = "views and clearance are unknown for that time"
         yield f"{SILENT} for {length:.0f} s at {when:.0f} s: {what}"
 
 
@@ -101,7 +101,7 @@ def _stretches(flags: Bools) -> Ints:
 
 
 def _aside(plan: Trajectory, aligned: Alignment) -> Iterator[str]:
-    """A camera that most of the time looked elsewhere than planned; it is taken as it was logged."""
+    """A camera that most of the time looked elsewhere than planned; it is used as logged."""
     on = aligned.on_plan
     if on.sum() < 2:
         return
@@ -110,7 +110,7 @@ def _aside(plan: Trajectory, aligned: Alignment) -> Iterator[str]:
     planned_axis = optical_axis(interpolate(plan, moments).quat_xyzw)
     off = float(np.median(_angle_deg((axis * planned_axis).sum(axis=1))))
     if off > _TURNED_DEG:
-        yield f"{LOOKED} {off:.0f} deg aside of its plan, in the median: taken as it was logged"
+        yield f"{LOOKED} {off:.0f} deg aside of its plan, in the median: used as logged"
 
 
 def _stuck(plan: Trajectory, aligned: Alignment) -> Iterator[str]:

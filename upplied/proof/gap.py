@@ -98,9 +98,11 @@ def gap_flight(
     if not seen.any():
         raise RefusedError(
             "the gap",
-            "can be seen from no pose that is safe now" + "".join(f"; {_none_of(zone)}" for zone in zones),
+            "is not visible from any safe pose" + "".join(f"; {_none_of(zone)}" for zone in zones),
             "",
-            "plan the structure again, or ask less of the zone" if zones else "plan the structure again",
+            "plan the structure again, or lower the requirements of the zone"
+            if zones
+            else "plan the structure again",
         )
     tour = toured(poses, seen, graph, plan, limits, lambda some: _sharp_pace(parts[0], some, graph, rule))
     shows, unattainable = np.zeros(len(missing), bool), np.zeros(len(missing), bool)

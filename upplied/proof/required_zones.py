@@ -104,7 +104,8 @@ class RequiredZones:
     def judged(self, *looks: Looked) -> list[dict[str, Any]]:
         """Of each zone its name and set, its status, the share that is shown and why it is not met.
 
-        One that names nothing here is ``not judged``.
+        ``seen_by`` are the numbers of the looks that saw any of it. One that names nothing here is
+        ``not judged``.
         """
         return [self._verdict(row, *zone, looks) for row, zone in zip(self._rows, self._zones, strict=True)]
 
@@ -114,11 +115,12 @@ class RequiredZones:
         about = {name: row[name] for name in ("set", "version", "asked_by", "zone")}
         if isinstance(zone, str):
             unknown = dict.fromkeys(("probability", "pct"), float("nan"))
-            return about | unknown | {"on": demand.on, "status": "not judged", "why": zone}
+            return about | unknown | {"on": demand.on, "status": "not judged", "why": zone, "seen_by": []}
         verdict = judged(demand, zone.patches, self._attainable, looks)
         about |= {"on": demand.on if zone.carried else "", "probability": zone.probability}
         why = "; ".join(filter(None, (verdict.why, zone.origin)))
-        return about | {"status": verdict.status, "pct": verdict.shown_pct, "why": why}
+        seen_by = [at for at, look in enumerate(looks) if np.isfinite(look.distance_m[zone.patches]).any()]
+        return about | {"status": verdict.status, "pct": verdict.shown_pct, "why": why, "seen_by": seen_by}
 
     def required(self) -> tuple[RequiredSurface, tuple[str, ...]]:
         """All zones as one surface, each sample with the strictest demand on it.

@@ -106,7 +106,7 @@ def _way_by(poses: Trajectory, chosen: Ints, graph: Roadmap) -> tuple[Floats, In
         leg = way(graph, poses.positions[start], poses.positions[goal])
         if leg is None:
             place = poses.positions[goal].round(1).tolist()
-            raise RefusedError("the gap", f"has no safe way to {place} m", "", "plan the structure again")
+            raise RefusedError("the gap", f"has no safe leg to {place} m", "", "plan the structure again")
         line.append(leg[1:])
         at.append(at[-1] + len(leg) - 1)
     return np.concatenate(line), np.array(at, np.int64)

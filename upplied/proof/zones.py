@@ -68,7 +68,7 @@ def judged(demand: Demand, zone: Bools, attainable: Bools, looks: Sequence[Looke
     if not zone.any():
         return ZoneVerdict("unattainable", float("nan"), "it has no counterpart here")
     if not required.any():
-        return ZoneVerdict("unattainable", float("nan"), "no safe camera can see any of it")
+        return ZoneVerdict("unattainable", float("nan"), "no safe viewpoint shows any of it")
     beyond = 100 * float((zone & ~attainable).sum() / zone.sum())
     words = _words(demand, looks)
     passed = _steps(demand, len(zone), looks)
@@ -122,7 +122,7 @@ def _words(demand: Demand, looks: Sequence[Looked]) -> tuple[str, ...]:
     """Why a patch fails each of `_steps`, of those that pass all before it."""
     coarse = f"was seen from too far for {demand.gsd_mm or 0:g} mm a pixel"
     if any(not look.camera.width_px for look in looks):
-        coarse = "was seen by a camera whose pixels are not known"
+        coarse = "was seen by a camera of unknown resolution"
     return (
         "was not seen",
         coarse,

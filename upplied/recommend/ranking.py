@@ -93,7 +93,7 @@ def recommend(
     if not len(flights):
         raise InputError(
             f"catalog {catalog.location}",
-            "holds no demonstration of any of its structures",
+            "has no demonstration of any of its structures",
             remedy="add logs first: upplied demonstrations add",
         )
     question = _Question(catalog, structure_id, structures, by_kind)

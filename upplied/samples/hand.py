@@ -52,12 +52,12 @@ def fly_route(
     """
     positions, look = _rounded(route)
     floor = ground_z + hand.above_ground_m
-    positions = kept_clear(positions, scene, hand.clearance_m + 0.9, floor)
+    positions = pushed_clear(positions, scene, hand.clearance_m + 0.9, floor)
     along = arc_length(positions)
     t, s = _pace(float(along[-1]), hand, rng)
     flown = interpolated(s, along, positions)
     flown += _drift(len(t), hand, rng)
-    flown = kept_clear(flown, scene, hand.clearance_m, floor)
+    flown = pushed_clear(flown, scene, hand.clearance_m, floor)
     ahead = np.minimum(s + 0.5, along[-1])
     return Trajectory(t, flown, _gimbal(flown, interpolated(ahead, along, look), hand, rng))
 
@@ -127,7 +127,7 @@ def _gimbal(positions: Floats, aim: Floats, hand: Hand, rng: np.random.Generator
     return from_yaw_pitch(followed[:, 0], np.clip(followed[:, 1], -np.pi / 2, np.pi / 6))
 
 
-def kept_clear(positions: Floats, scene: Scene, clearance_m: float, floor_z: float) -> Floats:
+def pushed_clear(positions: Floats, scene: Scene, clearance_m: float, floor_z: float) -> Floats:
     """The path pushed away from the surface and the ground where it comes too near, smoothly.
 
     Distances change by at most the way flown, so that between two poses a m apart, at distances b

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from starlette.applications import Starlette
@@ -22,7 +23,6 @@ from upplied.catalog import Catalog
 from upplied.errors import CatalogError, UppliedError
 from upplied.outputs import pages
 from upplied.outputs.site import ENDINGS
-from upplied.web.guard import Guard
 from upplied.web.live import LivePages
 from upplied.web.login import Login
 from upplied.web.requests import Decisions
@@ -33,24 +33,12 @@ _WAIT_S = 30.0  # for a request that comes in pieces
 _WRONG_S = 1.0  # before a wrong password is refused
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".png": "image/png", ".html": "text/html"}
 _FRESH = {"Cache-Control": "max-age=3600"}  # files of the package
+_SHOWN = {"brief": ("inline", "text/html")}  # missions that a browser shows rather than stores
 
 
-def create_app(catalog: Catalog, login: Login, names: frozenset[str], port: int | None = None) -> Guard:
-    """The application behind its guard.
+class Web:
+    """The application of a catalog's pages, to be put behind a guard."""
 
-    Parameters
-    ----------
-    catalog : Catalog
-    login : Login
-    names : frozenset of str
-        Allowed names in the ``Host`` of requests.
-    port : int, optional
-        Required port in it, if there is no proxy before the server.
-    """
-    return Guard(_Web(catalog, login).app, names, port, own=True)
-
-
-class _Web:
     def __init__(self, catalog: Catalog, login: Login) -> None:
         self.login, self.catalog = login, catalog
         self.live, self.sessions, self.decisions = LivePages(catalog), Sessions(catalog), Decisions(catalog)
@@ -105,19 +93,13 @@ class _Web:
             return HTMLResponse(pages.login_page(), 401)
         plan, kind = request.path_params["plan"], request.path_params["kind"]
         name, content = await _plainly(self.live.mission, plan, kind)
-        shown = "inline" if kind == "brief" else "attachment"
+        shown, media_type = _SHOWN.get(kind, ("attachment", "application/octet-stream"))
         headers = {"Content-Disposition": f'{shown}; filename="{name}"'}
-        if kind == "brief":
-            return HTMLResponse(content, headers=headers)
-        return Response(content, media_type="application/octet-stream", headers=headers)
+        return Response(content, media_type=media_type, headers=headers)
 
     async def studio(self, request: Request) -> Response:
         """A request of the studio's page, and its answer."""
-        return await self._answer(
-            request, lambda given: self.sessions.answer(
-                request.path_params["plan"], request.path_params["what"], given
-            )
-        )  # fmt: skip
+        return await self._answer(request, partial(self.sessions.answer, **request.path_params))
 
     async def decide(self, request: Request) -> Response:
         """A decision about a plan: reviewed, released or rejected."""

@@ -7,9 +7,13 @@ name than the server's own, or from another site's page, are therefore refused b
 from __future__ import annotations
 
 import os
-from collections.abc import Awaitable, Callable, Collection, MutableMapping, Sequence
-from typing import Any
+from collections.abc import Collection, Sequence
 from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
 
 HOSTS = "UPPLIED_HOSTS"  # names of the server besides this machine's, separated by commas
 OTHER_SITE = "requests from pages of another site are refused"
@@ -36,12 +40,6 @@ OWN_HEADERS = _HEADERS | {
     "Cache-Control": "no-store",
 }
 
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-Application = Callable[[Message, Receive, Send], Awaitable[None]]
-Headers = Sequence[tuple[bytes, bytes]]
-
 
 class Guard:
     """ASGI middleware that refuses requests under another name and from pages of another site.
@@ -58,54 +56,42 @@ class Guard:
     """
 
     def __init__(
-        self, app: Application, names: Collection[str], port: int | None = None, own: bool = False
+        self, app: ASGIApp, names: Collection[str], port: int | None = None, own: bool = False
     ) -> None:
         self.app, self.names, self.port, self.own = app, names, port, own
-        headers = OWN_HEADERS if own else FOREIGN_HEADERS
-        self.headers = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
+        self.headers = OWN_HEADERS if own else FOREIGN_HEADERS
 
-    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = self._strict(message.get("headers", ()))
+            await send(message)
+
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
         elif reason := self._refusal(scope):
-            await self._refuse(scope["type"], reason, send)
+            socket = scope["type"] == "websocket"
+            answer = WebSocketClose(1008, reason) if socket else PlainTextResponse(reason, 403, self.headers)
+            await answer(scope, receive, send)
         else:
-            await self.app(scope, receive, self._with_headers(send))
+            await self.app(scope, receive, with_headers)
 
-    def _refusal(self, scope: Message) -> str:
+    def _refusal(self, scope: Scope) -> str:
         reason = refusal(scope["headers"], self.names, self.port)
         return reason or (foreign_page(scope["headers"], scope.get("method", "")) if self.own else "")
 
-    async def _refuse(self, kind: str, reason: str, send: Send) -> None:
-        """Answer 403, or do not open the socket."""
-        if kind == "websocket":
-            await send({"type": "websocket.close", "code": 1008, "reason": reason})
-            return
-        body = reason.encode()
-        length = (b"content-length", str(len(body)).encode())
-        await send({"type": "http.response.start", "status": 403, "headers": [length, *self.headers]})
-        await send({"type": "http.response.body", "body": body})
-
-    def _with_headers(self, send: Send) -> Send:
-        """`send` with our headers on every answer, and without headers that allow other sites."""
-        ours = {name for name, _ in self.headers} - {b"cache-control"}
-
-        async def sending(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                given = message.get("headers", ())
-                rest = [
-                    each
-                    for each in given
-                    if (name := each[0].lower()) not in ours and not name.startswith(b"access-control-")
-                ]
-                stored = any(name.lower() == b"cache-control" for name, _ in rest)
-                message["headers"] = [*rest, *(h for h in self.headers if not stored or h[0] in ours)]
-            await send(message)
-
-        return sending
+    def _strict(self, raw: Sequence[tuple[bytes, bytes]]) -> list[tuple[bytes, bytes]]:
+        """Headers of an answer with ours, and without those that allow other sites."""
+        headers = MutableHeaders(raw=[(name.lower(), value) for name, value in raw])
+        for name in {name for name in headers if name.startswith("access-control-")}:
+            del headers[name]
+        for name, value in self.headers.items():
+            if name != "Cache-Control" or name not in headers:
+                headers[name] = value
+        return headers.raw
 
 
-def refusal(headers: Headers, names: Collection[str], port: int | None = None) -> str:
+def refusal(headers: Sequence[tuple[bytes, bytes]], names: Collection[str], port: int | None = None) -> str:
     """Why a request is refused by its ``Host`` and ``Origin``; empty if it is not.
 
     Parameters
@@ -117,24 +103,25 @@ def refusal(headers: Headers, names: Collection[str], port: int | None = None) -
     port : int, optional
         Required port, if there is no proxy (perhaps with TLS) before the server.
     """
-    hosts, origins = _values(headers, b"host"), _values(headers, b"origin")
-    host = hosts[0] if len(hosts) == 1 else ""
-    if host_name(host) not in names or (port is not None and not host.endswith(f":{port}")):
+    values = Headers(raw=list(headers)).getlist
+    host = values("host")[0].lower() if len(values("host")) == 1 else ""
+    if _address(f"//{host}")[0] not in names or (port is not None and not host.endswith(f":{port}")):
         return OTHER_NAME
-    site = host.lower() if port is None else f"http://{host.lower()}"
-    return OTHER_SITE if any(_site(origin, port) != site for origin in origins) else ""
+    # Behind a proxy the scheme is not known.
+    sites = [_address(one)[1] if port is None else one.lower() for one in values("origin")]
+    return OTHER_SITE if set(sites) - {host if port is None else f"http://{host}"} else ""
 
 
-def foreign_page(headers: Headers, method: str) -> str:
+def foreign_page(headers: Sequence[tuple[bytes, bytes]], method: str) -> str:
     """Why a request is refused by the headers of its page's origin; empty if it is not.
 
     Links on other pages may be followed: such a request only reads, is visible in the address bar, and
     carries no cookie of ours.
     """
-    site = _values(headers, b"sec-fetch-site")
-    if all(each in ("none", "same-origin") for each in site):
+    values = Headers(raw=list(headers)).getlist
+    if all(each in ("none", "same-origin") for each in values("sec-fetch-site")):
         return ""
-    goal = [*_values(headers, b"sec-fetch-mode"), *_values(headers, b"sec-fetch-dest")]
+    goal = [*values("sec-fetch-mode"), *values("sec-fetch-dest")]
     return "" if method == "GET" and goal == ["navigate", "document"] else OTHER_SITE
 
 
@@ -144,24 +131,11 @@ def allowed_names() -> frozenset[str]:
     return frozenset(LOOPBACK) | {name.strip().lower() for name in named if name.strip()}
 
 
-def host_name(host: str) -> str:
-    """The name in a ``Host`` header, without its port; empty if it is invalid."""
+def _address(url: str) -> tuple[str, str]:
+    """The host of an address, by its name alone and with its port; empty if it is invalid."""
     try:
-        parts = urlsplit(f"//{host}")
+        parts = urlsplit(url)
         _ = parts.port  # raises ValueError if it is not a number
-        return parts.hostname or ""
+        return parts.hostname or "", parts.netloc.lower()
     except ValueError:
-        return ""
-
-
-def _values(headers: Headers, name: bytes) -> list[str]:
-    return [value.decode("latin-1") for each, value in headers if each.lower() == name]
-
-
-def _site(origin: str, port: int | None) -> str:
-    if port is not None:
-        return origin.lower()
-    try:
-        return urlsplit(origin).netloc.lower()
-    except ValueError:  # not an address
-        return ""
+        return "", ""

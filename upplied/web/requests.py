@@ -10,15 +10,12 @@ from typing import Any
 import numpy as np
 
 from upplied.catalog import Catalog
-from upplied.catalog.verbs.belonging import Zones
 from upplied.catalog.verbs.ordering import unit_of
 from upplied.checks import check_id
 from upplied.errors import InputError
 from upplied.fleet.editing import Editing
-from upplied.fleet.edits import FARTHEST_M, viewpoint_of
 from upplied.outputs.display import packed
-from upplied.proof.edit import Viewpoint
-from upplied.proof.required_zones import RequiredZones
+from upplied.outputs.zones import MissionZones
 from upplied.records import Floats, Plan
 
 
@@ -71,20 +68,6 @@ def text_of(request: Mapping[str, Any], name: str) -> str:
     return value
 
 
-def place_looked_from(request: Mapping[str, Any]) -> Viewpoint:
-    """The viewpoint that a request describes."""
-    try:
-        viewpoint = viewpoint_of(request)
-    except (KeyError, TypeError, ValueError, OverflowError):
-        raise InputError("the viewpoint", "cannot be read", "x_m, y_m, z_m, yaw_deg and pitch_deg") from None
-    values = [*viewpoint.position, viewpoint.yaw_deg, viewpoint.pitch_deg]
-    if not np.isfinite(values).all() or max(map(abs, viewpoint.position)) > FARTHEST_M:
-        raise InputError(
-            "the viewpoint", "is out of range", f"finite, at most {FARTHEST_M:g} m from the origin"
-        )
-    return viewpoint
-
-
 class ZoneRequests:
     """Requests about zones of the target of one open plan; coordinates are relative to `origin`, m."""
 
@@ -93,7 +76,7 @@ class ZoneRequests:
 
     def drawn(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The samples of a described zone, for drawing."""
-        patches = self._requirements.patches(text_of(request, "where"))
+        patches = self._zones.requirements.patches(text_of(request, "where"))
         points = (self._editing.surface.points[patches] - self._origin).astype(np.float32)
         return {"points": packed(points), "share_pct": 100 * float(patches.mean())}
 
@@ -104,31 +87,23 @@ class ZoneRequests:
         zone = request.get("zone")
         if not isinstance(zone, Mapping):
             raise InputError("the zone", "is not described", "a name, a place and the required quality")
-        self._requirements.patches(str(zone.get("where", "")))  # one that names no surface is refused
+        self._zones.requirements.patches(str(zone.get("where", "")))  # one that names no surface is refused
         table = self._catalog.requirements()
         own = (table["scope"] == "structure") & (table["owner"] == target.structure_id)
         before = table[own & (table["name"] == name)]
         zones = [] if before.empty else json.loads(before.iloc[-1]["zones_json"])
         zones = [each for each in zones if each["zone"] != zone.get("zone")] + [dict(zone)]
         self._catalog.require("structure", target.structure_id, name, zones, by, note)
-        for cached in ("_requirements", "_required"):
-            self.__dict__.pop(cached, None)
+        del self._zones  # those of the next request are read again
         count = f"{len(zones)} zone{'s' if len(zones) > 1 else ''}"
         return {"message": f"Set {name} of {target.structure_id} now requires {count}."}
 
     def judged(self, plan: Plan) -> list[dict[str, Any]]:
         """The result of each required zone for a plan."""
-        if not self._required:
-            return []
-        return list(self._requirements.judged(self._requirements.planned(plan, self._requirements.camera)))
+        return self._zones.judged(plan=plan)
 
     @cached_property
-    def _required(self) -> list[dict[str, Any]]:
-        target = self._editing.target
-        return list(Zones(self._catalog).of(target.kind, target.structure_id))
-
-    @cached_property
-    def _requirements(self) -> RequiredZones:
-        editing, camera = self._editing, self._editing.recipe.demonstration.camera
-        known = editing.stored.plan.supposed, camera, self._required, self._catalog.faces_labelled
-        return RequiredZones(self._catalog.structure, self._catalog.cache, editing.target, *known)
+    def _zones(self) -> MissionZones:
+        editing = self._editing
+        plan, camera = editing.stored.plan, editing.recipe.demonstration.camera
+        return MissionZones(self._catalog, plan, editing.target, camera)

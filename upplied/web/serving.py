@@ -11,8 +11,8 @@ from contextlib import contextmanager
 import uvicorn
 
 from upplied.catalog import Catalog
-from upplied.web.app import create_app
-from upplied.web.guard import LOOPBACK
+from upplied.web.app import Web
+from upplied.web.guard import LOOPBACK, Guard
 from upplied.web.live import warm
 from upplied.web.login import Login
 
@@ -53,7 +53,7 @@ class Server:
         self._socket = socket.create_server((host, port))
         self.port = int(self._socket.getsockname()[1])
         own = self.port if names is None else None
-        app = create_app(catalog, self.login, names or frozenset(LOOPBACK), own)
+        app = Guard(Web(catalog, self.login).app, names or frozenset(LOOPBACK), own, own=True)
         config = uvicorn.Config(app, log_level="error", access_log=False, server_header=False, ws="none")
         self._server = uvicorn.Server(config)
 

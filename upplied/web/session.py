@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ from upplied.outputs.verdicts import headline
 from upplied.proof.carried_edit import stored_edit
 from upplied.proof.edit import AirspaceLimits, Edit
 from upplied.records import Ints
-from upplied.web.requests import Decisions, ZoneRequests, place_looked_from, signed
+from upplied.web.requests import Decisions, ZoneRequests, signed
 
 _MOST_BASES = 50  # replanned versions in memory, to which a page can return
 _MOST_OPEN = 8  # plans; of more, the least recently used is closed
@@ -40,10 +39,10 @@ class Sessions:
 
     def __init__(self, catalog: Catalog) -> None:
         self._catalog, self._lock = catalog, threading.Lock()
-        self._open: OrderedDict[str, Session] = OrderedDict()
+        self._open: dict[str, Session] = {}  # the most recently used one last
         self._stages: dict[str, str] = {}
 
-    def answer(self, plan: str, what: str, request: Mapping[str, Any]) -> dict[str, Any]:
+    def answer(self, request: Mapping[str, Any], plan: str, what: str) -> dict[str, Any]:
         """The answer to a request about a plan.
 
         Raises
@@ -54,15 +53,12 @@ class Sessions:
         if what == "progress":
             return {"stage": self._stages.get(plan, "Opening the plan")}
         with self._lock:
-            if plan not in self._open:
-                self._open[plan] = Session(
-                    self._catalog, plan, lambda text: self._stages.update({plan: text})
-                )
-                self._stages.pop(plan, None)
-            self._open.move_to_end(plan)
-            while len(self._open) > _MOST_OPEN:
-                self._open.popitem(last=False)
-            session = self._open[plan]
+            stage = partial(self._stages.__setitem__, plan)
+            session = self._open.pop(plan, None) or Session(self._catalog, plan, stage)
+            self._open[plan] = session
+            self._stages.pop(plan, None)
+            if len(self._open) > _MOST_OPEN:
+                del self._open[next(iter(self._open))]
         return session.answer(what, request)
 
 
@@ -72,9 +68,7 @@ class Session:
     While the plan opens, `stage` receives the current step in words.
     """
 
-    def __init__(
-        self, catalog: Catalog, transfer_id: str, stage: Callable[[str], object] = lambda _: None
-    ) -> None:
+    def __init__(self, catalog: Catalog, transfer_id: str, stage: Callable[[str], object] = str) -> None:
         self.catalog = catalog
         stage("Reading the plan and its structures")
         self.editing = Editing(catalog, transfer_id)
@@ -181,7 +175,11 @@ class Session:
 
     def _aim(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The place on the surface in the middle of a viewpoint's picture; None if there is none."""
-        looking = place_looked_from(request)
+        base, edit, _ = self._read(request)
+        at = request.get("viewpoint")
+        if not isinstance(at, int) or not 0 <= at < len(base.viewpoints):
+            raise InputError("the viewpoint", f"is {at!s:.40}", f"0 to {len(base.viewpoints) - 1}")
+        looking = edit.changed.get(at, base.viewpoints[at])
         quats = from_yaw_pitch(np.radians([looking.yaw_deg]), np.radians([looking.pitch_deg]))
         origin, axis = np.array([looking.position]), optical_axis(quats)
         reach = float(self.editing.scene.cast(origin, axis)[0][0])

@@ -194,7 +194,7 @@ def _stored(place: Path, listed: set[str], kind: str, sha256: str) -> Any:
     try:
         return codec.decode((place / name).read_bytes(), CONTENTS[kind].record_type, sha256)
     except CatalogError as error:
-        raise CatalogError(str(place / name), error.found) from None
+        raise CatalogError(str(place / name), error.finding) from None
 
 
 def _taken(catalog: Catalog, place: Path, listed: set[str], kind: str, sha256: str) -> str:

@@ -151,7 +151,7 @@ def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[F
 
 
 def _unreadable(error: CatalogError) -> Finding:
-    return Finding(error.what, f"{error.found}; {error.remedy}" if error.remedy else error.found)
+    return Finding(error.what, f"{error.finding}; {error.remedy}" if error.remedy else error.finding)
 
 
 def _readable(faults: Iterable[Fault]) -> Iterator[Finding]:

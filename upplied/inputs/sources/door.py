@@ -123,13 +123,13 @@ def read(path: Path, fields: Fields) -> Source:
     kind = kind_of(path)
     if not kind:
         rule = f"one of: {', '.join(dict.fromkeys(words for words, _ in KINDS.values()))}"
-        raise InputError(str(path), "is no flight that can be read", rule, "check that it is the right file")
+        raise InputError(str(path), "is not a readable flight", rule, "check that it is the right file")
     words, name = KINDS[kind]
     module = import_module(f"upplied.inputs.sources.{name}")
     try:
         return module.read(path, fields)
     except InputError as error:
-        raise InputError(error.what or str(path), error.found, error.rule, error.remedy) from None
+        raise InputError(error.what or str(path), error.finding, error.rule, error.remedy) from None
     except (*_PARSING, *getattr(module, "ERRORS", ())) as error:  # and what bytes make it raise besides
         finding = f"cannot be read as {words}: {type(error).__name__}: {str(error)[:200]}"
         rule = "a whole file, as its program writes it"
@@ -173,7 +173,7 @@ def _file(path: Path, alone: bool = False) -> list[FileKind]:
     try:
         kind = kind_of(path)
     except InputError as error:
-        return [FileKind(path, _REFUSED, error.found, error.remedy)]
+        return [FileKind(path, _REFUSED, error.finding, error.remedy)]
     if kind == "photos" and not alone:
         return []
     return [FileKind(path, _FLIGHT, KINDS[kind][0]) if kind else FileKind(path, _OTHER, "no flight")]

@@ -3,6 +3,9 @@
 
 (function () {
   const { element } = upplied;
+  const button = (id, label, onclick, main) => element("button", { type: "button", id, class: main ? "main" : null, onclick }, label);
+  const field = (label, input) => element("label", { class: "field" }, label, input);
+  Object.assign(upplied, { button, field });
 
   upplied.signIn = async function (password) {
     const answer = await post("/login", { password });
@@ -13,9 +16,9 @@
 
   // Whether the address held the password behind #, which a command prints there and no server sees.
   upplied.entered = (async () => {
-    const given = decodeURIComponent(window.location.hash.slice(1));
+    const password = decodeURIComponent(window.location.hash.slice(1));
     window.history.replaceState(null, "", window.location.pathname);
-    return given !== "" && !(await upplied.signIn(given));
+    return password !== "" && !(await upplied.signIn(password));
   })();
 
   // The answer to a request; `refused` says in words why there is none.
@@ -33,40 +36,58 @@
     return fetch(address, { method: "POST", headers, body: JSON.stringify(request || {}) });
   }
 
+  // The fields for signing in; `done` runs once the password is right.
+  upplied.signInForm = function (heading, done, ...further) {
+    const input = element("input", { type: "password", id: "password", autocomplete: "current-password", required: true });
+    const message = element("p", { class: "message refused", role: "status" });
+    return element("form", { class: "login", onsubmit: async (event) => {
+      event.preventDefault();
+      message.textContent = await upplied.signIn(input.value);
+      if (!message.textContent) done();
+    } }, element(heading, {}, "Sign in"), field("Password", input), element("div", { class: "tools" }, element("button", { type: "submit", class: "main" }, "Sign in"), further), message);
+  };
+
   // A dialog for the password; true once it is right.
   function passwordGiven() {
     return new Promise((done) => {
-      const field = element("input", { type: "password", id: "dialog-password", autocomplete: "current-password", required: true });
-      const message = element("p", { class: "message refused", role: "status" });
-      const close = (value) => { dialog.remove(); done(value); };
-      const form = element("form", { onsubmit: async (event) => {
-        event.preventDefault();
-        message.textContent = await upplied.signIn(field.value);
-        if (!message.textContent) close(true);
-      } }, element("h2", {}, "Sign in"), element("label", { class: "field" }, "Password", field), message,
-      element("div", { class: "tools" }, element("button", { type: "submit" }, "Sign in"), element("button", { type: "button", onclick: () => close(false) }, "Cancel")));
-      const dialog = element("dialog", { "aria-label": "Sign in", oncancel: () => close(false) }, form);
+      const close = (signedIn) => { dialog.remove(); done(signedIn); };
+      const dialog = element("dialog", { "aria-label": "Sign in", oncancel: () => close(false) }, upplied.signInForm("h2", () => close(true), button("cancel", "Cancel", () => close(false))));
       document.body.append(dialog);
       dialog.showModal();
     });
   }
 
-  // Buttons that decide about a plan, with the name of whoever decides.
-  upplied.decisions = function (plan) {
+  // Name and note of whoever decides, and a line for what came of it.
+  upplied.signature = function () {
     const by = element("input", { type: "text", id: "by", autocomplete: "name", required: true });
     const note = element("input", { type: "text", id: "note" });
     const message = element("p", { class: "message", id: "message", role: "status" });
-    let known = plan.known;
-    const button = (decision, label, main) => element("button", { type: "button", id: decision, class: main ? "main" : null, onclick: async () => {
-      if (!by.value.trim()) { message.textContent = "Enter your name first."; message.classList.add("refused"); by.focus(); return; }
-      message.textContent = "Storing the decision …";
-      const answer = await upplied.ask("/decide", { decision, id: plan.id, known, by: by.value.trim(), note: note.value });
-      message.textContent = answer.refused || answer.message;
-      message.classList.toggle("refused", Boolean(answer.refused));
+    const show = (text, refused = false) => { message.textContent = text; message.classList.toggle("refused", refused); };
+    return {
+      message, show, fields: element("div", { class: "fields" }, field("Your name", by), field("Note (optional)", note)),
+      // The request with name and note, or null where the name is missing.
+      sign(request) {
+        if (by.value.trim()) return { ...request, by: by.value.trim(), note: note.value };
+        show("Enter your name first.", true);
+        by.focus();
+        return null;
+      },
+    };
+  };
+
+  // Buttons that decide about a plan, with the name of whoever decides.
+  upplied.decisions = function ({ id, known }) {
+    const signature = upplied.signature();
+    const decide = async (decision) => {
+      const request = signature.sign({ decision, id, known });
+      if (!request) return;
+      signature.show("Storing the decision …");
+      const answer = await upplied.ask("/decide", request);
+      signature.show(answer.refused || answer.message, Boolean(answer.refused));
       if (!answer.refused) window.location.reload();
-    } }, label);
-    return element("fieldset", { class: "decide" }, element("legend", {}, "Decide"),
-      element("div", { class: "fields" }, element("label", { class: "field" }, "Your name", by), element("label", { class: "field" }, "Note (optional)", note)),
-      element("div", { class: "tools" }, button("released", "Release", true), button("reviewed", "Mark as reviewed"), button("rejected", "Reject")), message);
+    };
+    return element("fieldset", { class: "decide" }, element("legend", {}, "Decide"), signature.fields,
+      element("div", { class: "tools" }, button("released", "Release", () => decide("released"), true),
+        button("reviewed", "Mark as reviewed", () => decide("reviewed")), button("rejected", "Reject", () => decide("rejected"))), signature.message);
   };
 })();

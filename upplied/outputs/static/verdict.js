@@ -2,22 +2,18 @@
 "use strict";
 
 (function () {
-  const { element, badge } = upplied;
+  const { element, badge, list, note } = upplied;
 
   // The first plan in full; others where they are not flyable, a line each that opens.
-  upplied.verdicts = function (plans) {
-    return plans.filter((plan, at) => at === 0 || plan.status !== "ok").map((plan, at) => {
-      const { flyable, headline, look } = plan.verdict;
-      const title = [plan.preset + ": ", flyable ? "flyable " : "do not fly ", badge(plan.status)];
-      return element(at ? "details" : "section", { class: "verdict " + plan.status.replace(" ", "-") },
-        at ? element("summary", {}, title) : element("h2", {}, title),
-        element("p", { class: "headline" }, headline),
-        look.length ? element("p", { class: "why" }, flyable ? (look.length > 1 ? look.length + " warnings:" : "1 warning:") : "Reason:") : null,
-        look.length ? element("ul", {}, look.map((each) => element("li", {}, each))) : null,
-        flyable && !look.length ? element("p", { class: "note" }, "No warnings.") : null,
-        !flyable && !look.length ? element("p", { class: "why" }, "No reason was recorded.") : null);
-    });
-  };
+  upplied.verdicts = (plans) => plans.filter((plan, at) => at === 0 || plan.status !== "ok").map((plan, at) => {
+    const { flyable, headline, look } = plan.verdict;
+    const title = [plan.preset + ": ", flyable ? "flyable " : "do not fly ", badge(plan.status)];
+    const why = (text) => element("p", { class: "why" }, text);
+    return element(at ? "details" : "section", { class: "verdict " + plan.status.replace(" ", "-") },
+      element(at ? "summary" : "h2", {}, title), element("p", { class: "headline" }, headline),
+      look.length ? [why(!flyable ? "Reason:" : look.length > 1 ? look.length + " warnings:" : "1 warning:"), list(look)]
+        : flyable ? note("No warnings.") : why("No reason was recorded."));
+  });
 
   // Missions in every format where the application writes them, files of a report folder, and the commands.
   upplied.downloads = function (data) {
@@ -26,31 +22,26 @@
     const id = plan.provenance.transfer_id, released = plan.state === "released";
     const files = Object.entries(data.missions || {}).map(([label, where]) => where.startsWith("../")
       ? element("a", { class: "take", href: where, download: where.endsWith("/brief") ? null : "" }, label) : element("span", { class: "why" }, label + ": " + where));
+    const command = (words, ...rest) => element("p", {}, element("code", {}, "upplied " + words), rest);
     return element("section", { class: "downloads" }, element("h2", {}, "Downloads"),
       element("div", { class: "tools" }, files, upplied.live ? element("a", { class: "take", href: "../studio/" + id }, "Edit in the studio") : null,
-        element("button", { type: "button", id: "save-path", onclick: () => save(data.pair + ".csv", "text/csv", csv(plan)) }, "Path (CSV)")),
-      released || files.length > 1 ? null : element("p", { class: "note" }, "Mission files are available once a person releases the plan."),
-      element("details", {}, element("summary", {}, "Commands"),
-        released ? null : element("p", {}, element("code", {}, "upplied release " + id + " --by NAME")),
-        element("p", {}, element("code", {}, "upplied export " + id + " --to qgc-plan -o " + data.target + ".plan"), " (or mavlink, dji-wpml, litchi, kml, geojson, mcap, csv)")));
+        element("button", { type: "button", id: "save-path", onclick: () => save(data.pair + ".csv", new Blob([csv(plan)], { type: "text/csv" })) }, "Path (CSV)")),
+      released || files.length > 1 ? null : note("Mission files are available once a person releases the plan."),
+      element("details", {}, element("summary", {}, "Commands"), released ? null : command("release " + id + " --by NAME"),
+        command("export " + id + " --to qgc-plan -o " + data.target + ".plan", " (or mavlink, dji-wpml, litchi, kml, geojson, mcap, csv)")));
   };
 
-  function save(name, type, content) {
-    const address = URL.createObjectURL(new Blob([content], { type }));
+  function save(name, content) {
+    const address = URL.createObjectURL(content);
     element("a", { href: address, download: name }).click();
     setTimeout(() => URL.revokeObjectURL(address), 10000);
   }
 
   // Metres in the structure's own frame; the page's arrays count from the middle of the structure.
   function csv(plan) {
-    const path = upplied.path(plan.path);
-    const { t, xyz, quat } = path;
-    const rows = ["t_s,x_m,y_m,z_m,qx,qy,qz,qw"];
-    const from = plan.origin;
-    for (let i = 0; i < path.count; i++) {
-      rows.push([t[i], ...[0, 1, 2].map((axis) => xyz[3 * i + axis] + from[axis]), ...quat.slice(4 * i, 4 * i + 4)].map((value) => Number(value).toFixed(4)).join(","));
-    }
-    return rows.join("\n") + "\n";
+    const { t, xyz, quat } = upplied.path(plan.path);
+    const rows = Array.from(t, (time, at) => [time, ...Array.from(xyz.subarray(3 * at, 3 * at + 3), (value, axis) => value + plan.origin[axis]), ...quat.subarray(4 * at, 4 * at + 4)]);
+    return ["t_s,x_m,y_m,z_m,qx,qy,qz,qw", ...rows.map((row) => row.map((value) => value.toFixed(4)).join(","))].join("\n") + "\n";
   }
 
   upplied.picture = async function (name, panes) {
@@ -64,6 +55,6 @@
       await image.decode();
       context.drawImage(image, 800 * at, 0);
     }
-    canvas.toBlob((blob) => save(name + ".png", "image/png", blob));
+    canvas.toBlob((blob) => save(name + ".png", blob));
   };
 })();
