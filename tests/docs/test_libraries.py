@@ -47,6 +47,7 @@ EXTRA_FILES = {
         "upplied/outputs/camera_pictures.py",
         "upplied/outputs/pictures.py",
         "upplied/web/app.py",
+        "upplied/web/guard.py",
         "upplied/web/login.py",
         "upplied/web/serving.py",
     },
