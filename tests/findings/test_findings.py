@@ -197,7 +197,7 @@ def test_a_finding_in_the_corner_of_a_distorted_photo_lies_where_its_lens_saw_it
     folding = replace(path, demonstration_id="fold", camera=replace(camera, lens=Lens("brown", (-1.5,))))
     stored.add_demonstrations([replace(folding, sha256="cd" * 32)])
     bad = add_marks(stored, [replace(mark, flight="fold", pixels=((3.0, 3.0),))], "Ada")
-    assert "shows nothing" in bad.refused[0] and not bad.new
+    assert "outside the valid area of the lens model" in bad.refused[0] and not bad.new
 
 
 def test_the_middle_pixel_covers_what_rays_through_its_corners_meet():

@@ -16,7 +16,7 @@ from upplied import fleet, open_catalog
 from upplied.catalog import Catalog
 from upplied.config import settings_for
 from upplied.errors import CatalogError, InputError
-from upplied.fleet import ingest, planner, reading, run
+from upplied.fleet import planner, reading, run
 from upplied.fleet.planner import Outcome
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -118,8 +118,7 @@ def test_what_was_read_is_kept_before_all_is_read(tmp_path, monkeypatch):
         text += 'units = "m"\nup = "z"\nforward = "x"\n'
     (tmp_path / "structures.toml").write_text(text)
     catalog = open_catalog(tmp_path / "catalog")
-    for module in (ingest, reading):
-        monkeypatch.setattr(module, "BATCH", 2)
+    monkeypatch.setattr(reading, "BATCH", 2)
     add, batches = catalog.add_structures, []
 
     def full(structures: list) -> int:

@@ -390,7 +390,7 @@ def test_nothing_missing_and_nothing_to_see_it_from_are_refused(plan, graph):
     with pytest.raises(RefusedError, match="is empty"):
         gap_flight(plan, SURFACE, nothing, CAMERA, graph, settings_for("recommended").retime)
     near_sighted = replace(CAMERA, max_range_m=1.5)
-    with pytest.raises(RefusedError, match="can be seen from no pose"):
+    with pytest.raises(RefusedError, match="is not visible from any safe pose"):
         gap_flight(plan, SURFACE, ~nothing, near_sighted, graph, settings_for("recommended").retime)
 
 
