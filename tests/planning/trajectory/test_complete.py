@@ -12,7 +12,7 @@ from upplied.errors import RefusedError
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.measures.verdict import odd_shape
 from upplied.planning.plan import plan_transfer
-from upplied.planning.trajectory.complete import _within
+from upplied.planning.trajectory.flyable import _within
 from upplied.records import Plan
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly

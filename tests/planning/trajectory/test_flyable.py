@@ -1,0 +1,75 @@
+"""A path that takes too long is drawn back towards its start, as little as is needed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from upplied.errors import RefusedError
+from upplied.planning.trajectory.flyable import Flyable, Result
+
+NONE = np.zeros(0, np.int64), np.zeros(0, bool)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A result that shows as much as it is of the whole."""
+
+    share: float = 1.0
+
+    @property
+    def shown(self) -> float:
+        return 0.5 + self.share / 2
+
+    def partly(self, share: float) -> Drawn:
+        return Drawn(share)
+
+
+def in_time(seconds: Callable[[float], float], limit_s: float) -> tuple[Result | None, Result]:
+    class Stub(Flyable):
+        def finished(self, result: Any, origin: Any, added: Any) -> Any:
+            return result.share
+
+        def seconds(self, path: Any) -> float:
+            return seconds(path)
+
+    nothing: Any = None
+    return Stub(nothing, nothing, nothing, nothing).in_time(Drawn(), *NONE, limit_s)  # type: ignore[arg-type]
+
+
+def test_what_fits_is_flown_as_it_is() -> None:
+    fitting, whole = in_time(lambda share: 100 * share, 100.0)
+    assert fitting is whole and whole.taken_s == 100 and whole.shown == 1
+
+
+def test_what_takes_too_long_is_drawn_back_to_within_a_sixteenth() -> None:
+    fitting, whole = in_time(lambda share: 100 + 100 * share, 163.0)
+    assert fitting is not None and whole.taken_s == 200 and whole.shown == 1
+    assert fitting.taken_s == pytest.approx(162.5) and fitting.shown == 0.5 + 0.625 / 2
+    fitting, _ = in_time(lambda share: 100 + 100 * share, 156.0)
+    assert fitting is not None and 156 - 100 / 16 < fitting.taken_s <= 156
+
+
+def test_nothing_fits_where_the_start_takes_longer_already() -> None:
+    fitting, whole = in_time(lambda share: 300 + 100 * share, 200.0)
+    assert fitting is None and whole.taken_s == 400
+
+
+def test_a_part_that_cannot_be_made_safe_is_passed_by_and_the_whole_says_why() -> None:
+    def seconds(share: float) -> float:
+        if share == 0.5:
+            raise RefusedError("the path", "leads through the structure", "it may not", "fly elsewhere")
+        return 100 + 100 * share
+
+    fitting, _ = in_time(seconds, 180.0)
+    assert fitting is not None and fitting.shown < 0.75
+
+    def never(share: float) -> float:
+        raise RefusedError("the path", "leads through the structure", "it may not", "fly elsewhere")
+
+    with pytest.raises(RefusedError, match="leads through"):
+        in_time(never, 180.0)
