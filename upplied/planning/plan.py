@@ -23,7 +23,7 @@ from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import Take, inspected_states, takes_of
 from upplied.planning.measures.evaluate import judge
 from upplied.planning.measures.photos import photos_of
-from upplied.planning.measures.verdict import in_the_way, odd_shape, shortfalls
+from upplied.planning.measures.verdict import in_the_way, odd_shape, shortfalls, slow
 from upplied.planning.surface.frames import (
     demonstration_in,
     frames_for,
@@ -235,7 +235,7 @@ def _planned(
     # May it be flown? What falls short is refused, or says so where it is for comparison.
     reasons = shortfalls(trajectory, measures, takes, settings)
     short = "; ".join((*([plan.not_flyable] if plan.not_flyable else []), *reasons))
-    warnings = (*plan.warnings, *warnings, *odd_shape(measures, settings))
+    warnings = (*plan.warnings, *warnings, *odd_shape(measures, settings), *slow(measures, takes, settings))
     if short and settings.verdict.enforce:
         return replace(plan, status="refused", reason=short, measures=measures, warnings=warnings)
     pair, camera, photos = takes[0].pair, takes[0].inspection.camera, None

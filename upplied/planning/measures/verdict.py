@@ -83,8 +83,8 @@ def _near(trajectory: Trajectory, measures: Measures, takes: Sequence[Take], set
     return []
 
 
-def _long(measures: Measures, takes: Sequence[Take], settings: Settings) -> list[str]:
-    """Path and time beside the demonstration's, carried to the target's size, or to its inspected area."""
+def _at_size(takes: Sequence[Take], settings: Settings) -> tuple[float, float]:
+    """The demonstration's length, m, and time, s, carried to the target's size, or to its inspected area."""
     length_m = time_s = 0.0
     for take in takes:
         flown = take.inspection.by_frustum.stations
@@ -94,8 +94,13 @@ def _long(measures: Measures, takes: Sequence[Take], settings: Settings) -> list
         times = max(1.0, carried / max(before, 1e-9), _larger(take, settings))
         length_m += max(carried, before * times)
         time_s += float(flown.t_s[-1] - flown.t_s[0]) * times
-    reasons = []
-    floors = settings.verdict
+    return length_m, time_s
+
+
+def _long(measures: Measures, takes: Sequence[Take], settings: Settings) -> list[str]:
+    """Path and time beside the demonstration's."""
+    length_m, time_s = _at_size(takes, settings)
+    reasons, floors = [], settings.verdict
     if measures.path_length_m > floors.longest_path * length_m + _TRANSIT_M * len(takes):
         reasons.append(
             f"flies {measures.path_length_m:.0f} m where the demonstration is {length_m:.0f} m long "
@@ -135,6 +140,19 @@ def odd_shape(measures: Measures, settings: Settings) -> tuple[str, ...]:
     return (
         f"the shape of the path departs from the demonstrated one by {departure:.2f} of its spread; with "
         f"--fidelity {level} {usual:g} is usual",
+    )
+
+
+def slow(measures: Measures, takes: Sequence[Take], settings: Settings) -> tuple[str, ...]:
+    """That the flight takes longer than an optimised path may, in words."""
+    if settings.refine.method != "view":
+        return ()
+    limit_s = settings.refine.longer * _at_size(takes, settings)[1]
+    if not measures.duration_s > limit_s:
+        return ()
+    return (
+        f"the flight takes {measures.duration_s:.0f} s, {limit_s:.0f} s is usual at this size "
+        "(refine.longer): a safe path, sharp pictures or the camera's interval need more time here",
     )
 
 
