@@ -30,7 +30,7 @@ endef
 
 $(RUNS): requirements-runtime.lock pyproject.toml setup.py
 	@test -n "$(PYTHON)" || { echo "No Python from 3.11 to 3.14 found: install one, or say make PYTHON=/path/to/python3"; exit 1; }
-	@echo "Once: 460 MB are downloaded, and 1.4 GB unpacked into .venv, in two to ten minutes."
+	@echo "Once: 460 MB are downloaded, and 1.5 GB unpacked into .venv, in two to ten minutes."
 	@echo "1/3 .venv with $$($(PYTHON) --version)"
 	@$(PYTHON) -m venv .venv
 	@echo "2/3 packages, as requirements-runtime.lock pins them"
