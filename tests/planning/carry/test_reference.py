@@ -9,6 +9,7 @@ from remembered import study_pair
 from scipy.spatial.transform import Rotation
 
 import upplied.planning.trajectory.complete as completing
+import upplied.planning.trajectory.flyable as flyable
 from upplied.config import settings_for
 from upplied.planning.carry.on_target import demonstrated_on_target, standing
 from upplied.planning.demonstration.repetition import takes_of
@@ -46,9 +47,9 @@ def test_it_is_turned_as_the_target_is(fleet, kind, part, turn, search):
 @pytest.mark.ci
 def test_the_shape_that_bounds_the_planner_is_the_one_it_is_measured_by(fleet, monkeypatch):
     ship, bounds = fleet["cruise-v1"], []
-    bounded = completing._within
+    bounded = flyable._within
     monkeypatch.setattr(
-        completing,
+        flyable,
         "_within",
         lambda bound, path, at, goal, safe: (
             bounds.append(zscored(goal.reference @ goal.standing.T)) or bounded(bound, path, at, goal, safe)
