@@ -223,7 +223,7 @@ class OptimiseSettings:
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
     starts: int = 2  # starting points that are optimised
     rounds: int = 4  # of ray casting
-    iterations: int = 25  # of the solver in each round
+    iterations: int = 40  # of the solver in each round
     # Weight of required surface relative to inspected surface of the same area.
     required: float = 5.0
     samples: int = 2400  # that represent the surface, two thirds of them on inspected surface

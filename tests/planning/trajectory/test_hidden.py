@@ -12,7 +12,7 @@ from upplied.geometry.poses import from_yaw_pitch
 from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.terms.hidden import Hidden, places_beside
+from upplied.planning.trajectory.terms.hidden import Hidden, _shared, places_beside
 from upplied.planning.trajectory.view import View
 from upplied.planning.visibility.frustum import in_picture
 from upplied.records import Camera, Cloud, Surroundings
@@ -152,3 +152,17 @@ def test_in_the_picture_is_what_both_angles_say() -> None:
         within = (np.abs(np.arctan2(y, x)) <= half[at, 0]) & (np.abs(np.arctan2(z, ahead)) <= half[at, 1])
         assert np.array_equal(found[at], within & reach[row[at]])
     assert 0.02 < found.mean() < 0.5
+
+
+def test_what_several_places_show_is_shared_and_nothing_hangs_on_a_hair() -> None:
+    """The first two show the same, the third shows half of it and something of its own, the last nothing."""
+    shows = np.array([[1, 1, 0, 0], [1, 1, 0, 0], [0, 1, 1, 0], [0, 0, 0, 0]], bool)
+    need, away_m = np.array([0.4, 0.1, 0.2, 0.3]), np.array([1.0, 1.0, 1.0, 1.0])
+    share = _shared(shows, need, away_m)
+    assert share.sum() == pytest.approx(0.7)  # of what any of them shows
+    assert share[0] == share[1] and share[3] == 0
+    assert 0.2 <= share[2] < 0.21 < share[0]
+    nearly = _shared(shows, need * np.array([1 + 1e-9, 1, 1, 1]), away_m * np.array([1, 1 + 1e-9, 1, 1]))
+    np.testing.assert_allclose(nearly, share, rtol=1e-7)
+    assert _shared(shows, need, np.array([0.5, 1.0, 1.0, 1.0]))[0] > 0.48  # twice as near as the other
+    assert not _shared(shows[:0], need, away_m[:0]).size

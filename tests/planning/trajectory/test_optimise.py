@@ -11,7 +11,7 @@ from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory import optimise as optimisation
-from upplied.planning.trajectory.optimise import Problem, Start, optimise
+from upplied.planning.trajectory.optimise import Problem, Start, _last_of_best, optimise
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.path import Leaving, Shape
 from upplied.planning.trajectory.view import View
@@ -179,6 +179,23 @@ def test_of_several_starts_the_best_is_taken(wall: View):
     for starts in ((away, good), (good, away)):
         done = result(wall, replace(asked, starts=tuple(Start(path, path) for path in starts)), starts=1)
         np.testing.assert_array_equal(done.yaw, best.yaw)
+
+
+def test_of_results_that_are_worth_as_much_the_order_decides() -> None:
+    assert [_last_of_best(worth) for worth in ([0.9, 0.901], [0.901, 0.9], [0.9, 0.8], [0.8, 0.9, 0.85])] == [
+        1, 1, 0, 1,
+    ]  # fmt: skip
+
+
+def test_early_rounds_stay_nearer_to_the_carried_flight(wall: View) -> None:
+    """What leaves it costs more at first, and in the end what it costs alone."""
+    path = along(height=3.0)
+    search = optimise(problem(wall, path), 0.3, OptimiseSettings()).search
+    early, late = (search.terms(path, 0.1, first) for first in (True, False))
+    moved = replace(path, positions=path.positions + np.array([0.0, 0.0, 2.0]))
+    cost = [sum(weight * term.value(moved)[0] for weight, term in terms) for terms in (early, late)]
+    leaving = search.weights.leaving * search.leaving.value(moved)[0]
+    assert leaving > 0 and cost[0] - cost[1] == pytest.approx(4 * leaving)
 
 
 def test_a_start_that_nothing_improves_is_kept(wall: View):

@@ -7,7 +7,7 @@ symmetric structure has no orientation of its own: then the declared heading dec
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 from typing import Literal
 
@@ -25,6 +25,7 @@ _STEP_DEG = 10.0  # between headings
 _COARSE, _FINE = 250, 700  # samples by which all candidates and by which the best are judged
 _REFINED = 6  # candidates
 _ITERATIONS = 15
+_BOXES = 3  # in which the best is refined, one after another
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,7 +56,12 @@ def find_orientation(
     distinct = _distinct(candidates)
     # What two samplings of one surface cost: no orientation is better than another below it.
     noise = 0.7 * np.sqrt(source.areas.sum() / _FINE) / diagonal_of(source.points)
-    return _chosen(candidates[distinct], np.maximum(costs[distinct], noise), len(turns), declared)
+    chosen = _chosen(candidates[distinct], np.maximum(costs[distinct], noise), len(turns), declared)
+    # The box of a turned target is another one: in it the turn is refined again.
+    turn = chosen.turn
+    for _ in range(_BOXES):
+        turn, _ = _refined(more, more_target, turn, search)
+    return replace(chosen, turn=turn)
 
 
 def _chosen(turns: Floats, costs: Floats, tried: int, declared: Floats) -> Orientation:

@@ -35,6 +35,8 @@ _COMFORTABLE = 2.5  # safety distances, at which to come nearer costs nothing ye
 _CORRECTIONS = 12  # that L-BFGS keeps
 _FURTHER = 3  # rounds at most, while the path still comes too near
 _NEAR_M2 = 1e-3  # mean square of the lack of safety distance, from which a path comes too near
+_EARLY = _WIDEST / _NARROWEST  # times as dear, in the first half of the rounds, to leave the carried flight
+_ALIKE = 3e-3  # of the need, by which one path is no better than another
 _LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
 
 
@@ -127,15 +129,23 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
         return Optimised(searches[0], searches[0].first, 0.0)
     first = [search.worth(search.first) for search in searches]
     ranked = np.argsort(-np.array(first), kind="stable")[: weights.starts].tolist()
-    results, least = [(first[0], searches[0], searches[0].first)], 0.0
+    results, least = [], 0.0
     if searches[0].near(searches[0].first) == 0:
         least = searches[0].shown(searches[0].first) - _LOST
-    for number in ranked:
+    for number in sorted(ranked, reverse=True):
         worth, variables = searches[number].improved()
         if searches[number].shown(variables) >= least:
             results.append((worth, searches[number], variables))
-    _, search, variables = max(results, key=lambda result: result[0])
+    best = results[_last_of_best([worth for worth, *_ in results])] if results else None
+    if best is None or best[0] <= first[0]:
+        best = first[0], searches[0], searches[0].first
+    _, search, variables = best
     return Optimised(search, variables, search.shown(variables))
+
+
+def _last_of_best(worth: Sequence[float]) -> int:
+    """The last that is worth as much as the best: among equals no hair's breadth decides."""
+    return int(np.flatnonzero(np.array(worth) >= max(worth) - _ALIKE)[-1])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -148,6 +158,7 @@ class _Search(Record):
     first: Floats  # the variables of the start
     samples: Ints  # (m,) that stand for all
     need: Floats  # (m,)
+    leaving: Leaving
     lasting: Sequence[tuple[float, Term]]  # the terms that hold for all rounds, with their weights
 
     @classmethod
@@ -162,6 +173,7 @@ class _Search(Record):
     ) -> _Search:
         state, shape = _state(problem, start, weights), problem.demonstrated
         first = state.nearest(start.safe)
+        leaving = Leaving.of(problem.starts[0].safe.positions, _standoff_m(problem))
         lasting: list[tuple[float, Term]] = [
             (shape_weight, shape),
             (
@@ -169,13 +181,9 @@ class _Search(Record):
                 StandoffKept.of(problem.standoff, state.flown(first), weights.standoff_tolerance),
             ),
             (weights.turning, Turning(start.mapped.yaw, start.mapped.pitch, problem.turned_rad)),
-            (
-                weights.leaving,
-                Leaving.of(problem.starts[0].safe.positions, _standoff_m(problem)),
-            ),
+            (weights.leaving, leaving),
         ]
-
-        return cls(problem, weights, state, first, samples, need, lasting)
+        return cls(problem, weights, state, first, samples, need, leaving, lasting)
 
     def shown(self, variables: Floats) -> float:
         """Share of the need that is truly seen."""
@@ -204,13 +212,18 @@ class _Search(Record):
             if number >= weights.rounds and self.near(variables) < _NEAR_M2:
                 break
             path = state.flown(variables)
-            variables = self.solved(variables, self.terms(path, float(width)))
-            if number >= weights.rounds // 2:
+            early = number < weights.rounds // 2
+            variables = self.solved(variables, self.terms(path, float(width), early))
+            if not early:
                 results.append((self.worth(variables), variables))
-        return max(results, key=lambda result: result[0])
+        return results[_last_of_best([worth for worth, _ in results])]
 
-    def terms(self, path: Flown, width: float) -> list[tuple[float, Term]]:
-        """The terms, with what stands in the way and what is near from this path."""
+    def terms(self, path: Flown, width: float, early: bool) -> list[tuple[float, Term]]:
+        """The terms, with what stands in the way and what is near from this path.
+
+        In early rounds it is dearer to leave the carried flight: of all the paths that show as much the
+        search begins among those near to it, and so near to each other whatever the last bit says.
+        """
         problem, weights, view, samples = self.problem, self.weights, self.problem.view, self.samples
         stride = max(1, round(_APART * len(path) / _progress(self.problem, path)))
         oblique = replace(view.settings, max_incidence_deg=_OBLIQUE_DEG)
@@ -231,6 +244,7 @@ class _Search(Record):
             (weights.clearance, clearance),
             (weights.clearance, clearance.no_nearer(comfortable_m)),
             *self.lasting,
+            *([((_EARLY - 1) * weights.leaving, self.leaving)] if early else []),
         ]
 
     def solved(self, variables: Floats, terms: Sequence[tuple[float, Term]]) -> Floats:

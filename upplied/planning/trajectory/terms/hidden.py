@@ -1,8 +1,8 @@
 """Hidden surface: what all of the path misses draws it to places beside it, from where it would be seen.
 
 The slope of the coverage is zero for what is hidden from the path, faces away or lies too far off. So places
-to all sides of the path are asked what they show of it, as the camera looks there. The fewest places nearest
-to the path that show all that any of them shows each pull the station they belong to.
+to all sides of the path are asked what they show of it, as the camera looks there. Each pulls the station it
+belongs to by its share of what it shows, the larger the more it shows and the nearer to the path it is.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from upplied.records import Bools, Floats, Ints, Record
 _STATIONS = 48  # of the path, beside which places are tried
 _AWAY = 0.4  # stand-offs, to all sides, and twice that
 _MISSED = 256  # samples, at most, that stand for all that is missed
+_CHOOSY = 8.0  # power of what a place shows for a metre aside, by which what several show is shared
+_LITTLE = 1e-4  # of all that is missed, for which a place is left out
 _INSIDE = 0.98  # of the field of view: well inside the picture
 _AT_START = 1 - np.exp(-0.5)  # of its pull, that a place keeps at its own distance from the path
 
@@ -59,16 +61,9 @@ class Hidden(Record):
         shows = np.zeros((len(at), len(few)), bool)
         if shows.size:
             shows = _shown(path, at, off, few, view)
-        left[~shows.any(axis=0)] = 0.0
-        chosen, need = [], []
-        while left.any():
-            gain = shows @ left
-            best = int(np.argmax(gain / away_m))
-            chosen.append(best)
-            need.append(gain[best])
-            left[shows[best]] = 0.0
-        row = np.array(chosen, np.int64)
-        return cls(at[row], path.positions[at[row]] + off[row], np.array(need), away_m[row])
+        need = _shared(shows, left, away_m)
+        row = np.flatnonzero(need > _LITTLE * need.sum())
+        return cls(at[row], path.positions[at[row]] + off[row], need[row], away_m[row])
 
     def value(self, flown: Flown) -> tuple[float, Flown]:
         """Need of the places, times how much farther than at them the path is, and its slope."""
@@ -78,6 +73,17 @@ class Hidden(Record):
         slope = np.zeros_like(flown.positions)
         np.add.at(slope, self.station, (need * near / self.away_m**2)[:, None] * off)
         return float((need * (1 - near)).sum()), Flown(slope, nothing, nothing)
+
+
+def _shared(shows: Bools, need: Floats, away_m: Floats) -> Floats:
+    """(C,) the need that each place has of the samples (C, m) that it shows: more, the better it is.
+
+    Each sample's need (m,) is shared by all places that show it, so that none is chosen by a hair's breadth.
+    """
+    worth = (shows @ need) / away_m
+    worth = (worth / worth.max(initial=1e-300)) ** _CHOOSY
+    total = worth @ shows
+    return worth * (shows @ np.where(total > 0, need / np.maximum(total, 1e-300), 0.0))
 
 
 def places_beside(path: Flown, usual_m: float) -> tuple[Ints, Floats]:
