@@ -14,12 +14,13 @@ from upplied.cameras import known_camera
 from upplied.errors import RefusedError
 from upplied.geometry.poses import look_at, matrices
 from upplied.geometry.scene import scene_of
+from upplied.geometry.slowing import spaced
 from upplied.outputs.missions import FORMATS, MissionOptions, export, missions_of
 from upplied.outputs.missions.gate import Limits, breaches
 from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.read_back import read_mission
 from upplied.overlap import Frames
-from upplied.photographed import _waiting, photographed
+from upplied.photographed import photographed
 from upplied.records import Camera, Cloud, Measures, SurfaceStates, Trajectory
 from upplied.samples.surfaces import box
 
@@ -273,11 +274,11 @@ def test_a_flight_waits_for_its_camera_not_much_longer_than_it_must(apart_s: flo
     first = np.arange(5, 290, 10.0)
     photo_s = np.sort(np.concatenate([first, first + apart_s]))
     times = np.union1d(np.arange(0, 300, 0.5), photo_s)
-    late = _waiting(times, photo_s, 2.0, 0.5)
+    late = spaced(times, photo_s, 2.0, 0.5)
     taken = np.interp(photo_s, times, late)
     missing_s = np.maximum(2.0 - np.diff(photo_s), 0).sum()
     assert np.diff(taken).min() >= 2.0 - 1e-6 and (np.diff(late) >= np.diff(times) - 1e-9).all()
     assert missing_s <= late[-1] - times[-1] <= 3 * missing_s + 1.0
-    assert np.array_equal(_waiting(times, first, 2.0, 0.5), times)
+    assert np.array_equal(spaced(times, first, 2.0, 0.5), times)
     alone = np.zeros(1)  # a plan of one pose, and its photo
-    assert np.array_equal(_waiting(alone, alone, 2.0, 0.5), alone)
+    assert np.array_equal(spaced(alone, alone, 2.0, 0.5), alone)
