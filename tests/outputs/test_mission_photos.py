@@ -193,6 +193,20 @@ def test_photos_that_coverage_adds_overlap_as_asked_too():
     assert len(found.along) > 3 and found.along.min() > 0.78
 
 
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.8])
+def test_overlap_is_as_exact_where_a_picture_shows_little(share: float) -> None:
+    """A plate of which the second picture shows all, in its corner, and the first a share."""
+    plate, camera = box((0.5, 0.001, 0.4), "plate").structure, Camera(60.0, 45.0, 1.0, 60.0)
+    (left, front, low), (right, _, high) = plate.vertices.min(axis=0), plate.vertices.max(axis=0)
+    half_m = 9.0 * np.tan(np.radians(30.0))
+    x = np.array([left + share * (right - left) - half_m, right + 0.1 - half_m])
+    at = np.column_stack([x, np.full(2, front - 9.0), np.full(2, (low + high) / 2 + 2.5)])
+    frames = Frames(
+        Trajectory(np.arange(2.0), at, look_at(at, at + np.array([0.0, 1, 0]))), camera, scene_of(plate)
+    )
+    assert frames.overlap(0, 1) == pytest.approx(share, abs=0.02)
+
+
 def test_overlap_across_is_measured_and_refused_where_passes_lie_too_far_apart():
     """Two passes along a wall, 4 m apart, seen from 6 m with a picture of 6.9 x 5 m."""
     x = np.linspace(-4, 4, 60)

@@ -18,7 +18,6 @@ from upplied.geometry.scene import Scene
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.labels import table
 from upplied.outputs.mission_options import DRAFTS, MissionOptions
-from upplied.outputs.missions.transits import ground_z_m
 from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.planning.airspace.rules import Airspace, crosses_box
 from upplied.records import Floats, Plan, Record, Structure, SupposedSurface, Surroundings, Trajectory
@@ -241,7 +240,7 @@ def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene
         ground = f"the ground is at {around.ground_z_m:g} m"
         yield Breach("ground", f"z {lowest[2]:.2f} m", ground, tuple(lowest))
     if limits.max_height_m is not None:
-        over = highest[2] - ground_z_m(structure)
+        over = highest[2] - structure.floor_z_m
         if over > limits.max_height_m + _EXACT_M:
             limit = f"{limits.max_height_m:g} m are allowed (max_height_m)"
             yield Breach("height", f"{over:.1f} m above ground", limit, tuple(highest))
