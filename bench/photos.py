@@ -190,9 +190,17 @@ def pictured(
     random: np.random.Generator,
     number: tuple[int, int],
 ) -> Floats:
-    """The points (K, 3) of the surface that rays through so many cells of a picture meet within range, m."""
+    """The points (K, 3) of the surface that rays through so many cells of a picture meet within range, m.
+
+    Where no triangle reaches behind the camera, the cells divide the rectangle in which it shows them.
+    """
     cells = np.stack(np.meshgrid(*map(np.arange, number)), axis=-1).reshape(-1, 2)
-    within = 2 * (cells + random.uniform(0, 1, cells.shape)) / number - 1
+    low, high, local = np.full(2, -1.0), np.ones(2), (corners - place) @ axes
+    ahead = local[(local[:, :, 0] > 0).any(axis=1)].reshape(-1, 3)
+    if len(ahead) and (ahead[:, 0] > 0).all():
+        shown = ahead[:, 1:] / ahead[:, :1] / _slopes(camera)
+        low, high = np.clip(shown.min(axis=0), -1, 1), np.clip(shown.max(axis=0), -1, 1)
+    within = low + (high - low) * (cells + random.uniform(0, 1, cells.shape)) / number
     rays = np.column_stack([np.ones(len(cells)), within * _slopes(camera)]) @ axes.T
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     reach = met(place, rays, corners)

@@ -9,9 +9,12 @@ import numpy as np
 from upplied.geometry.polylines import chosen_evenly
 from upplied.geometry.poses import matrices
 from upplied.geometry.scene import Scene
+from upplied.geometry.vectors import unit
 from upplied.records import Bools, Camera, Floats, Trajectory
 
-_RAYS = 768  # of a picture: a share is known to a percent
+_RAYS = 768  # of a picture: a share is known to a percent where most of them meet the surface
+_FEW = 384  # of them that meet it, below which only the part of the picture that shows it is asked again
+_CLOSER = 2  # times, at most
 _GOLDEN = (5**0.5 - 1) / 2
 _SLACK = 0.01  # of a sight line, at its end
 _GROWN = 0.02  # more than rays tell apart
@@ -51,16 +54,28 @@ class Frames:
         return inside
 
     def hits(self, at: int) -> Floats:
-        """What a grid of rays through the picture meets of the surface within range (K, 3), m."""
+        """What rays, spread over the part of the picture that shows the surface, meet of it (K, 3), m."""
         if at not in self._hits:
-            ways = np.column_stack([np.ones(len(self._grid)), self._grid * self.slopes[at]])
-            ways = ways @ self.turns[at].T
-            origin = np.broadcast_to(self.poses.positions[at], ways.shape)
-            reach = self.scene.cast(origin, ways)[0] * np.linalg.norm(ways, axis=1)
-            near = (reach >= self.camera.min_range_m) & (reach <= self.camera.max_range_m)
-            unit = ways[near] / np.linalg.norm(ways[near], axis=1)[:, None]
-            self._hits[at] = origin[near] + unit * reach[near, None]
+            places = self._grid
+            points, near = self._met(at, places)
+            for _ in range(_CLOSER):
+                if not 0 < len(points) < _FEW:
+                    break
+                beside = np.ptp(places, axis=0) / _RAYS**0.5
+                low = np.maximum(places[near].min(axis=0) - beside, -1)
+                high = np.minimum(places[near].max(axis=0) + beside, 1)
+                places = low + (high - low) * (self._grid + 1) / 2
+                points, near = self._met(at, places)
+            self._hits[at] = points
         return self._hits[at]
+
+    def _met(self, at: int, places: Floats) -> tuple[Floats, Bools]:
+        """What rays through places (R, 2) of a picture meet within range (K, 3), m; which of them do (R,)."""
+        ways = np.column_stack([np.ones(len(places)), places * self.slopes[at]]) @ self.turns[at].T
+        origin = self.poses.positions[at]
+        reach = self.scene.cast(np.broadcast_to(origin, ways.shape), ways)[0] * np.linalg.norm(ways, axis=1)
+        near = (reach >= self.camera.min_range_m) & (reach <= self.camera.max_range_m)
+        return origin + unit(ways[near]) * reach[near, None], near
 
     @cached_property
     def _grid(self) -> Floats:

@@ -6,15 +6,14 @@ ready by then, the path is flown more slowly if overlap or coverage depend on it
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from upplied.geometry.polylines import accelerations, cumulated, leg_lengths
+from upplied.geometry.polylines import accelerations, leg_lengths
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
+from upplied.geometry.slowing import no_harder, spaced
 from upplied.overlap import Frames
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 
@@ -27,13 +26,6 @@ _LONG_S = 2.0  # an interval, between whose photos a path shows more than at a f
 _POINTS = 1500  # of the surface, that are to stay in view
 _AS_FINE = 1.25  # times the finest that the path shows a sample, by distance and incidence
 _EDGE_ON = 0.1  # cosine of the incidence, below which it counts as that
-_EASINGS = 50  # times, at most, that legs are flown more slowly
-_WAITS = 200  # times, at most, that legs between photos are flown more slowly
-_MOST_STEPS = 100_000  # of the time that is stretched for photos
-_OVER = 1e-3  # more than they must wait, so that it ends
-_EASED = 0.01  # more than they must be, so that it ends
-_CLOCK_S = 0.1  # steps of the time that is stretched for photos
-_BRAKING_S = 0.2, 1.0  # how long braking takes, least and most
 _HALVINGS = 7  # of the time between two places, for an overlap that was asked for
 _SAME_S = 1e-6
 
@@ -278,55 +270,6 @@ def _with_photos(
     posed = interpolate(path, every)
     allowed = float(accelerations(path.t_s, path.positions).max(initial=most_mps2))
     fastest = float((leg_lengths(path.positions) / np.diff(path.t_s)).max(initial=0.0))
-    late = _waiting(every, photo_s, least_s, float(np.clip(fastest / allowed, *_BRAKING_S)))
-    late = _no_harder(late, posed.positions, allowed)
+    late = spaced(every, photo_s, least_s, fastest / allowed)
+    late = no_harder(late, posed.positions, allowed)
     return replace(posed, t_s=late), np.isin(every, photo_s), every
-
-
-def _waiting(times: Floats, photo_s: Floats, least_s: float, brake_s: float) -> Floats:
-    """Moments (N,) of a flight that is slower between photos (K,) that the camera would not take in time.
-
-    It brakes before and after: what that takes more counts for the next photos.
-    """
-    if (np.diff(photo_s) >= least_s).all():
-        return times
-    wanted = np.maximum(np.diff(photo_s), least_s)
-    steps = 2 + int((times[-1] - times[0]) / min(_CLOCK_S, np.diff(photo_s).min(initial=_CLOCK_S) / 2))
-    clock = np.linspace(times[0], times[-1], min(steps, _MOST_STEPS))
-    between = np.searchsorted(photo_s, (clock[1:] + clock[:-1]) / 2)
-    brake = 2 * round(brake_s / (clock[1] - clock[0])) + 1
-    slower = np.ones(len(clock) - 1)
-    for _ in range(_WAITS):
-        late = cumulated(uniform_filter1d(slower, brake, mode="nearest") * np.diff(clock))
-        short = wanted / np.maximum(np.diff(np.interp(photo_s, clock, late)), 1e-9)
-        if not (short > 1 + 1e-9).any():
-            break
-        slower *= np.concatenate([[1.0], np.where(short > 1, short + _OVER, 1.0), [1.0]])[between]
-    else:
-        late = late * short.max()
-    return times[0] + np.interp(times, clock, late)
-
-
-def _slowed(times: Floats, slower: Floats) -> Floats:
-    """Moments (N,) of a flight so many times slower on its legs (N - 1,), braking before and after."""
-    if (slower <= 1).all():
-        return times
-    clock = np.linspace(times[0], times[-1], int((times[-1] - times[0]) / _CLOCK_S) + 2)
-    leg = np.clip(np.searchsorted(times, clock, side="right") - 1, 0, len(slower) - 1)
-    # The slowest leg of each step of the clock: the legs are shorter where photos are close to other poses.
-    rate = np.array([slower[first : last + 1].max() for first, last in itertools.pairwise(leg)])
-    brake = 2 * round(_BRAKING_S[1] / _CLOCK_S) + 1
-    # The mean of the slowest round about is nowhere faster than what it is the mean of.
-    rate = uniform_filter1d(maximum_filter1d(rate, brake, mode="nearest"), brake, mode="nearest")
-    return times[0] + np.interp(times, clock, cumulated(rate * np.diff(clock)))
-
-
-def _no_harder(times: Floats, positions: Floats, most_mps2: float) -> Floats:
-    """Moments (N,), later where an acceleration exceeds what is allowed: a photo may lie next to a bend."""
-    for _ in range(_EASINGS):
-        excess = np.sqrt(accelerations(times, positions) / most_mps2)
-        if not (excess > 1 + 1e-9).any():
-            break
-        slower = np.maximum(np.concatenate([[1.0], excess]), np.concatenate([excess, [1.0]]))
-        times = _slowed(times, np.where(slower > 1, slower + _EASED, 1.0))
-    return times

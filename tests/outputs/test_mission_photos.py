@@ -14,12 +14,13 @@ from upplied.cameras import known_camera
 from upplied.errors import RefusedError
 from upplied.geometry.poses import look_at, matrices
 from upplied.geometry.scene import scene_of
+from upplied.geometry.slowing import spaced
 from upplied.outputs.missions import FORMATS, MissionOptions, export, missions_of
 from upplied.outputs.missions.gate import Limits, breaches
 from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.read_back import read_mission
 from upplied.overlap import Frames
-from upplied.photographed import _waiting, photographed
+from upplied.photographed import photographed
 from upplied.records import Camera, Cloud, Measures, SurfaceStates, Trajectory
 from upplied.samples.surfaces import box
 
@@ -192,6 +193,20 @@ def test_photos_that_coverage_adds_overlap_as_asked_too():
     assert len(found.along) > 3 and found.along.min() > 0.78
 
 
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.8])
+def test_overlap_is_as_exact_where_a_picture_shows_little(share: float) -> None:
+    """A plate of which the second picture shows all, in its corner, and the first a share."""
+    plate, camera = box((0.5, 0.001, 0.4), "plate").structure, Camera(60.0, 45.0, 1.0, 60.0)
+    (left, front, low), (right, _, high) = plate.vertices.min(axis=0), plate.vertices.max(axis=0)
+    half_m = 9.0 * np.tan(np.radians(30.0))
+    x = np.array([left + share * (right - left) - half_m, right + 0.1 - half_m])
+    at = np.column_stack([x, np.full(2, front - 9.0), np.full(2, (low + high) / 2 + 2.5)])
+    frames = Frames(
+        Trajectory(np.arange(2.0), at, look_at(at, at + np.array([0.0, 1, 0]))), camera, scene_of(plate)
+    )
+    assert frames.overlap(0, 1) == pytest.approx(share, abs=0.02)
+
+
 def test_overlap_across_is_measured_and_refused_where_passes_lie_too_far_apart():
     """Two passes along a wall, 4 m apart, seen from 6 m with a picture of 6.9 x 5 m."""
     x = np.linspace(-4, 4, 60)
@@ -273,11 +288,11 @@ def test_a_flight_waits_for_its_camera_not_much_longer_than_it_must(apart_s: flo
     first = np.arange(5, 290, 10.0)
     photo_s = np.sort(np.concatenate([first, first + apart_s]))
     times = np.union1d(np.arange(0, 300, 0.5), photo_s)
-    late = _waiting(times, photo_s, 2.0, 0.5)
+    late = spaced(times, photo_s, 2.0, 0.5)
     taken = np.interp(photo_s, times, late)
     missing_s = np.maximum(2.0 - np.diff(photo_s), 0).sum()
     assert np.diff(taken).min() >= 2.0 - 1e-6 and (np.diff(late) >= np.diff(times) - 1e-9).all()
     assert missing_s <= late[-1] - times[-1] <= 3 * missing_s + 1.0
-    assert np.array_equal(_waiting(times, first, 2.0, 0.5), times)
+    assert np.array_equal(spaced(times, first, 2.0, 0.5), times)
     alone = np.zeros(1)  # a plan of one pose, and its photo
-    assert np.array_equal(_waiting(alone, alone, 2.0, 0.5), alone)
+    assert np.array_equal(spaced(alone, alone, 2.0, 0.5), alone)

@@ -21,7 +21,6 @@ from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.mission_options import DRAFTS
 from upplied.outputs.missions import gate
 from upplied.outputs.missions.gate import planned
-from upplied.outputs.missions.transits import ground_z_m
 from upplied.outputs.render import keep_overruled, undecided
 from upplied.outputs.reports import plan_of
 from upplied.planning.plan import METHOD_VERSION
@@ -113,7 +112,7 @@ def _flown(
     """The path of a plan in wind, and its measures by name."""
     basis, plan = recipe(catalog, row["transfer_id"]), plan_of(catalog, row)
     assert plan.trajectory is not None
-    path = fly_trajectory(plan.trajectory, vehicle, wind, ground_z_m(basis.target), seed)
+    path = fly_trajectory(plan.trajectory, vehicle, wind, basis.target.floor_z_m, seed)
     inputs = (basis.demonstration, basis.source, basis.target, basis.settings)
     judged = measure_flown(path, plan, *inputs, catalog.cache, basis.siblings)
     return path, asdict(judged.measures)

@@ -21,7 +21,6 @@ from upplied.outputs.labels import LABELS
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import DRAFT
 from upplied.outputs.missions.records import Mission
-from upplied.outputs.missions.transits import ground_z_m
 from upplied.outputs.pairs import number
 from upplied.outputs.verdicts import headline
 from upplied.records import Floats, Structure
@@ -109,7 +108,7 @@ def _figure(png: bytes, text: str) -> str:
 
 def _heights(missions: Sequence[Mission], structure: Structure, options: MissionOptions) -> str:
     first = missions[0]
-    home, ground = float(first.home_local[2]), ground_z_m(structure)
+    home, ground = float(first.home_local[2]), structure.floor_z_m
     every = np.concatenate([mission.local[:, 2] for mission in missions])
     transit_z = np.concatenate([mission.local[~mission.inspect, 2] for mission in missions])
     ceiling = structure.surroundings.ceiling_z_m

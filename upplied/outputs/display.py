@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upplied.geometry.polylines import chosen_evenly
 from upplied.geometry.scene import simplified
-from upplied.geometry.vectors import area_vectors
+from upplied.geometry.vectors import area_vectors, unit
 from upplied.inputs.rules import from_json
 from upplied.records import SURFACE_STATES, Floats, Ints, Record, Structure, SurfaceStates
 
@@ -35,8 +36,8 @@ def display_mesh(structure: Structure) -> DisplayMesh:
     where the surface is seen.
     """
     if not len(structure.triangles):
-        chosen = np.linspace(0, len(structure.vertices) - 1, min(len(structure.vertices), _MOST_POINTS))
-        return DisplayMesh(structure.vertices[chosen.astype(int)], np.empty((0, 3), np.int64))
+        chosen = chosen_evenly(len(structure.vertices), _MOST_POINTS)
+        return DisplayMesh(structure.vertices[chosen], np.empty((0, 3), np.int64))
     vertices, triangles = simplified(structure.vertices, structure.triangles, _MOST_TRIANGLES * 3 // 4)
     return DisplayMesh(*_split(vertices, triangles, structure.diagonal_m / 50))
 
@@ -82,9 +83,7 @@ def nearest_samples(mesh: DisplayMesh, states: SurfaceStates) -> Ints:
     if not len(triangles):
         return near.nearest(vertices, None)
     corners = vertices[triangles]
-    across = area_vectors(corners)
-    normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    return near.nearest(corners.mean(axis=1), normals)
+    return near.nearest(corners.mean(axis=1), unit(area_vectors(corners)))
 
 
 def voted(state: Ints, nearest: Ints) -> Ints:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from upplied.errors import SettingsError
-from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.polylines import chosen_evenly, leg_lengths
 from upplied.outputs.colours import CLASSES, DEMONSTRATED, PRESETS, STATES, rgb
 from upplied.outputs.display import DisplayMesh
 from upplied.outputs.draw import tubes
@@ -142,7 +142,7 @@ def _demonstrated(
 ) -> Panel:
     """The left half of `transfer_png`."""
     chosen, half = _chosen(view, source, demonstration), width // 2
-    shown = _every(len(demonstration), _FRUSTA)
+    shown = chosen_evenly(len(demonstration), _FRUSTA)
     flown = (demonstration.positions[shown], demonstration.quat_xyzw[shown])
     return _panel(
         solid(source, states),
@@ -215,7 +215,7 @@ def _plan_lines(
         return [], []
     path = plan.trajectory
     chosen = np.arange(len(path)) if plan.is_viewpoint is None else np.flatnonzero(plan.is_viewpoint)
-    chosen = chosen[_every(len(chosen), _FRUSTA)]
+    chosen = chosen[chosen_evenly(len(chosen), _FRUSTA)]
     cameras = [(path.positions[chosen], path.quat_xyzw[chosen], camera, colour)] if camera else []
     return [(path.positions, colour)], cameras
 
@@ -237,7 +237,7 @@ def _panel(
     parts = [tubes.path(positions, radius, colour) for positions, colour in lines]
     for positions, quats, camera, colour in cameras:
         along = leg_lengths(positions).sum()
-        chosen = _every(len(positions), max(2, int(along / (1.5 * depth))))  # so that they stand apart
+        chosen = chosen_evenly(len(positions), max(2, int(along / (1.5 * depth))))  # so that they stand apart
         parts.append(tubes.frusta(positions[chosen], quats[chosen], camera, depth, radius / 2.2, colour))
     return Panel(picture(body, tubes.joined(parts), frame), x, y, label, frame)
 
@@ -263,11 +263,6 @@ def _layout(count: int, width: int) -> list[tuple[int, int, int, int]]:
     high = round(left * 0.72)
     each = high // (count - 1)
     return [(0, 0, left, high)] + [(left, at * each, width - left, each) for at in range(count - 1)]
-
-
-def _every(count: int, most: int) -> np.ndarray:
-    """At most so many indices, evenly spread, the ends among them."""
-    return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).round().astype(int))
 
 
 def _state_legend(states: Sequence[SurfaceStates | None]) -> list[tuple[str, str, str]]:

@@ -13,7 +13,6 @@ from upplied.errors import UppliedError
 from upplied.geometry.polylines import leg_lengths
 from upplied.outputs.display import packed
 from upplied.outputs.missions import Mission, MissionOptions, missions_for
-from upplied.outputs.missions.transits import ground_z_m
 from upplied.records import Camera, Floats, Plan, Structure
 
 _MB_OF_A_MEGAPIXEL = 0.4  # of a JPEG as inspection cameras write it
@@ -59,7 +58,7 @@ def mission_data(
     origin: Floats,
 ) -> dict[str, Any]:
     """Sorties, heights, photos and battery of a mission as a page shows them."""
-    first, ground = missions[0], ground_z_m(structure)
+    first, ground = missions[0], structure.floor_z_m
     home, around = first.home_local, structure.surroundings
     photos = [count_photos(mission) for mission in missions]
     usable_s = None if options.endurance_s is None else options.endurance_s * (1 - options.reserve_pct / 100)

@@ -99,6 +99,12 @@ class Structure(Record):
         return self.derived("diagonal", lambda: float(np.linalg.norm(np.ptp(self.vertices, axis=0))))
 
     @property
+    def floor_z_m(self) -> float:
+        """Height of the ground, m: as declared, else of the lowest point."""
+        ground = self.surroundings.ground_z_m
+        return float(self.vertices[:, 2].min()) if ground is None else float(ground)
+
+    @property
     def frame(self) -> Frame:
         """The declared frame, in which it is given."""
         return Frame()

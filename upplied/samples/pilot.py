@@ -50,8 +50,7 @@ def fly(
         If the structure lacks the inspected part, or there is no room to fly.
     """
     scene = scene_of(structure)
-    ground = structure.surroundings.ground_z_m
-    floor = float(structure.vertices[:, 2].min()) if ground is None else ground
+    floor = structure.floor_z_m
     name = _named(structure.structure_id, inspection)
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
     flown = fly_route(route_of(structure, inspection, scene, floor), scene, floor, Hand(), rng)

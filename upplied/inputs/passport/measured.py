@@ -14,7 +14,7 @@ from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.fits import AS_WELL, NEARER, Comparison, Fit
 from upplied.inputs.passport.settings import PassportSettings
-from upplied.inputs.passport.sight import Aim, Sight, aim_of, ground_of, sight_of
+from upplied.inputs.passport.sight import Aim, Sight, aim_of, sight_of
 from upplied.inputs.passport.velocity import Steadiness, steadiness, turning_of
 from upplied.inputs.rules import Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, UNVERIFIED, ZOOM_UNHEARD
@@ -104,7 +104,7 @@ def measure(reading: Reading, structure: Structure, settings: PassportSettings) 
     places, turns = flown.positions[spread], flown.quat_xyzw[spread]
     sight = sight_of(places, turns, camera, structure, scene)
     declared = structure.surroundings.ground_z_m is not None
-    floor = ground_of(structure) - settings.ground_slack_m if declared else -np.inf
+    floor = structure.floor_z_m - settings.ground_slack_m if declared else -np.inf
     off, sure = _off_centre(sight, turns)
     clearance = _least_clearance(flown, spread, sight, scene.distance)
     off_m, seen_m = float(np.hypot(*off)) if sure > 0.8 else 0.0, SEEN * camera.max_range_m

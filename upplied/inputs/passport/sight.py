@@ -55,16 +55,10 @@ def sight_of(
     return Sight(
         clearance_m=scene.distance(positions),
         inside=inside(positions, scene),
-        height_m=positions[:, 2] - ground_of(structure),
+        height_m=positions[:, 2] - structure.floor_z_m,
         range_m=range_m,
         shown=(depth <= camera.max_range_m).mean(axis=1),
     )
-
-
-def ground_of(structure: Structure) -> float:
-    """The declared ground, or the lowest point of the structure, m."""
-    ground = structure.surroundings.ground_z_m
-    return float(structure.vertices[:, 2].min()) if ground is None else float(ground)
 
 
 def inside(positions: Floats, scene: Scene) -> Bools:

@@ -13,12 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from upplied.errors import RefusedError, SettingsError
-from upplied.geometry.polylines import leg_lengths
+from upplied.geometry.polylines import accelerations, leg_lengths
 from upplied.geometry.scene import Scene
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.labels import table
 from upplied.outputs.mission_options import DRAFTS, MissionOptions
-from upplied.outputs.missions.transits import ground_z_m
 from upplied.planning.airspace.clearance import legs_below, path_clearance
 from upplied.planning.airspace.rules import Airspace, crosses_box
 from upplied.records import Floats, Plan, Record, Structure, SupposedSurface, Surroundings, Trajectory
@@ -241,7 +240,7 @@ def _around(reading: Reading, structure: Structure, limits: Limits, scene: Scene
         ground = f"the ground is at {around.ground_z_m:g} m"
         yield Breach("ground", f"z {lowest[2]:.2f} m", ground, tuple(lowest))
     if limits.max_height_m is not None:
-        over = highest[2] - ground_z_m(structure)
+        over = highest[2] - structure.floor_z_m
         if over > limits.max_height_m + _EXACT_M:
             limit = f"{limits.max_height_m:g} m are allowed (max_height_m)"
             yield Breach("height", f"{over:.1f} m above ground", limit, tuple(highest))
@@ -259,13 +258,12 @@ def _moving(reading: Reading, limits: Limits) -> Iterator[Breach]:
         allowed = f"{limits.max_speed_mps:g} m/s at most"
         yield Breach("speed", f"{speed[fastest]:.1f} m/s", allowed, tuple(reading.positions[fastest]))
     if len(reading.t_s) > 2:
-        accelerations = _accelerations(reading.positions, reading.t_s)
-        most = int(accelerations.argmax())
-        if accelerations[most] > limits.max_acceleration_mps2 * _ROUNDING:
+        felt = accelerations(reading.t_s, reading.positions)
+        most = int(felt.argmax())
+        if felt[most] > limits.max_acceleration_mps2 * _ROUNDING:
             allowed = f"{limits.max_acceleration_mps2:g} m/s2 at most"
-            yield Breach(
-                "acceleration", f"{accelerations[most]:.1f} m/s2", allowed, tuple(reading.positions[most + 1])
-            )
+            place = tuple(reading.positions[most + 1])
+            yield Breach("acceleration", f"{felt[most]:.1f} m/s2", allowed, place)
 
 
 def _photographing(reading: Reading, limits: Limits) -> Iterator[Breach]:
@@ -279,10 +277,3 @@ def _photographing(reading: Reading, limits: Limits) -> Iterator[Breach]:
         yield Breach("photos", f"a photo {apart[at]:.2f} s after the previous one", allowed, place)
     if reading.every_s < limits.trigger_s - _SOON_S:
         yield Breach("photos", f"photos by distance follow each other in {reading.every_s:.2f} s", allowed)
-
-
-def _accelerations(positions: Floats, t_s: Floats) -> Floats:
-    """Change of velocity from leg to leg over the time between their middles, (N - 2,), m/s^2."""
-    step = np.diff(t_s)
-    velocity = np.diff(positions, axis=0) / step[:, None]
-    return np.linalg.norm(np.diff(velocity, axis=0), axis=1) / ((step[1:] + step[:-1]) / 2)

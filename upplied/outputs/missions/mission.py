@@ -20,7 +20,7 @@ from upplied.outputs.missions.photos import shots_of
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.sorties import SLOWEST_MPS, Cutter, Sortie
 from upplied.outputs.missions.thinning import thinned
-from upplied.outputs.missions.transits import USUAL_CEILING_M, Transits, default_home, ground_z_m
+from upplied.outputs.missions.transits import USUAL_CEILING_M, Transits, default_home
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.rules import Airspace
 from upplied.records import (
@@ -147,7 +147,7 @@ def airspace_of(
     scene = scene_for(structure, supposed)
     planned = path_clearance(scene, path).certain_m
     usual = USUAL_CEILING_M if options.max_height_m is None else options.max_height_m
-    ceiling = max(ground_z_m(structure) + usual, float(path[:, 2].max()))
+    ceiling = max(structure.floor_z_m + usual, float(path[:, 2].max()))
     around = structure.surroundings
     if around.ceiling_z_m is not None:
         ceiling = min(ceiling, around.ceiling_z_m)
@@ -173,7 +173,7 @@ def _notes(
     """Notes for the pilot about heights, return and sorties."""
     transit_legs = [leg for sortie in sorties for leg in (sortie.outbound, sortie.inbound) if len(leg)]
     highest = max((float(leg[:, 2].max()) for leg in transit_legs), default=float(transits.home[2]))
-    over_ground = max(highest, float(transits.inspection[:, 2].max())) - ground_z_m(transits.structure)
+    over_ground = max(highest, float(transits.inspection[:, 2].max())) - transits.structure.floor_z_m
     heights = {
         "relative": "heights are metres above the take-off point: take off there, or set --home-m",
         "amsl": "altitudes are metres above mean sea level",

@@ -9,7 +9,7 @@ import numpy as np
 from upplied.errors import RefusedError
 from upplied.geometry.polylines import cumulated, leg_lengths
 from upplied.outputs.mission_options import MissionOptions
-from upplied.outputs.missions.transits import Transits, length
+from upplied.outputs.missions.transits import Transits
 from upplied.records import Floats, Trajectory
 
 _GROUND_S = 20.0  # for starting and landing
@@ -81,7 +81,8 @@ class Cutter:
         return self.legs_home[at]
 
     def _transit_s(self, leg: Floats) -> float:
-        return length(np.concatenate([leg, self.transits.home[None]])) / self.options.transit_mps + _GROUND_S
+        way = leg_lengths(np.concatenate([leg, self.transits.home[None]]))
+        return float(way.sum()) / self.options.transit_mps + _GROUND_S
 
     def _no_leg(self, at: int) -> RefusedError:
         place = self.path.positions[at].round(1).tolist()

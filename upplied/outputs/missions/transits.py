@@ -96,7 +96,9 @@ class Transits:
             line = leg if not self.airspace.broken(leg)[0] else way(self._roads, place, above)
             if line is not None:
                 candidates.append(line)
-        shortest = min(candidates, key=lambda line: length(np.vstack([line, self.home])), default=None)
+        shortest = min(
+            candidates, key=lambda line: leg_lengths(np.vstack([line, self.home])).sum(), default=None
+        )
         return None if shortest is None else _distinct(shortest)
 
     @cached_property
@@ -129,21 +131,10 @@ def default_home(
     outward = outward / reach if reach > 1e-6 else np.array([1.0, 0.0, 0.0])
     place = first + _until_outside(first, outward, low, high, clearance_m + 3.0) * outward
     ground = structure.surroundings.ground_z_m
-    place[2] = ground_z_m(structure)
+    place[2] = structure.floor_z_m
     source = "the lowest point of the structure" if ground is None else "the declared ground"
     where = f"take-off assumed at {place.round(1).tolist()} m in the structure frame"
     return place, f"{where}, at the height of {source}"
-
-
-def ground_z_m(structure: Structure) -> float:
-    """Height of the ground, m: as declared, else where the structure ends."""
-    ground = structure.surroundings.ground_z_m
-    return float(structure.vertices[:, 2].min()) if ground is None else float(ground)
-
-
-def length(points: Floats) -> float:
-    """Length of a polyline (N, 3), m."""
-    return float(leg_lengths(points).sum())
 
 
 def _until_outside(point: Floats, direction: Floats, low: Floats, high: Floats, margin: float) -> float:

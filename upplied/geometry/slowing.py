@@ -1,0 +1,93 @@
+"""Moments of a flight that is slowed: so that some lie far enough apart, or that it brakes no harder."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+from upplied.geometry.polylines import accelerations, cumulated
+from upplied.records import Floats
+
+_EASINGS = 50  # times, at most, that legs are flown more slowly
+_WAITS = 200  # times, at most, that the time between chosen moments is stretched
+_MOST_STEPS = 100_000  # of the time that is stretched
+_OVER = 1e-3  # more than they must wait, so that it ends
+_EASED = 0.01  # more than they must be, so that it ends
+_CLOCK_S = 0.1  # steps of the time that is stretched
+_BRAKING_S = 0.2, 1.0  # how long braking takes, least and most
+
+
+def spaced(times: Floats, chosen_s: Floats, least_s: float, brake_s: float) -> Floats:
+    """Moments of a flight that is slower where some of them were too near each other.
+
+    It brakes before and after: what that takes more counts for the next of them.
+
+    Parameters
+    ----------
+    times : array, shape (N,)
+        Of the poses, s, increasing.
+    chosen_s : array, shape (K,)
+        Moments within these times, increasing.
+    least_s : float
+        Between two of the chosen ones.
+    brake_s : float
+        How long braking takes; taken for 0.2 to 1 s.
+
+    Returns
+    -------
+    array, shape (N,)
+        When each pose is reached, s; the first as before.
+    """
+    if (np.diff(chosen_s) >= least_s).all():
+        return times
+    wanted = np.maximum(np.diff(chosen_s), least_s)
+    steps = 2 + int((times[-1] - times[0]) / min(_CLOCK_S, np.diff(chosen_s).min(initial=_CLOCK_S) / 2))
+    clock = np.linspace(times[0], times[-1], min(steps, _MOST_STEPS))
+    between = np.searchsorted(chosen_s, (clock[1:] + clock[:-1]) / 2)
+    brake = 2 * round(float(np.clip(brake_s, *_BRAKING_S)) / (clock[1] - clock[0])) + 1
+    slower = np.ones(len(clock) - 1)
+    for _ in range(_WAITS):
+        late = cumulated(uniform_filter1d(slower, brake, mode="nearest") * np.diff(clock))
+        short = wanted / np.maximum(np.diff(np.interp(chosen_s, clock, late)), 1e-9)
+        if not (short > 1 + 1e-9).any():
+            break
+        slower *= np.concatenate([[1.0], np.where(short > 1, short + _OVER, 1.0), [1.0]])[between]
+    else:
+        late = late * short.max()
+    return times[0] + np.interp(times, clock, late)
+
+
+def no_harder(times: Floats, positions: Floats, most_mps2: float) -> Floats:
+    """Moments of a flight (N,), later where it accelerates by more than is allowed.
+
+    Parameters
+    ----------
+    times : array, shape (N,)
+        s, increasing.
+    positions : array, shape (N, 3)
+        m.
+    most_mps2 : float
+    """
+    for _ in range(_EASINGS):
+        excess = np.sqrt(accelerations(times, positions) / most_mps2)
+        if not (excess > 1 + 1e-9).any():
+            break
+        slower = np.maximum(np.concatenate([[1.0], excess]), np.concatenate([excess, [1.0]]))
+        times = _slowed(times, np.where(slower > 1, slower + _EASED, 1.0))
+    return times
+
+
+def _slowed(times: Floats, slower: Floats) -> Floats:
+    """Moments (N,) of a flight so many times slower on its legs (N - 1,), braking before and after."""
+    if (slower <= 1).all():
+        return times
+    clock = np.linspace(times[0], times[-1], int((times[-1] - times[0]) / _CLOCK_S) + 2)
+    leg = np.clip(np.searchsorted(times, clock, side="right") - 1, 0, len(slower) - 1)
+    # The slowest leg of each step of the clock: the legs are shorter where photos are close to other poses.
+    rate = np.array([slower[first : last + 1].max() for first, last in itertools.pairwise(leg)])
+    brake = 2 * round(_BRAKING_S[1] / _CLOCK_S) + 1
+    # The mean of the slowest round about is nowhere faster than what it is the mean of.
+    rate = uniform_filter1d(maximum_filter1d(rate, brake, mode="nearest"), brake, mode="nearest")
+    return times[0] + np.interp(times, clock, cumulated(rate * np.diff(clock)))
