@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 import httpx
 from prefect import Task, flow, get_run_logger, runtime
 from prefect.artifacts import create_progress_artifact, update_progress_artifact
-from prefect.futures import PrefectFuture
 from prefect.states import Completed, State
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
@@ -131,7 +130,14 @@ def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources
                 runner.submit(task, {"name": fleet.shard_name(shard), "shard": name, "given": given})
                 for name, shard in named.items()
             ]
-            planned.lost = _waited_for(shards, submitted)
+            for shard, future in advancing(list(zip(shards, submitted, strict=True))):
+                try:
+                    future.result()
+                except (
+                    Exception
+                ) as error:  # the engine's own, whatever it is: failed, or gone with its process
+                    get_run_logger().warning("%s was lost: %s", fleet.shard_name(shard), error)
+                    planned.lost.append(f"{type(error).__name__}: {error}".split("\n")[0][:200])
         planned.attempted(named, planner.attempts(catalog, run_id))
     finally:
         planner.remove_shards(catalog, run_id)
@@ -139,18 +145,6 @@ def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources
     if missing:
         planned.result.include(here(str(catalog.location), missing, resources, run_id))
     return planned
-
-
-def _waited_for(shards: Sequence[fleet.Shard], submitted: Sequence[PrefectFuture[Any]]) -> list[str]:
-    """Wait for every shard; why each of those that were lost was."""
-    lost = []
-    for shard, future in advancing(list(zip(shards, submitted, strict=True))):
-        try:
-            future.result()
-        except Exception as error:  # the engine's own, whatever it is: failed, or gone with its process
-            get_run_logger().warning("%s was lost: %s", fleet.shard_name(shard), error)
-            lost.append(f"{type(error).__name__}: {error}".split("\n")[0][:200])
-    return lost
 
 
 def _cluster(resources: Resources) -> TaskRunner[Any]:

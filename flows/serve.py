@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -19,19 +20,21 @@ import psutil
 
 from . import environment as env
 from . import server as service
-from .server import PRIVATE, ServerError, free_port, listening, private_server, start, stop, waited_for
+from .server import PRIVATE, ServerError, private_server, start, stop, waited_for
 
 Part = Literal["server", "worker", "reports"]
 # What whoever serves may say of Prefect himself; all else that the environment says is somebody else's.
 OF_CLIENT = ("PREFECT_API_AUTH_STRING",)
 OF_SERVER = ("PREFECT_SERVER_API_AUTH_STRING", "PREFECT_API_DATABASE_CONNECTION_URL")
+SOCKET = "UPPLIED_SOCKET"  # of the pages: a file that is bound to their port
 POOL = "local"  # of the runs that a part of the service works on
 
 
 def serve(port: int, roots: Sequence[str] = ()) -> int:
     """Start what a fleet needs, in the order it needs it, and stop it again in the reverse.
 
-    The pages are on the next port, or on any where that is taken; runs may use `roots` besides this folder.
+    The pages are on the next port, or on any where that is taken; port 0 is any, too. Runs may use `roots`
+    besides this folder.
     """
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # through the same exits as Ctrl-C
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by what a script started with &
@@ -40,9 +43,14 @@ def serve(port: int, roots: Sequence[str] = ()) -> int:
             server = stack.enter_context(private_server(env.prefect_home(), port))
             server.wait()
             deploy(server.environment)
-            own = free_port() if listening(port + 1) else port + 1
-            words = ("upplied", "serve", "--only", "reports", "--port", str(own - 1))
-            shown = start(*words, environment=server.environment)
+            try:
+                pages = socket.create_server(("127.0.0.1", server.port + 1))
+            except OSError:
+                pages = socket.create_server(("127.0.0.1", 0))
+            with pages:  # the port is held for who answers there
+                own, variables = pages.getsockname()[1], server.environment | {SOCKET: str(pages.fileno())}
+                words = ("upplied", "serve", "--only", "reports", "--port", str(own - 1))
+                shown = start(*words, environment=variables, holding=[pages])
             stack.callback(stop, shown)
             address = f"http://127.0.0.1:{own}"
             of_worker = server.environment | {env.ADDRESS: address, env.ROOTS: ",".join(declared(roots))}
@@ -50,7 +58,7 @@ def serve(port: int, roots: Sequence[str] = ()) -> int:
             runs: list[psutil.Process] = []
             stack.callback(stop, worker, known=runs)
             say(f"Fleet:    {address}")
-            say(f"Prefect:  http://127.0.0.1:{port}   (user {server.password.partition(':')[0]})")
+            say(f"Prefect:  http://127.0.0.1:{server.port}   (user {server.password.partition(':')[0]})")
             say(f"Password: stored in {env.prefect_home() / env.PASSWORD}, which only you can read")
             say("Run now:  upplied fleet run        Stop: Ctrl-C")
             attend({"server": server.process, "worker": worker, "pages": shown}, server.log, runs)
@@ -73,7 +81,8 @@ def only(part: Part, port: int, roots: Sequence[str] = ()) -> int:
 
         catalog = open_catalog(os.environ.get("UPPLIED_CATALOG") or env.home() / "catalog")
         say(f"Fleet: http://127.0.0.1:{port + 1}")
-        serve_pages(catalog, port + 1, bind, password_of(folder), allowed_names())
+        bound = int(os.environ.get(SOCKET, "-1"))
+        serve_pages(catalog, port + 1, bind, password_of(folder), allowed_names(), bound)
     elif part == "server":
         folder.mkdir(parents=True, exist_ok=True)
         held = service.alone(folder)
@@ -81,7 +90,7 @@ def only(part: Part, port: int, roots: Sequence[str] = ()) -> int:
         os.umask(PRIVATE)
         env.sign_in(folder, f"http://127.0.0.1:{port}/api")
         variables = env.environment(folder, api_url) | service.address(port) | passed_on(*OF_SERVER)
-        become(service.command(port, bind), variables)
+        become(service.command("--host", bind, "--port", str(port)), variables)
     else:
         variables = env.environment(folder, api_url) | passed_on(*OF_CLIENT)
         if not waited_for(lambda: service.answers(api_url)):

@@ -36,19 +36,21 @@ class Server:
     def __init__(self, folder: Path, port: int = 0) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._alone = alone(folder)
-        port = port or free_port()
-        if listening(port):  # it would be taken for ours
+        try:
+            own = socket.create_server(("127.0.0.1", port))
+        except OSError:
             self._alone.close()
-            raise ServerError(f"Something listens on port {port} already. Stop it, or set UPPLIED_PORT.")
-        self.api_url = f"http://127.0.0.1:{port}/api"
+            remedy = "Stop it, or set UPPLIED_PORT."
+            raise ServerError(f"Something listens on port {port} already. {remedy}") from None
+        self.port = int(own.getsockname()[1])
+        self.api_url = f"http://127.0.0.1:{self.port}/api"
         self.password = sign_in(folder, self.api_url)
         self.environment = environment(folder, self.api_url)
         self.log = folder / "server.log"
-        with self.log.open("wb") as log:
-            variables = self.environment | address(port)
-            self.process = start(
-                *command(port), environment=variables, log=log, holding=(self._alone,), umask=PRIVATE
-            )
+        variables, words = self.environment | address(self.port), command("--fd", str(own.fileno()))
+        with own, self.log.open("wb") as log:
+            holding = (self._alone, own)
+            self.process = start(*words, environment=variables, log=log, holding=holding, umask=PRIVATE)
 
     def wait(self) -> None:
         """Wait until the server answers; one that ends, or does not answer in time, is an error."""
@@ -72,10 +74,10 @@ def waited_for(act: Callable[[], T], every_s: float = 1.0) -> T:
     return result
 
 
-def command(port: int, host: str = "127.0.0.1") -> tuple[str, ...]:
-    """What runs the server: Prefect's application behind our guard."""
+def command(*place: str) -> tuple[str, ...]:
+    """What runs the server at a place, as uvicorn has it: Prefect's application behind our guard."""
     app = ("--factory", f"{__package__}.server:create_app")
-    return ("uvicorn", *app, "--host", host, "--port", str(port), "--log-level", "warning", "--no-access-log")
+    return ("uvicorn", *app, *place, "--log-level", "warning", "--no-access-log")
 
 
 def create_app() -> Any:
@@ -133,12 +135,12 @@ def start(
     *words: str,
     environment: dict[str, str],
     log: IO[bytes] | int | None = None,
-    holding: tuple[IO[bytes], ...] = (),
+    holding: Sequence[IO[bytes] | socket.socket] = (),
     umask: int = -1,
 ) -> subprocess.Popen[bytes]:
     """Start a module of Python's, in a process group of its own; on Linux it ends when this one is killed.
 
-    The files of `holding` stay open, and so locked, as long as it lives; `umask` -1: as ours.
+    What is in `holding` stays open, and so locked or bound, as long as it lives; `umask` -1: as ours.
     """
     return subprocess.Popen(
         [sys.executable, "-m", *words],
@@ -161,19 +163,6 @@ def end_with_parent() -> None:
     """In the child, before it begins: a parent that is killed stops nobody, so the kernel does."""
     if _LIBC is not None:
         _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-
-
-def free_port() -> int:
-    """A port on 127.0.0.1 that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def listening(port: int) -> bool:
-    """Whether something listens on a port of 127.0.0.1."""
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 def stop(

@@ -15,12 +15,12 @@ from contextlib import ExitStack, contextmanager
 from itertools import chain
 from pathlib import Path
 
+from ports import free_port
 from processes import cut_the_power
 from random_members import random_member
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.fleet import planner
-from upplied.flows.server import free_port
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 

@@ -18,10 +18,11 @@ from typing import Any
 import prefect_api
 import processes
 import pytest
+from ports import free_port
 from random_members import random_member
 
 from upplied.catalog import Catalog, open_catalog
-from upplied.flows.server import end_with_parent, free_port
+from upplied.flows.server import START_UP_S, end_with_parent
 from upplied.samples.fleet import member
 
 ROOT = Path(__file__).parents[1]
@@ -76,7 +77,7 @@ class Service:
             start_new_session=True,
             preexec_fn=end_with_parent,
         )
-        self.wait(lambda: b"started!" in log.read_bytes(), 240)
+        self.wait(lambda: b"started!" in log.read_bytes(), 2 * START_UP_S)
 
     def planned(self) -> int:
         return len(self.catalog.transfers(columns=["transfer_id"]))

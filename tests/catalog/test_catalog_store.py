@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import multiprocessing
-import socket
-import subprocess
-import sys
-import time
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import boto3
 import pytest
 from catalog_records import demonstration, differences, key_of, plan, structure
+from object_store import object_store
 from pyarrow.fs import S3FileSystem
 
 from upplied.catalog import compact, export_tables, open_catalog, vacuum, verify
@@ -27,34 +22,8 @@ BUCKET = "fleet"
 
 @pytest.fixture(scope="module")
 def endpoint() -> Iterator[str]:
-    """An S3-compatible server on the loopback interface, in a process of its own."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    server = subprocess.Popen(
-        [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)], **quiet
-    )
-    try:
-        url = f"http://127.0.0.1:{port}"
-        wait_for(url)
-        yield url
-    finally:
-        server.terminate()
-        server.wait(20)
-
-
-def wait_for(url: str) -> None:
-    for _ in range(600):
-        try:
-            urllib.request.urlopen(f"{url}/moto-api/", timeout=1)
-        except urllib.error.HTTPError:
-            return
-        except OSError:
-            time.sleep(0.1)
-        else:
-            return
-    raise TimeoutError(url)
+    with object_store() as address:
+        yield address
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 from catalog_records import copied, demonstration, key_of, plan, structure
 
 from upplied.catalog import Catalog, open_catalog, verify
-from upplied.catalog.verbs.roster import Roster, check_name, key_path, new_key, roster_of
+from upplied.catalog.verbs.roster import Roster, check_name, key_path, new_key
 from upplied.cli import main
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError, UppliedError
 
@@ -88,7 +88,7 @@ def test_a_release_of_before_the_roster_does_not_count_until_it_is_signed(catalo
     "name", ["by", "note", "state", "plan_sha256", "plan_row_sha256", "transfer_id", "after"]
 )
 def test_each_word_of_a_release_is_signed(catalog, name):
-    roster = roster_of(catalog)
+    roster = Roster(catalog.location)
     roster.add("Grace", new_key("Grace"))
     made = catalog.release(FIRST, "Grace", "for May")
     row, order = catalog.standing().why[FIRST], {made: 0}
@@ -98,24 +98,27 @@ def test_each_word_of_a_release_is_signed(catalog, name):
 
 
 def test_who_was_retired_releases_no_longer_and_what_they_released_stays(catalog, capsys):
-    roster_of(catalog).add("Grace", new_key("Grace"))
+    Roster(catalog.location).add("Grace", new_key("Grace"))
     catalog.release(FIRST, "Grace")
     assert main(["keys", "retire", "Grace", "--catalog", str(catalog.location)]) == 0
     assert altered(catalog) == [""]
     with pytest.raises(RefusedError, match="who may release: nobody"):
         catalog.release(FIRST, "Grace")
     with pytest.raises(InputError, match="nobody who may release"):
-        roster_of(catalog).retire("Grace", "")
+        Roster(catalog.location).retire("Grace", "")
     row = catalog.standing().why[FIRST]
     later = {row["decision_id"]: 5, "another": 6}
-    assert roster_of(catalog).fault(row, later) == ""
-    assert roster_of(catalog).fault({**row, "decision_id": "another"}, later) == "Grace may no longer release"
+    assert Roster(catalog.location).fault(row, later) == ""
+    assert (
+        Roster(catalog.location).fault({**row, "decision_id": "another"}, later)
+        == "Grace may no longer release"
+    )
 
 
 @pytest.mark.parametrize("phrase", ["", "secret"])
 def test_a_private_key_may_be_encrypted(catalog, monkeypatch, phrase):
     monkeypatch.setenv("UPPLIED_KEY_PASSPHRASE", phrase)
-    roster_of(catalog).add("Grace", new_key("Grace"))
+    Roster(catalog.location).add("Grace", new_key("Grace"))
     assert (b"ENCRYPTED" in key_path("Grace").read_bytes()) == bool(phrase)
     catalog.release(FIRST, "Grace")
     assert altered(catalog) == [""]
@@ -146,8 +149,8 @@ def test_names_with_tricks_are_refused(catalog, name):
         with pytest.raises(UppliedError):
             act(name if name.strip() or act is check_name else " ")
     with pytest.raises(SettingsError):
-        roster_of(catalog).add(name, "0" * 64)
-    assert catalog.decisions().empty and roster_of(catalog).people is None
+        Roster(catalog.location).add(name, "0" * 64)
+    assert catalog.decisions().empty and Roster(catalog.location).people is None
 
 
 @pytest.mark.parametrize(
@@ -158,7 +161,7 @@ def test_names_of_people_are_names(name):
 
 
 def test_names_that_look_like_others_are_not_added(catalog):
-    roster = roster_of(catalog)
+    roster = Roster(catalog.location)
     roster.add("Oleg Popo", "1" * 64)
     for other in ("oleg popo", "0leg Popo", "Oleg-Popo", "Oieg Popo"):
         with pytest.raises(InputError, match="looks like it"):
@@ -192,6 +195,6 @@ def test_a_folder_in_the_place_of_the_roster_lets_nobody_release(catalog):
 
 
 def test_the_roster_is_plain(catalog):
-    roster_of(catalog).add("Grace", "ab" * 32)
+    Roster(catalog.location).add("Grace", "ab" * 32)
     said = json.loads((Path(catalog.location) / "roster.json").read_text())
     assert said["people"] == [{"name": "Grace", "key": "ab" * 32, "until": ""}]

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from ports import free_port
 from processes import ended
 
 from upplied import fleet
@@ -24,7 +25,7 @@ from upplied.errors import CatalogError, InputError, SettingsError
 from upplied.fleet import planner
 from upplied.flows import engines, pool, states, tasks, watch
 from upplied.flows.environment import ROOTS, SETTINGS, check_roots, environment, home, profile
-from upplied.flows.server import ServerError, free_port, offspring, private_server, stop
+from upplied.flows.server import ServerError, offspring, private_server, stop
 from upplied.flows.states import errors_in_words
 
 ROOT = Path(__file__).parents[2]

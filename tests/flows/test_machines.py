@@ -15,14 +15,14 @@ from pathlib import Path
 
 import boto3
 import pytest
-from botocore.config import Config
+from object_store import object_store
 from processes import cut_the_power
 from random_members import random_member
 
 from upplied import fleet
 from upplied.catalog import Catalog, open_catalog
 from upplied.flows.serve import deploy
-from upplied.flows.server import Server, free_port, start, stop
+from upplied.flows.server import Server, start, stop
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
@@ -47,26 +47,18 @@ if __name__ == "__main__":
 @pytest.fixture
 def bucket(monkeypatch) -> Iterator[str]:
     """An object store on the loopback interface, which the environment names."""
-    port = free_port()
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
-    store = subprocess.Popen(command, **quiet)
-    for name, value in {
-        "AWS_ACCESS_KEY_ID": "writer",
-        "AWS_SECRET_ACCESS_KEY": "secret",
-        "AWS_REGION": "us-east-1",
-        "AWS_DEFAULT_REGION": "us-east-1",
-        "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
-        "AWS_ALLOW_HTTP": "true",
-    }.items():
-        monkeypatch.setenv(name, value)
-    try:
-        client = boto3.client("s3", config=Config(retries={"total_max_attempts": 30, "mode": "standard"}))
-        client.create_bucket(Bucket="fleet")
+    with object_store() as address:
+        for name, value in {
+            "AWS_ACCESS_KEY_ID": "writer",
+            "AWS_SECRET_ACCESS_KEY": "secret",
+            "AWS_REGION": "us-east-1",
+            "AWS_DEFAULT_REGION": "us-east-1",
+            "AWS_ENDPOINT_URL": address,
+            "AWS_ALLOW_HTTP": "true",
+        }.items():
+            monkeypatch.setenv(name, value)
+        boto3.client("s3").create_bucket(Bucket="fleet")
         yield "s3://fleet/catalog"
-    finally:
-        store.terminate()
-        store.wait()
 
 
 def boxes(location: str | Path, cache: Path) -> Catalog:

@@ -19,12 +19,13 @@ import prefect_api
 import pytest
 import supervisor
 import yaml
+from ports import free_port
 from random_members import random_member
 
 from upplied.catalog import open_catalog
 from upplied.cli import app
 from upplied.flows import serve
-from upplied.flows.server import free_port, start, stop
+from upplied.flows.server import start, stop
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 

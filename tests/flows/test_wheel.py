@@ -14,7 +14,7 @@ import pytest
 from random_members import random_member
 
 from upplied.catalog import open_catalog
-from upplied.flows.server import end_with_parent, free_port
+from upplied.flows.server import end_with_parent
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
@@ -40,7 +40,7 @@ def installed(tmp_path_factory) -> Path:
 
 
 def upplied(
-    installed: Path, folder: Path, *words: str, timeout: float = 300
+    installed: Path, folder: Path, *words: str, timeout: float = 1500
 ) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "upplied", *words],
@@ -60,12 +60,11 @@ def told(installed: Path) -> dict[str, str]:
 
 @pytest.mark.ci
 def test_a_fleet_is_served_from_an_empty_folder(installed, tmp_path):
-    port = free_port()
     assert "0.2" in upplied(installed, tmp_path, "--version").stdout
     log = tmp_path.with_name("serve.log")
     with log.open("wb") as file:
         service = subprocess.Popen(
-            [sys.executable, "-m", "upplied", "serve", "--port", str(port)],
+            [sys.executable, "-m", "upplied", "serve", "--port", "0"],
             env=told(installed),
             cwd=tmp_path,
             stdout=file,
@@ -73,9 +72,8 @@ def test_a_fleet_is_served_from_an_empty_folder(installed, tmp_path):
             preexec_fn=end_with_parent,
         )
     try:
-        deadline = time.monotonic() + 240
-        while b"Run now" not in log.read_bytes():
-            assert service.poll() is None and time.monotonic() < deadline, log.read_text()
+        while b"Run now" not in log.read_bytes():  # a service that waited in vain ends by itself
+            assert service.poll() is None, log.read_text()
             time.sleep(0.5)
         catalog = open_catalog(tmp_path / "catalog")
         cube = member("cube-v1").structure
@@ -86,7 +84,7 @@ def test_a_fleet_is_served_from_an_empty_folder(installed, tmp_path):
         assert ran.returncode == 0
         assert (tmp_path / "reports" / "index.html").is_file()
         assert upplied(installed, tmp_path, "deploy").returncode == 0
-        again = upplied(installed, tmp_path, "serve", "--port", str(free_port()))
+        again = upplied(installed, tmp_path, "serve", "--port", "0")
         assert (again.returncode, "Another service" in again.stdout) == (1, True), again.stdout + again.stderr
         service.send_signal(signal.SIGTERM)
         assert service.wait(60) == 0
@@ -97,6 +95,6 @@ def test_a_fleet_is_served_from_an_empty_folder(installed, tmp_path):
 
 
 def test_the_quickstart_runs_in_an_empty_folder(installed, tmp_path):
-    done = upplied(installed, tmp_path, "quickstart", timeout=1500)
+    done = upplied(installed, tmp_path, "quickstart")
     assert done.returncode == 0, done.stdout + done.stderr
     assert (tmp_path / "reports" / "transfers.parquet").is_dir()

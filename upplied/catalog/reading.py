@@ -22,7 +22,7 @@ from upplied.catalog.verbs import ordering, queries
 from upplied.catalog.verbs.ordering import DERIVED, Standing, standing_of, with_states
 from upplied.catalog.verbs.queries import PlannedTrajectory, Units, When, frame, moment, until
 from upplied.checks import check_id, suggested
-from upplied.errors import CatalogError
+from upplied.errors import CatalogError, SettingsError
 from upplied.records import Demonstration, Structure
 
 #: What of a plan's row says which waypoints are its own.
@@ -127,7 +127,12 @@ class Reading:
         # Which rows those are is told from a few columns; of all that a table has, the others are read of
         # these rows alone.
         declared, tables = TABLES["transfers"], self.tables
-        wanted = declared.names if columns is None else queries.known_columns(declared.names, columns)
+        wanted = declared.names if columns is None else list(columns)
+        for name in wanted:
+            if name not in declared.names:
+                raise SettingsError(
+                    f"column {name!r}", "does not exist", f"one of {', '.join(declared.names)}"
+                )
         as_of = as_of if version is None else queries.moment_of(tables["transfers"], version)
         derived = in_force or not {*DERIVED}.isdisjoint(wanted)
         now = standing_of(queries.decided(tables["decisions"], as_of)) if derived else Standing()

@@ -62,8 +62,8 @@ def list_people(*, results: Results = PRINTED) -> int:
 
 
 def _roster(where: Where) -> Roster:
-    from upplied.catalog.verbs.roster import roster_of
+    from upplied.catalog.verbs.roster import Roster
 
     store = where.opened()
     store.identity.required()
-    return roster_of(store)
+    return Roster(store.location)

@@ -20,8 +20,8 @@ PortOption = Annotated[
     Parameter(
         name="--port",
         env_var="UPPLIED_PORT",
-        help="Port of Prefect; the pages use the next one.",
-        validator=Number(gte=1, lte=65534),
+        help="Port of Prefect, 0 for any; the pages use the next one.",
+        validator=Number(gte=0, lte=65534),
     ),
 ]
 RootOption = Annotated[

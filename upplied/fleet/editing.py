@@ -98,7 +98,9 @@ class Editing:
         least = self.recipe.settings.verdict.least_inspected_pct
         shown = measured.measures.coverage_inspected_pct
         short = f"shows {shown:.1f} % of the inspected surface (required: {least:g} %)"
-        added = _added(path_flown, base)
+        added, planned = base.plan.added, base.plan.trajectory
+        if added is not None and planned is not None:  # of each pose as of the nearest one of the plan
+            added = np.asarray(added[cKDTree(planned.positions).query(path_flown.positions)[1]], bool)
         plan = replace(measured, is_viewpoint=stops, added=added, flyable=True, not_flyable="")
         return JudgedEdit(plan, tuple(broken), short if shown < least else "")
 
@@ -155,14 +157,6 @@ class Editing:
                 self._roadmaps.popitem(last=False)
         self._roadmaps.move_to_end(name)
         return self._roadmaps[name]
-
-
-def _added(path: Trajectory, base: Base) -> Bools | None:
-    """Which poses of an edited path lie on added passes: those whose nearest pose of the plan does."""
-    plan = base.plan
-    if plan.added is None or plan.trajectory is None:
-        return None
-    return np.asarray(plan.added[cKDTree(plan.trajectory.positions).query(path.positions)[1]], bool)
 
 
 def flown_path(plan: Plan) -> tuple[Trajectory, Bools]:

@@ -56,7 +56,11 @@ def fly_plan(
     before = catalog.flights(transfer_id).to_dict("records")
     same = [each for each in before if each["flight_id"] == flight_id]
     if not same:
-        path, measures = _flown(catalog, row, wind, vehicle, seed)
+        basis, plan = recipe(catalog, transfer_id), plan_of(catalog, row)
+        assert plan.trajectory is not None
+        path = fly_trajectory(plan.trajectory, vehicle, wind, basis.target.floor_z_m, seed)
+        inputs = (basis.demonstration, basis.source, basis.target, basis.settings)
+        measures = asdict(measure_flown(path, plan, *inputs, catalog.cache, basis.siblings).measures)
     else:
         if same[-1] is before[-1]:
             return {str(name): value for name, value in same[-1].items()}
@@ -104,18 +108,6 @@ def simulated_row(
         "flown_at": catalog.clock.now(),
         "looks_sha256": keep_looks(catalog, surface, judged.looks),
     }
-
-
-def _flown(
-    catalog: Catalog, row: Row, wind: Wind, vehicle: Vehicle, seed: int
-) -> tuple[Trajectory, dict[str, Any]]:
-    """The path of a plan in wind, and its measures by name."""
-    basis, plan = recipe(catalog, row["transfer_id"]), plan_of(catalog, row)
-    assert plan.trajectory is not None
-    path = fly_trajectory(plan.trajectory, vehicle, wind, basis.target.floor_z_m, seed)
-    inputs = (basis.demonstration, basis.source, basis.target, basis.settings)
-    judged = measure_flown(path, plan, *inputs, catalog.cache, basis.siblings)
-    return path, asdict(judged.measures)
 
 
 def _through_gate(catalog: Catalog, row: Row, force: tuple[str, ...]) -> None:

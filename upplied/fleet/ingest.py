@@ -142,7 +142,15 @@ def ingest_demonstrations(
         if facts:
             placements |= placements_of(home.structures())
         read = partial(reading.learnt_flight, places, _place(catalog), placements, facts, options)
-        same = partial(_same_log, known, placements, facts, options)
+
+        def same(path: Path) -> Ingested | None:
+            """Whether a log and the facts about it are as they were."""
+            if not known:
+                return None
+            own = facts.get(str(path), options)
+            name, sha256 = log_reader.fingerprint(path, own, placements)
+            return Ingested(name, "unchanged") if known.get(name) == (sha256,) else None
+
         reads = reading.each(read, [one.path for one in flights.values()], str, workers, same)
         add = (lambda read: None) if dry_run else catalog.add_demonstrations
         ingested = reading.stored(reads, known, lambda it: it.demonstration_id, add, progress)
@@ -250,17 +258,3 @@ class _Words:
 
 
 _WORDS = "words"
-
-
-def _same_log(
-    known: Mapping[str, tuple[str, ...]],
-    placements: Mapping[str, Placement],
-    facts: Mapping[str, LogOptions],
-    options: LogOptions,
-    path: Path,
-) -> Ingested | None:
-    """Whether a log and the facts about it are as they were."""
-    if not known:
-        return None
-    name, sha256 = log_reader.fingerprint(path, facts.get(str(path), options), placements)
-    return Ingested(name, "unchanged") if known.get(name) == (sha256,) else None

@@ -181,9 +181,14 @@ def write_shards(catalog: Catalog, run_id: str, shards: Sequence[Shard]) -> list
     """Write the jobs of each shard; returns their names, as `read_shard` takes them."""
     store = _store(catalog)
     names = [f"{check_id(run_id, 'run')}/{number:05}{_SUFFIX}" for number in range(len(shards))]
+    others = [item.name for item in fields(Job) if item.name != "settings"]
     try:
         for name, shard in zip(names, shards, strict=True):
-            store.write(name, _encoded(shard))
+            jobs = [{each: getattr(job, each) for each in others} for job in shard]
+            settings = {job.settings.sha256: job.settings for job in shard}
+            plain: dict[str, Any] = {"settings": {key: settings_text(one) for key, one in settings.items()}}
+            plain["jobs"] = [{**a, "settings": b.settings.sha256} for a, b in zip(jobs, shard, strict=True)]
+            store.write(name, json.dumps(plain).encode())
     except (OSError, pa.ArrowException) as error:
         raise CatalogError(store.path(run_id), f"cannot be written: {error}") from None
     return names
@@ -243,13 +248,3 @@ def remove_shards(catalog: Catalog, run_id: str) -> None:
 
 def _store(catalog: Catalog) -> FileStore:
     return FileStore(f"{str(catalog.location).rstrip('/')}/{FOLDER}")
-
-
-def _encoded(shard: Shard) -> bytes:
-    names = [item.name for item in fields(Job) if item.name != "settings"]
-    jobs = [
-        {**{name: getattr(job, name) for name in names}, "settings": job.settings.sha256} for job in shard
-    ]
-    different = {job.settings.sha256: job.settings for job in shard}
-    settings = {sha256: settings_text(each) for sha256, each in different.items()}
-    return json.dumps({"settings": settings, "jobs": jobs}).encode()

@@ -17,7 +17,7 @@ from upplied.geometry.supposed_scene import scene_for
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.proof.align import silence_s
 from upplied.proof.findings import LOOKED, SILENT, STOOD
-from upplied.records import Camera, Demonstration, Trajectory
+from upplied.records import Demonstration
 
 _WHOLE_PCT = 98.0  # of the plan's length, and in view of what it shows: less is no whole inspection
 _INSPECTED_PCT = 95.0  # as asked, of what the plan shows: flights of the sample fleet reach 96 and more
@@ -60,7 +60,9 @@ def promote_flight(
         fault = "is in the catalog"
         raise RefusedError(f"demonstration {name}", fault, "a name of its own", "say --name NAME")
     before = catalog.demonstration(str(plan["demonstration_id"]))
-    start_ns = int(row["flown_at"].value)
+    camera, start_ns = before.camera, int(row["flown_at"].value)
+    if flown.fov_deg is not None:  # the narrowest field of view that the flight itself logged
+        camera = camera.zoomed(flown.fov_deg[[flown.fov_deg[:, 0].argmin()]])[0]
     overruled = "".join(f"; overruled, {rule}: {fault}" for rule, fault in broken)
     note = f"promoted by {by} from {what}, which flew plan {plan['transfer_id']}{overruled}"
     demonstration = Demonstration(
@@ -69,7 +71,7 @@ def promote_flight(
         t_ns=start_ns + np.round(flown.t_s * 1e9).astype(np.int64),
         positions=flown.positions,
         quat_xyzw=flown.quat_xyzw,
-        camera=_camera(before.camera, flown),
+        camera=camera,
         fov_deg=flown.fov_deg,
         operator=str(row["operator"] or ""),
         site=before.site if before.structure_id == structure.structure_id else "",
@@ -81,13 +83,6 @@ def promote_flight(
     )
     catalog.add_demonstrations([demonstration])
     return demonstration
-
-
-def _camera(planned: Camera, flown: Trajectory) -> Camera:
-    """The camera of the plan, with the narrowest field of view that the flight itself logged."""
-    if flown.fov_deg is None:
-        return planned
-    return planned.zoomed(flown.fov_deg[[flown.fov_deg[:, 0].argmin()]])[0]
 
 
 def _broken(row: Row, clearance_m: float, plan: Row) -> list[tuple[str, str]]:

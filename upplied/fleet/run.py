@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import chain, groupby, pairwise, zip_longest
@@ -42,7 +43,7 @@ class Resources:
     limits: Limits = field(default_factory=Limits)
 
 
-class Run:
+class Run(AbstractContextManager["Run"]):
     """Plans jobs from one catalog; shards may be worked from any thread.
 
     Parameters
@@ -79,9 +80,6 @@ class Run:
         self.shards = shards(jobs, self.count)
         self._workers = Workers(self.count, prepare, (str(catalog.location),), resources.limits)
         self._keeper = Keeper(catalog, run_id, engine)
-
-    def __enter__(self) -> Run:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._workers.close()

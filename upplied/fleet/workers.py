@@ -15,7 +15,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, TimeoutError
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import connection, context, current_process, parent_process
 from types import ModuleType
@@ -66,7 +66,7 @@ class Limits:
         return max(machine // workers, 4 * 2**30)  # the libraries alone map 2 to 3 GiB
 
 
-class Workers:
+class Workers(AbstractContextManager["Workers"]):
     """A fixed number of processes, each prepared by `setup`; `run` may be called from any thread.
 
     Parameters
@@ -98,9 +98,6 @@ class Workers:
         self._free: queue.LifoQueue[_Worker] = queue.LifoQueue()
         for worker in self._all:
             self._free.put(worker)
-
-    def __enter__(self) -> Workers:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -90,9 +90,12 @@ class _Folder:
 
     def remove_others(self) -> list[str]:
         """Remove files of an earlier publication that this one does not have."""
-        gone = [name for name in self.before if name not in self.now and _inside(self.root, name)]
-        for name in gone:
-            (self.root / name).unlink(missing_ok=True)
+        rooms, gone = [self.root / room for room in (*ENDINGS, "assets", "missions") if room], list[str]()
+        for name in self.before:
+            path = self.root / name
+            if name not in self.now and path.parent in rooms and not path.is_symlink():
+                path.unlink(missing_ok=True)
+                gone.append(name)
         return gone
 
 
@@ -177,11 +180,7 @@ def publish_pages(
 
 
 def publish_file(
-    catalog: Catalog,
-    path: str | Path,
-    *,
-    demonstration_id: str | None = None,
-    target_id: str | None = None,
+    catalog: Catalog, path: str | Path, *, demonstration_id: str | None = None, target_id: str | None = None
 ) -> Path:
     """One HTML file with everything inside, for mail.
 
@@ -297,10 +296,3 @@ def _recorded(root: Path) -> dict[str, str]:
     except (OSError, ValueError):
         return {}
     return {str(key): str(value) for key, value in noted.items()} if isinstance(noted, dict) else {}
-
-
-def _inside(root: Path, name: str) -> bool:
-    """Whether a recorded name is one of our files in the folder."""
-    path = root / name
-    rooms = [root / room for room in (*ENDINGS, "assets", "missions") if room]
-    return path.parent in rooms and not path.is_symlink()

@@ -33,6 +33,8 @@ class Server:
         Of the service; by default one of this run, whose token is in `address`.
     names : frozenset of str, optional
         Allowed names in requests; by default those of this machine, with this port.
+    bound : int
+        An open file that is bound to the port, instead of host and port.
 
     Raises
     ------
@@ -47,10 +49,11 @@ class Server:
         host: str = HOST,
         login: Login | None = None,
         names: frozenset[str] | None = None,
+        bound: int = -1,
     ) -> None:
         self._password = secrets.token_urlsafe(32)
         self.login = login or Login(self._password)
-        self._socket = socket.create_server((host, port))
+        self._socket = socket.create_server((host, port)) if bound < 0 else socket.socket(fileno=bound)
         self.port = int(self._socket.getsockname()[1])
         own = self.port if names is None else None
         app = Guard(Web(catalog, self.login).app, names or frozenset(LOOPBACK), own, own=True)
@@ -78,6 +81,8 @@ class Server:
             thread.join(10)
 
 
-def serve_pages(catalog: Catalog, port: int, host: str, password: str, names: frozenset[str]) -> None:
+def serve_pages(
+    catalog: Catalog, port: int, host: str, password: str, names: frozenset[str], bound: int = -1
+) -> None:
     """Serve the pages of a fleet's service until Ctrl-C."""
-    Server(catalog, port, host, Login(password), names).run()
+    Server(catalog, port, host, Login(password), names, bound).run()

@@ -64,7 +64,10 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
     settings: Settings = about.pop("settings", None) or settings_for(plan.preset)
     siblings = [list(one) for one in about.pop("siblings", ())]
     registration, path = plan.registration, plan.trajectory
-    icp, fit = dict[str, Any](), ""
+    icp, fit, waypoints_sha256 = dict[str, Any](), "", ""
+    if path is not None:
+        poses = path.t_s, path.positions, path.quat_xyzw, _viewpoint_flags(plan, path)
+        waypoints_sha256 = poses_sha256(*poses, path.fov_deg, plan.added)
     if registration is not None:
         fit = json_text({name: _json_value(value) for name, value in _values(registration).items()})
         icp = {name: getattr(registration, name) for name in ("acceptance", "runner_up_gap")}
@@ -86,7 +89,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         "settings_sha256": settings.sha256,
         "settings_json": settings_text(settings),
         "registration_json": fit,
-        "waypoints_sha256": "" if path is None else _waypoints_sha256(plan, path),
+        "waypoints_sha256": waypoints_sha256,
     }
 
 
@@ -155,11 +158,6 @@ def _values(record: Any) -> dict[str, Any]:
     """The fields of a record, without the deep copies of `asdict`."""
     known = vars(record)
     return {name: known[name] for name in record.__dataclass_fields__}
-
-
-def _waypoints_sha256(plan: Plan, path: Trajectory) -> str:
-    flags = _viewpoint_flags(plan, path)
-    return poses_sha256(path.t_s, path.positions, path.quat_xyzw, flags, path.fov_deg, plan.added)
 
 
 def _viewpoint_flags(plan: Plan, path: Trajectory) -> Bools:

@@ -90,13 +90,13 @@ def poses_sha256(
     """Hash of poses as they are stored, the same on every machine."""
     added = added if added is not None and added.any() else None  # paths without any hash as they always did
     poses = t, np.asarray(positions, float), stored_quats(quat_xyzw), flags, fov_deg, added
-    return hashlib.sha256(b"".join(_bytes(part) for part in poses if part is not None)).hexdigest()
+    return hashlib.sha256(b"".join(_bytes(part)[0] for part in poses if part is not None)).hexdigest()
 
 
-def _bytes(values: Any) -> Any:
-    """Values of N rows as the bytes of each, an array (N, ...), the same on every machine."""
+def _bytes(values: Any) -> tuple[memoryview, int]:
+    """The bytes of values of N rows, the same on every machine, and how many a row has."""
     little = np.ascontiguousarray(values, np.asarray(values).dtype.newbyteorder("<"))
-    return little.reshape(len(little), -1 if little.size else 1).view(np.uint8)
+    return little.reshape(-1).view(np.uint8).data, little.nbytes // max(len(little), 1)
 
 
 def unlike(
@@ -123,25 +123,27 @@ def unlike(
     late[starts] = False
     misnumbered, unordered = np.logical_or.reduceat(wrong, starts), np.logical_or.reduceat(late, starts)
     positions, quats = pose_arrays(steps)
-    hashed = [(_bytes(part), [True] * len(names)) for part in (times, positions, stored_quats(quats))]
+    every = [True] * len(names)
+    hashed = [(*_bytes(part), every) for part in (times, positions, stored_quats(quats))]
     if name == "waypoints":
-        hashed.append((_bytes(np.asarray(steps["is_viewpoint"])), [True] * len(names)))
+        hashed.append((*_bytes(np.asarray(steps["is_viewpoint"])), every))
     if zooms is not None:  # those of the owners that zoom
         zooming = np.logical_or.reduceat(~np.isnan(zooms).all(axis=1), starts)
-        hashed.append((_bytes(zooms), zooming.tolist()))
+        hashed.append((*_bytes(zooms), zooming.tolist()))
     if "origin" in steps.column_names:  # of each owner by itself: plans of other presets store no origin
         added = np.asarray(pc.equal(steps["origin"], ORIGINS[1]).combine_chunks().fill_null(False))
-        hashed.append((_bytes(added), np.logical_or.reduceat(added, starts).tolist()))
+        hashed.append((*_bytes(added), np.logical_or.reduceat(added, starts).tolist()))
+    begins, ends = starts.tolist(), stops.tolist()
     for at, owner in enumerate(names):
         if owner in miscounted:
             continue
-        own = slice(starts[at], stops[at])
         if misnumbered[at]:
             yield owner[0], "the steps are not numbered 0, 1, 2 ..."
         elif unordered[at]:
             yield owner[0], "time does not increase"
         else:
-            content = b"".join(part[own] for part, counts in hashed if counts[at])
+            first, end = begins[at], ends[at]
+            content = b"".join([part[first * n : end * n] for part, n, counts in hashed if counts[at]])
             if hashlib.sha256(content).hexdigest() != stated[owner][1]:
                 yield owner[0], "the steps do not match the hash in their row"
 

@@ -168,9 +168,8 @@ def upgraded(table: Table, rows: pa.Table) -> pa.Table:
 
 def in_schema(rows: pa.Table, schema: pa.Schema) -> pa.Table:
     """Rows in these columns and types; those that an older program lacked are null."""
-    known = set(rows.schema.names)
-    columns = [
-        rows[field.name].cast(field.type) if field.name in known else pa.nulls(len(rows), field.type)
-        for field in schema
-    ]
+    known, columns = dict(zip(rows.schema.names, rows.columns, strict=True)), list[pa.ChunkedArray]()
+    for field in schema:
+        column = known[field.name] if field.name in known else pa.nulls(len(rows), field.type)
+        columns.append(column if column.type == field.type else column.cast(field.type))
     return pa.table(columns, schema=schema)

@@ -48,7 +48,7 @@ class Cache:
         path = self.path(stage, key)
         try:
             content = path.read_bytes()
-            record = decode(content, record_type, name="" if nameless else _name(stage, key))
+            record = decode(content, record_type, name="" if nameless else f"{stage}/{key}")
         except FileNotFoundError:
             return None
         except (OSError, CatalogError) as error:
@@ -63,7 +63,7 @@ class Cache:
         path = self.path(stage, key)
         try:
             # An entry that a power cut tore is noticed.
-            replace_file(path, encode(record, _name(stage, key)), lasting=False)
+            replace_file(path, encode(record, f"{stage}/{key}"), lasting=False)
         except OSError as error:
             log.warning("cannot remember %s: %s", path, error)
 
@@ -92,7 +92,3 @@ class Cache:
             path.unlink(missing_ok=True)
             freed += size
         return freed
-
-
-def _name(stage: str, key: str) -> str:
-    return f"{stage}/{key}"

@@ -28,10 +28,11 @@ from deltalake.transaction import AddAction
 
 from upplied.catalog.schema.tables import BEFORE_SHA256, MOMENT, ROW_SHA256, Table
 from upplied.catalog.store.files import FileStore
+from upplied.records import Ints
 
 _HASH, _BEFORE = ROW_SHA256, BEFORE_SHA256
 _TEXT = pa.large_string()
-_COLON = pa.scalar(":", _TEXT)
+_COLON, _NONE = pa.scalar(":", _TEXT), pa.scalar("", _TEXT)
 _ROWS = 4096  # hashed at a time: a row of plans takes kilobytes
 
 
@@ -108,25 +109,44 @@ def _link(before: str, content: str) -> str:
 def content_hashes(rows: pa.Table) -> list[str]:
     """The hash of each row, but for its own hash and that of the row before it."""
     names = sorted(set(rows.column_names) - {_HASH, _BEFORE})
-    return [
-        hashlib.sha256(text).hexdigest()
-        for start in range(0, len(rows), _ROWS)
-        for text in _texts(rows.select(names).slice(start, _ROWS))
-    ]
+    hashes: list[str] = []
+    for start in range(0, len(rows), _ROWS):
+        part = rows.select(names).slice(start, _ROWS)
+        bounds, text = _texts(part)
+        ends = zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
+        hashes += [hashlib.sha256(text[min(begin + 1, end) : end]).hexdigest() for begin, end in ends]
+    return hashes
 
 
-def _texts(rows: pa.Table) -> list[bytes]:
-    """What is hashed of each row: its fields by name, each with its length, so that none runs on."""
-    parts = []
+def _texts(rows: pa.Table) -> tuple[Ints, memoryview]:
+    """What is hashed of each row, in one buffer: where each begins, with a line's end, and the last ends.
+
+    It is the fields by name, each with its length, so that none runs on. What all rows say alike is one text.
+    """
+    parts, alike = list[Any](), ""
     for name in rows.column_names:
         column = rows[name].combine_chunks()
-        if column.null_count < len(column) and (values := _text(column)).null_count < len(values):
-            length = pc.binary_length(values).cast(_TEXT)
-            parts.append(pc.binary_join_element_wise(pa.scalar(name, _TEXT), length, values, _COLON))
-    if not parts:
-        return [b""] * len(rows)
-    joined = pc.binary_join_element_wise(*parts, pa.scalar("\n", _TEXT), null_handling="skip")
-    return joined.cast(pa.large_binary()).to_pylist()
+        if column.null_count == len(column) or (values := _text(column)).null_count == len(values):
+            continue
+        lengths = pc.binary_length(values)
+        least, most = pc.min_max(lengths).values()
+        if values.null_count:
+            field = pa.scalar(f"\n{name}", _TEXT), lengths.cast(_TEXT), values, _COLON
+            parts += [pa.scalar(alike, _TEXT), pc.binary_join_element_wise(*field)]
+        elif least != most:
+            parts += [pa.scalar(f"{alike}\n{name}:", _TEXT), lengths.cast(_TEXT), _COLON, values]
+        else:
+            alike += f"\n{name}:{least}:"
+            if pc.all(pc.equal(values, values[0])).as_py():
+                alike += values[0].as_py()
+                continue
+            parts += [pa.scalar(alike, _TEXT), values]
+        alike = ""
+    none = pa.array([""] * len(rows), _TEXT)
+    lines = pc.binary_join_element_wise(*parts, pa.scalar(alike, _TEXT), none, _NONE, null_handling="skip")
+    _, offsets, text = lines.buffers()
+    bounds = np.frombuffer(offsets, np.int64, len(lines) + 1, 8 * lines.offset)
+    return bounds, memoryview(text or b"")
 
 
 def _text(values: pa.Array) -> pa.Array:

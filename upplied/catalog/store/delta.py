@@ -44,12 +44,15 @@ class StoredTable(OpenTable):
         self, version: int | None = None, commits: Collection[str] | None = None
     ) -> ds.Dataset | None:
         """The rows of a version, else the newest; None without any. Of `commits` alone, others may lack."""
-        if version is not None:
-            return self._older(version)
         with self._lock:
             delta = self._refreshed()
             if delta is None:
                 return None
+            if version is not None:
+                what = f"{self.uri} version {version}"
+                if not 0 <= version <= delta.version():
+                    raise CatalogError(what, "does not exist", f"0 to {delta.version()}")
+                return explained(what, lambda: self.rows_of(DeltaTable(self.uri, version)))
             if self._dataset is None or self._dataset[0] != delta.version():
                 self._dataset = (delta.version(), self.rows_of(delta))
             return self._dataset[1]
@@ -188,7 +191,13 @@ class StoredTable(OpenTable):
                 at, field = rows.schema.get_field_index(name), self.declared.schema.field(name)
                 stamp = pa.array([value], pa.int64()).cast(field.type)[0]
                 numbered = numbered.set_column(at, field, pa.repeat(stamp, len(rows)))
-            numbered = sealed(numbered, self._chain(delta) if self.declared.is_chained else None)
+            followed = None
+            if self.declared.is_chained:  # all of each row where none has a hash yet
+                stored = self.rows_of(delta)
+                followed = stored.to_table([ROW_SHA256, BEFORE_SHA256, "commit_version"])
+                if not pc.any(pc.greater(followed[0], "")).as_py():
+                    followed = self._complete(stored.to_table())
+            numbered = sealed(numbered, followed)
             added = new_file(self._files, numbered, self.declared.sought)
             properties = {"rows": str(len(rows)), STATED: self._unstated(delta.version())}
             turns = [Transaction(_ORDER, now)]
@@ -212,12 +221,6 @@ class StoredTable(OpenTable):
         self._heads.note(version, self._unstated(version))
         return version
 
-    def _chain(self, delta: DeltaTable) -> pa.Table:
-        """The rows that the next ones follow: all of each where none has a hash yet."""
-        rows = self.rows_of(delta)
-        hashes = rows.to_table([ROW_SHA256, BEFORE_SHA256, "commit_version"])
-        return hashes if pc.any(pc.greater(hashes[0], "")).as_py() else self._complete(rows.to_table())
-
     def rows_of(self, delta: DeltaTable) -> ds.Dataset:
         """The rows of a version; with delta-rs's own file system one process in seven aborted at its exit."""
         return delta.to_pyarrow_dataset(filesystem=self._files.filesystem())
@@ -225,14 +228,6 @@ class StoredTable(OpenTable):
     def rows_in(self, delta: DeltaTable, names: list[str]) -> ds.Dataset:
         """The rows of some data files of a version, without the ranges that a whole dataset costs."""
         return ds.dataset(names, pa.schema(delta.schema().to_arrow()), "parquet", self._files.filesystem())
-
-    def _older(self, version: int) -> ds.Dataset | None:
-        current = self.delta()
-        if current is None:
-            return None
-        if not 0 <= version <= current.version():
-            raise CatalogError(f"{self.uri} version {version}", "does not exist", f"0 to {current.version()}")
-        return explained(f"{self.uri} version {version}", lambda: self.rows_of(DeltaTable(self.uri, version)))
 
 
 _ROW_GROUP = 4096
@@ -269,7 +264,12 @@ class StepTable(StoredTable):
         """The steps of all commits, or of some; None where there are none."""
         if version is not None:
             return super().dataset(version)
-        names = set(explained(self.files.root, self.files.names) if commits is None else self._there(commits))
+        wanted = [check_id(commit, "commit id") + _SUFFIX for commit in commits or ()]
+        if commits is None or len(wanted) > _FEW:
+            names = {*explained(self.files.root, self.files.names)}
+            names &= names if commits is None else {*wanted}
+        else:
+            names = {one for one in wanted if explained(self.files.path(one), partial(self.files.has, one))}
         files = self._dataset_of(sorted(name for name in names if name.endswith(_SUFFIX)))
         if commits is not None and len(names) == len({*commits}):
             return files
@@ -278,12 +278,6 @@ class StepTable(StoredTable):
             return files or older
         schema = pa.unify_schemas([files.schema, older.schema])
         return ds.dataset([files.replace_schema(schema), older.replace_schema(schema)])
-
-    def _there(self, commits: Collection[str]) -> list[str]:
-        names = [check_id(commit, "commit id") + _SUFFIX for commit in commits]
-        if len(names) > _FEW:
-            return sorted({*names} & {*explained(self.files.root, self.files.names)})
-        return [name for name in names if explained(self.files.path(name), partial(self.files.has, name))]
 
     def _dataset_of(self, names: list[str]) -> ds.Dataset | None:
         """The files as one dataset; which commit each is of spares opening the others."""

@@ -48,16 +48,17 @@ def tidy(table: StoredTable, version: int) -> None:
     about one size, so that a row is written again only as its file grows sixteenfold. What hinders it is no
     matter of the rows.
     """
-    if version % _MANY == 0:
-        threading.Thread(target=_tidied, args=(table.beside(),), name=f"tidy {table.declared.name}").start()
+    beside = table.beside() if version % _MANY == 0 else table
 
+    def act() -> None:
+        try:
+            while beside.change(lambda delta: _merged(beside, delta, _of_a_size(beside, delta))):
+                pa.default_memory_pool().release_unused()  # what this thread took would stay with the process
+        except CatalogError as error:
+            log.warning("small files of %s were not merged: %s", table.uri, error)
 
-def _tidied(table: StoredTable) -> None:
-    try:
-        while table.change(lambda delta: _merged(table, delta, _of_a_size(table, delta))):
-            pa.default_memory_pool().release_unused()  # what this thread took would stay with the process
-    except CatalogError as error:
-        log.warning("small files of %s were not merged: %s", table.uri, error)
+    if beside is not table:
+        threading.Thread(target=act, name=f"tidy {table.declared.name}").start()
 
 
 def _merged(table: StoredTable, delta: DeltaTable, chosen: list[File]) -> int:

@@ -108,34 +108,25 @@ class OpenTable:
         if self._delta is None:
             seen = explained(self.uri, self._heads.seen)  # before the log is read: it never runs ahead of it
             delta = explained(self.uri, lambda: opened(self.uri))
-            self._check(-1 if delta is None else delta.version(), seen)
+            version = -1 if delta is None else delta.version()
+            if version < seen:
+                lost = f"its versions {version + 1} to {seen} are missing" if version >= 0 else "is missing"
+                remedy = f"take {self.uri} from a backup: what was in it would be lost, and planned again"
+                raise CatalogError(self.uri, lost, "nothing that was committed goes away", remedy)
+            if delta is None:  # it was never made
+                self._identity.required()
             self._delta = delta
         else:
             explained(self.uri, self._delta.update_incremental)
             _check_version(self._delta, self.uri)  # a newer program may have come meanwhile
         return self._delta
 
-    def _check(self, version: int, seen: int) -> None:
-        """Whether the log reaches as far as it once did; a table that is not there was never made."""
-        if version < seen:
-            lost = f"its versions {version + 1} to {seen} are missing" if version >= 0 else "is missing"
-            remedy = f"take {self.uri} from a backup: what was in it would be lost, and planned again"
-            raise CatalogError(self.uri, lost, "nothing that was committed goes away", remedy)
-        if version < 0:
-            self._identity.required()
-
     def _created(self) -> DeltaTable:
         if self._files.local:
             Path(self.uri).mkdir(parents=True, exist_ok=True)
-        self._delta = DeltaTable.create(
-            self.uri,
-            self.declared.schema,
-            mode="ignore",
-            name=self.declared.name,
-            description=self.declared.meaning,
-            configuration={**_PROPERTIES, **self._skipping},
-            raise_if_key_not_exists=False,
-        )
+        table, known = self.declared, {**_PROPERTIES, **self._skipping}
+        about = {"name": table.name, "description": table.meaning, "raise_if_key_not_exists": False}
+        self._delta = DeltaTable.create(self.uri, table.schema, "ignore", configuration=known, **about)
         return self._delta
 
     def _unstated(self, version: int) -> str:
@@ -150,7 +141,10 @@ def opened(uri: str) -> DeltaTable | None:
     try:
         delta = DeltaTable(uri)
     except TableNotFoundError:
-        if not _has_commits(uri):
+        log_folder = Path(uri) / "_delta_log"  # of a local table; an error where we may not look into it
+        if "://" in uri or not log_folder.exists():
+            return None
+        if not any(entry.suffix == ".json" for entry in log_folder.iterdir()):
             return None
         delta = DeltaTable(uri)  # another writer made the table since we looked
     _check_version(delta, uri)
@@ -162,11 +156,3 @@ def _check_version(delta: DeltaTable, uri: str) -> None:
     if not version.isdigit() or int(version) > SCHEMA_VERSION:
         fault = f"has schema version {version or 'unknown'}"
         raise CatalogError(uri, fault, f"at most {SCHEMA_VERSION}", "use a newer version of upplied")
-
-
-def _has_commits(uri: str) -> bool:
-    """Whether a local table has a log after all; raises where we may not look into it."""
-    log_folder = Path(uri) / "_delta_log"
-    if "://" in uri or not log_folder.exists():
-        return False
-    return any(entry.suffix == ".json" for entry in log_folder.iterdir())

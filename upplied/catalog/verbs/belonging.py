@@ -102,16 +102,8 @@ class OwnSettings(Finding):
     def set(self, scope: str, owner: str, values: Mapping[str, Any], by: str, note: str = "") -> int:
         """Set settings of a kind or a structure, which its plans are then made with.
 
-        Parameters
-        ----------
-        scope : {"kind", "structure"}
-        owner : str
-            The kind, or the id of the structure.
-        values : mapping
-            Setting to value, as ``{"route.clearance_m": 3.0}``; None takes it back.
-        by : str
-            Who sets them.
-        note : str
+        `values` are by setting, as ``{"route.clearance_m": 3.0}``; None takes one back; the others as for
+        `require`.
         """
         about = self._owned("a setting", scope, owner, by, note)
         commit, new = self.new_commit_id(), list[Row]()

@@ -1,24 +1,35 @@
-"""Whether steps are those that rows own, and plans those that were released, measured here."""
+"""Whether bytes are as they were written, steps those that rows own, and plans those that were released."""
 
 from __future__ import annotations
 
+import hashlib
+import io
+import json
+import re
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from upplied.catalog.reading import Reading
-from upplied.catalog.schema import plan_rows
+from upplied.catalog.schema import codec, plan_rows
 from upplied.catalog.schema.rows import ADDED, Row
 from upplied.catalog.schema.steps import checked, run_starts, unlike
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.chain import changed_rows, content_hashes, head_of
-from upplied.catalog.store.files import explained
+from upplied.catalog.store.chain import changed_entries, changed_rows, content_hashes, head_of
+from upplied.catalog.store.contents import ContentStore
+from upplied.catalog.store.delta import HASH_DIGITS, StepTable
+from upplied.catalog.store.files import FileStore, explained
+from upplied.catalog.store.identity import Heads
+from upplied.catalog.store.opening import HASHED_KEY
 from upplied.catalog.verbs import ordering
-from upplied.catalog.verbs.roster import roster_of
-from upplied.errors import RefusedError
+from upplied.catalog.verbs.roster import Roster
+from upplied.errors import CatalogError, RefusedError
 
 CHUNK = 1_000_000  # steps held in memory at once
 COMPARED = 250_000  # steps that are compared at a time
@@ -27,8 +38,8 @@ COMPARED = 250_000  # steps that are compared at a time
 def checked_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
     """The steps that the given rows own, in order, a bounded number at a time, `checked`."""
     owners = owners.sort_values([TABLES[name].names[0], "commit_id"])
-    for chunk, steps in _chunks(catalog, name, owners, owners[f"n_{name}"].cumsum() // CHUNK):
-        yield checked(name, steps, stated(name, chunk))
+    for _, chunk in owners.groupby(owners[f"n_{name}"].cumsum() // CHUNK, sort=True):
+        yield checked(name, stored_steps(catalog, name, chunk), stated(name, chunk))
 
 
 def step_faults(catalog: Reading, name: str, rows: pa.Table) -> Iterator[tuple[str, str]]:
@@ -41,16 +52,8 @@ def step_faults(catalog: Reading, name: str, rows: pa.Table) -> Iterator[tuple[s
     owners = owners.sort_values(["commit_id", key])
     number = owners[count].cumsum() // COMPARED
     number = number.groupby(owners["commit_id"]).transform("first")  # each commit is a file, read once
-    for chunk, steps in _chunks(catalog, name, owners, number):
-        yield from unlike(name, steps, stated(name, chunk))
-
-
-def _chunks(
-    catalog: Reading, name: str, owners: pd.DataFrame, number: pd.Series
-) -> Iterator[tuple[pd.DataFrame, pa.Table]]:
-    """The given rows of one number after the other, with what is stored of their steps."""
     for _, chunk in owners.groupby(number, sort=True):
-        yield chunk, stored_steps(catalog, name, chunk)
+        yield from unlike(name, stored_steps(catalog, name, chunk), stated(name, chunk))
 
 
 def stored_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> pa.Table:
@@ -65,7 +68,11 @@ def stored_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> pa.Table:
         ids = pa.array(list(owners[key]), pa.string())
         ends = pc.min_max(ids).as_py()
         where = (pc.field(key) >= ends["min"]) & (pc.field(key) <= ends["max"]) & pc.field(key).isin(ids)
-    stored = pa.concat_tables(table.batches(TABLES[name].names, where, commits=commits))
+    names = TABLES[name].names
+    if where is None:
+        stored = table.read(None, names, commits=commits)
+    else:  # of many rows few: some are decoded at a time
+        stored = pa.concat_tables(table.batches(names, where, commits=commits))
     starts = run_starts(stored, (key, "commit_id"))
     place = pc.index_in(named(stored.take(pa.array(starts)), key), named(owners, key)).fill_null(-1)
     place = np.repeat(place.to_numpy(), np.diff(starts, append=len(stored)))
@@ -81,11 +88,6 @@ def named(rows: pa.Table | pd.DataFrame, key: str) -> pa.Array:
     table = rows if isinstance(rows, pa.Table) else pa.Table.from_pandas(rows[names], preserve_index=False)
     texts = (table[name].cast(pa.string()).combine_chunks() for name in names)
     return pc.binary_join_element_wise(*texts, "/")
-
-
-def in_order(name: str, steps: pa.Table) -> pa.Table:
-    """Steps by owner, commit and sequence."""
-    return steps.sort_by([(column, "ascending") for column in (TABLES[name].names[0], "commit_id", "seq")])
 
 
 def stated(name: str, owners: pd.DataFrame) -> dict[tuple[str, str], tuple[int, str]]:
@@ -110,7 +112,7 @@ def alterations(catalog: Reading, transfer_ids: Collection[str], now: ordering.S
     if not released:
         return {}
     rows, hashes = stored_plans(catalog, released)
-    roster, order = roster_of(catalog), now.order
+    roster, order = Roster(catalog.location), now.order
     table, names = catalog.tables["decisions"], [row["decision_id"] for row in released.values()]
     changed = dict(changed_rows(table.declared, table.whole(pc.field("decision_id").isin(names))))
     faults = dict(step_faults(catalog, "waypoints", rows))
@@ -169,3 +171,102 @@ def stored_plans(catalog: Reading, transfer_ids: Collection[str]) -> tuple[pa.Ta
     own = rows.select([name for name in rows.column_names if name not in _NOT_ITS_OWN])
     names = rows["transfer_id"].to_pylist()
     return rows, dict(zip(names, content_hashes(own), strict=True))
+
+
+_PART = re.compile(r"part-([0-9a-f]{64})-[0-9a-f]{8}\.parquet")
+_STEPS = re.compile(rf"[0-9]{{8}}-[0-9]{{6}}-[0-9]{{6}}-([0-9a-f]{{{HASH_DIGITS}}})\.parquet")
+_CHANGED = "was changed after it was written; take it from a backup"
+
+Fault = tuple[str, str]  # what, and what is wrong with it
+
+
+@dataclass
+class Folder:
+    """The files of one kind that are kept by their content."""
+
+    faults: dict[str, str] = field(default_factory=dict)  # hash -> what is wrong, empty where nothing is
+    samples: dict[str, str] = field(default_factory=dict)  # hash -> that of the samples it names
+    sizes: dict[str, tuple[int, int]] = field(default_factory=dict)  # of meshes: vertices and triangles
+
+
+def fault_of(contents: dict[str, Folder], name: str, sha256: str) -> Fault:
+    """The file of some content, or of the samples it names, and what is wrong with it, if anything."""
+    folder = contents[name]
+    wrong = folder.faults.get(sha256, "cannot be read: there is no such file")
+    if not wrong and sha256 in folder.samples:
+        return fault_of(contents, "samples", folder.samples[sha256])
+    return f"{name}/{sha256}.parquet", wrong
+
+
+def stored_contents(store: ContentStore[Any]) -> Folder:
+    """Every file of a folder that is kept by its content, read once."""
+    folder = Folder()
+    for name in store.files.names():
+        sha256 = name.removesuffix(".parquet")
+        if not re.fullmatch(r"[0-9a-f]{64}\.parquet", name):
+            continue  # a draft of a writer at work
+        try:
+            content = store.files.read(name)
+            record = codec.decode(content, store.about.record_type, sha256)
+        except FileNotFoundError:
+            continue  # removed meanwhile
+        except (OSError, pa.ArrowException, CatalogError) as error:
+            damaged = isinstance(error, CatalogError)
+            folder.faults[sha256] = "is damaged" if damaged else f"cannot be read: {error}"
+            continue
+        folder.faults[sha256] = "" if codec.is_as_written(content) else "is damaged: a byte was changed"
+        if hasattr(record, "samples_sha256"):
+            folder.samples[sha256] = record.samples_sha256
+        if hasattr(record, "vertices"):
+            folder.sizes[sha256] = len(record.vertices), len(record.triangles)
+    return folder
+
+
+def changed_files(catalog: Reading) -> Iterator[Fault]:
+    """Files of the tables and their logs, and the catalog's identity, that are not as they were written.
+
+    Of data files the hash is in the name; retired ones count too, while they are there.
+    """
+    if not catalog.identity.is_as_written():
+        yield f"{catalog.location}/catalog.json", _CHANGED
+    for table in catalog.tables.values():
+        files, log, delta = FileStore(table.uri), FileStore(f"{table.uri}/_delta_log"), table.delta()
+        yield from _changed(files, _PART)
+        if isinstance(table, StepTable):
+            yield from _changed(table.files, _STEPS)
+        if delta is not None and delta.metadata().configuration.get(HASHED_KEY) == "0":
+            for name in pa.table(delta.get_add_actions())["path"].to_pylist():
+                if not _PART.fullmatch(name):
+                    yield files.path(name), "was put in by another program"
+        for name, wrong in changed_entries(log, Heads(catalog.location, table.declared.name).stated()):
+            yield log.path(name), wrong
+        yield from _last_checkpoint(log)
+
+
+def _changed(files: FileStore, named: re.Pattern[str]) -> Iterator[Fault]:
+    for name in files.names():
+        if match := named.fullmatch(name):
+            try:
+                if not hashlib.sha256(files.read(name)).hexdigest().startswith(match[1]):
+                    yield files.path(name), _CHANGED
+            except FileNotFoundError:
+                continue  # removed meanwhile
+            except (OSError, pa.ArrowException) as error:
+                yield files.path(name), f"cannot be read: {error}"
+
+
+def _last_checkpoint(log: FileStore) -> Iterator[Fault]:
+    """The note of the last checkpoint, where it does not describe that one."""
+    if not log.has("_last_checkpoint"):
+        return
+    content = log.read("_last_checkpoint")
+    try:
+        version = json.loads(content)["version"]
+        checkpoint = log.read(f"{version:020}.checkpoint.parquet")
+        rows = pq.read_table(io.BytesIO(checkpoint), columns=["add"])["add"]
+        note = {"version": version, "size": len(rows), "sizeInBytes": len(checkpoint)}
+        note["numOfAddFiles"] = len(rows) - rows.null_count
+    except (OSError, ValueError, KeyError, TypeError, pa.ArrowException):
+        note = {}
+    if json.dumps(note, separators=(",", ":")).encode() != content.removesuffix(b"\n"):
+        yield log.path("_last_checkpoint"), _CHANGED

@@ -14,7 +14,7 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs import custody, ordering, queries
 from upplied.catalog.verbs.belonging import OwnSettings
 from upplied.catalog.verbs.ordering import Standing, standing_of, unit_of
-from upplied.catalog.verbs.roster import author, roster_of, signature
+from upplied.catalog.verbs.roster import Roster, author, signature
 from upplied.errors import RefusedError, SettingsError
 from upplied.provenance import code_version
 
@@ -129,7 +129,7 @@ class Deciding(OwnSettings):
         row = self._plan(transfer_id)
         custody.check_releasable(self, row)
         now = self.standing()
-        roster_of(self).check_may_release(by.strip())
+        Roster(self.location).check_may_release(by.strip())
         forced = self._check_release(row, now.of(transfer_id), tuple(force))
         unit = unit_of(row)
         known = now.last.get(unit, "") if after is None else after
@@ -206,6 +206,6 @@ class Deciding(OwnSettings):
             "code_version": code_version(),
             **about,
         }
-        decision["signature"] = signature(roster_of(self), decision)
+        decision["signature"] = signature(Roster(self.location), decision)
         self.add_rows("decisions", [decision])
         return name

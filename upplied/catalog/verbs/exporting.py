@@ -1,17 +1,21 @@
 """A part of a catalog as a folder that stands for itself (`dataset_files`); `importing` takes it in.
 
 Trajectories also as text files of TUM's format, which ``evo`` reads, a line ``t x y z qx qy qz qw``: s, m,
-camera frame (x forward) to structure frame; and how to split them for learning.
+camera frame (x forward) to structure frame; and how to split them for learning, as episodes: each with what
+it is to do and how it did.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from io import StringIO
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +25,7 @@ import pyarrow as pa
 
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema import codec
+from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import NAMED_CONTENTS, States, file_name
 from upplied.catalog.store.files import replace_file
@@ -67,7 +72,12 @@ def export_dataset(
         raise InputError(f"dataset name {name[:80]!r}", "is not a name with a version", "like airliners-v1")
     if not licence.strip():
         raise InputError(f"dataset {name}", "has no licence", "say one, like CC-BY-4.0")
-    plans = _chosen(catalog, transfers)
+    names, every = set(names_of(transfers)), catalog.transfers(every=True)
+    missing = sorted(names - set(every["transfer_id"]))
+    if missing or not names:
+        what = f"transfers {', '.join(missing[:5]) or '(none)'}"
+        raise CatalogError(what, "are not in the catalog", "at least one that is")
+    plans = every[every["transfer_id"].isin(names)]
     demonstrations = _only(catalog.demonstrations(every=True), "demonstration_id", plans["demonstration_id"])
     wanted = {*plans["source_id"], *plans["target_id"], *demonstrations["structure_id"]}
     wanted |= {*plans["parts_told_by"].dropna()} - {""}
@@ -102,16 +112,6 @@ def _put(catalog: Catalog, place: Path, kind: str, sha256: str) -> None:
             _put(catalog, place, "samples", record.samples_sha256)
 
 
-def _chosen(catalog: Catalog, transfers: pd.DataFrame | Sequence[str]) -> pd.DataFrame:
-    names = set(names_of(transfers))
-    every = catalog.transfers(every=True)
-    missing = sorted(names - set(every["transfer_id"]))
-    if missing or not names:
-        what = f"transfers {', '.join(missing[:5]) or '(none)'}"
-        raise CatalogError(what, "are not in the catalog", "at least one that is")
-    return every[every["transfer_id"].isin(names)]
-
-
 def _only(frame: pd.DataFrame, column: str, names: Any) -> pd.DataFrame:
     """The newest version of each, retired or not."""
     return frame[frame[column].isin(set(names))].drop_duplicates(column, keep="last")
@@ -129,18 +129,8 @@ def export_tum(
 ) -> dict[str, int]:
     """Write plans, and every demonstration in use, as one text file each, with ``splits.json``.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    folder : path
-        New, or empty.
-    transfers : DataFrame or sequence of str
-        Rows of `Catalog.transfers`, or names of plans; those without a trajectory are left out.
-
-    Returns
-    -------
-    dict
-        Number of plans and demonstrations.
+    Parameters are those of `export_dataset`; plans without a trajectory are left out. Returns the number of
+    plans and demonstrations.
     """
     place = new_folder(folder)
     rows = with_path(catalog, transfers)
@@ -220,3 +210,84 @@ def split_of(kinds: Mapping[str, str]) -> dict[str, str]:
             beyond = "validation" if at < held_out + validated else "train"
             sides[name] = "test" if at < held_out else beyond
     return sides
+
+
+_PART_PCT = 10  # share of what was inspected from which on a part is named in the task
+_FIGURES = ("hfov_deg", "vfov_deg", "path_length_m", "duration_s")
+# Of plans alone, words and figures.
+_WORDS = [
+    "transfer_id", "preset", "state", "not_flyable", "code_version", "method_version", "sources_sha256",
+    "libraries", "source_sha256", "target_sha256", "settings_sha256",
+]  # fmt: skip
+_MEASURED = [
+    "coverage_inspected_pct", "coverage_seen_pct", "coverage_attainable_pct", "min_clearance_m", "frechet_z",
+    "gsd_mm_p95", "standoff_kept_pct", "acceptance_probability", "counterpart_probability",
+    "never_scanned_m2",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A plan, or an unbroken stretch of a demonstration, and what is said of it."""
+
+    path: Trajectory
+    task: str
+    about: Mapping[str, Any]  # columns of its row
+    split: str
+
+
+def of_plans(
+    catalog: Catalog, rows: Sequence[Row], flown: Mapping[str, Row], side: Mapping[str, str]
+) -> Iterator[Episode]:
+    ids = [str(row["transfer_id"]) for row in rows]
+    now = catalog.transfers(every=True, ids=ids, columns=["transfer_id", "state"])  # by what people decided
+    states = dict(zip(now["transfer_id"], now["state"], strict=True))
+    for row in sorted(rows, key=lambda row: str(row["transfer_id"])):
+        target, name = str(row["target_id"]), str(row["demonstration_id"])
+        about = _facts(flown.get(name, {}), "plan", name, row["source_id"], target, row["kind"])
+        about |= {key: row[key] for key in (*_WORDS, *_MEASURED, "path_length_m", "duration_s")}
+        about["state"] = states[row["transfer_id"]]
+        about["demonstration_sha256"] = row["demonstration_sha256"]
+        task = _task(about, row["counterparts"])
+        yield Episode(catalog.path_of(row), task, about, side.get(target, "train"))
+
+
+def of_demonstrations(
+    catalog: Catalog, flown: Mapping[str, Row], rows: Sequence[Row], side: Mapping[str, str], fps: int
+) -> Iterator[Episode]:
+    """What was recorded; nothing is made up for a gap, and what is shorter than two frames is left out."""
+    kinds, parts = kinds_of(catalog), {row["demonstration_id"]: row["counterparts"] for row in rows}
+    for name, row in sorted(flown.items()):
+        record, place = catalog.demonstration(name), str(row["structure_id"])
+        about = _facts(row, "demonstration", name, place, place, kinds.get(place, ""))
+        about |= dict.fromkeys(_WORDS, "") | dict.fromkeys(_MEASURED, math.nan)
+        task = _task(about, parts.get(name, ""), row["about"])
+        for begin, end in pairwise([0, *(int(at) for at in record.breaks), len(record.t_ns)]):
+            t_s = (record.t_ns[begin:end] - record.t_ns[begin]) * 1e-9
+            if len(t_s) and t_s[-1] * fps >= 1:
+                path = replace(record.trajectory.take(slice(begin, end)), t_s=t_s)
+                yield Episode(path, task, about, side.get(place, "train"))
+
+
+def _facts(row: Row, origin: str, name: str, source: str, structure: str, kind: str) -> dict[str, Any]:
+    """What episodes of plans and of demonstrations both say; the camera is the demonstration's."""
+    return {
+        "origin": origin,
+        "demonstration_id": name,
+        "source_id": source,
+        "structure_id": structure,
+        "kind": kind,
+        "operator": str(row.get("operator") or ""),
+        **{key: float(row.get(key, math.nan)) for key in _FIGURES},
+        "demonstration_sha256": str(row.get("sha256") or ""),
+    }
+
+
+def _task(facts: Mapping[str, Any], counterparts: str, about: str = "") -> str:
+    """What is to be done, in words: of a demonstration and of all plans that follow from it the same."""
+    known = json.loads(counterparts or "[]")
+    named = [one["part"].partition(" (")[2].rstrip(")") for one in known if one["inspected_pct"] >= _PART_PCT]
+    parts = " and ".join(f"({place})" for place in named if place)
+    what = f"its {'parts' if ' and ' in parts else 'part'} {parts}" if parts else about
+    kind, name = facts["kind"].replace("_", " ") or "structure", facts["demonstration_id"]
+    return f"Fly the camera round the {kind} and inspect {what or 'what the expert did'}, as {name} shows."

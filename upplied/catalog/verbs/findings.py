@@ -33,12 +33,6 @@ def check_text(what: str, name: str, text: str) -> None:
             raise SettingsError(what, f"its {name} has {letter!a}, which nobody sees", "", remedy)
 
 
-def check_texts(row: Mapping[str, Any]) -> None:
-    """The same of all that a row of `findings` says of itself."""
-    for name in ("class", "severity", "note", "file"):
-        check_text(f"finding {row['finding_id']}", name, str(row.get(name) or ""))
-
-
 class Finding(Adding):
     """A catalog that holds what was found on structures; see `upplied.catalog.Catalog`."""
 
@@ -121,7 +115,8 @@ class Finding(Adding):
         return self.add_rows("flight_photos", list(new.values()))
 
     def _entry(self, row: Mapping[str, Any], by: str) -> Row:
-        check_texts(row)
+        for name in ("class", "severity", "note", "file"):
+            check_text(f"finding {row['finding_id']}", name, str(row.get(name) or ""))
         drop = {*ADDED, BEFORE_SHA256}
         values = {name: value for name, value in row.items() if name not in drop and value == value}
         return values | {"entry_id": self.new_commit_id(), "by": by, "code_version": code_version()}

@@ -27,8 +27,15 @@ import upplied
 from upplied.catalog.database import Catalog
 from upplied.catalog.store.files import replace_file
 from upplied.catalog.verbs.dataset_files import new_folder, with_path
-from upplied.catalog.verbs.episodes import Episode, of_demonstrations, of_plans
-from upplied.catalog.verbs.exporting import SHARES, kinds_of, split_of, write_splits
+from upplied.catalog.verbs.exporting import (
+    SHARES,
+    Episode,
+    kinds_of,
+    of_demonstrations,
+    of_plans,
+    split_of,
+    write_splits,
+)
 from upplied.errors import InputError
 from upplied.geometry import poses
 from upplied.records import Floats, Trajectory
@@ -56,17 +63,12 @@ def export_lerobot(
 
     Parameters
     ----------
-    catalog : Catalog
-    folder : path
-        New, or empty.
-    transfers : DataFrame or sequence of str
-        Rows of `Catalog.transfers`, or names of plans; those without a trajectory are left out.
+    catalog, folder, transfers, licence, attribution
+        As those of `export_dataset`; plans without a trajectory are left out, and no licence need be stated.
     fps : int
         Frames a second; trajectories are interpolated at this rate, but for the gaps of a log.
     demonstrations : sequence of str, optional
         Ids; by default every one in use.
-    licence, attribution : str
-        As an SPDX name or in words, and whom to name.
 
     Returns
     -------

@@ -151,7 +151,8 @@ def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[t
         for file, old, first, end in zip(lot, still, [0, *ends], ends, strict=False):
             new = steps.slice(first, end - first)
             if len(old):
-                both = custody.in_order(name, pa.concat_tables([old, new]))
+                order = [(column, "ascending") for column in (key, "commit_id", "seq")]
+                both = pa.concat_tables([old, new]).sort_by(order)
                 new = checked(name, both, custody.stated(name, files[file]))
             yield file, new
 

@@ -169,15 +169,6 @@ def moment_of(table: StoredTable, version: int) -> When | None:
     return pc.max(added).as_py() if len(added) else None
 
 
-def known_columns(names: list[str], requested: Iterable[str]) -> list[str]:
-    """The columns that are asked for; one that does not exist is an error."""
-    wanted = list(requested)
-    for name in wanted:
-        if name not in names:
-            raise SettingsError(f"column {name!r}", "does not exist", f"one of {', '.join(names)}")
-    return wanted
-
-
 _INPUTS = ("demonstration", "source", "target", "settings")
 _METHOD = {
     "method_version": "method changed",

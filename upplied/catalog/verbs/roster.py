@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from upplied.catalog.reading import Reading
 from upplied.catalog.schema.rows import Row, json_text
 from upplied.catalog.store.files import FileStore, replace_file
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError, UppliedError
@@ -232,8 +231,3 @@ def _text(decision: Row) -> bytes:
 
 def _passphrase() -> bytes | None:
     return os.environ.get("UPPLIED_KEY_PASSPHRASE", "").encode() or None
-
-
-def roster_of(catalog: Reading) -> Roster:
-    """The roster of a catalog."""
-    return Roster(catalog.location)

@@ -17,12 +17,13 @@ from upplied.catalog.store.contents import NAMED_CONTENTS
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.files import FileStore
 from upplied.catalog.store.opening import HASHED_KEY
-from upplied.catalog.verbs.byte_checks import Fault, Folder, changed_files, fault_of, stored_contents
-from upplied.catalog.verbs.custody import alterations, as_frame, step_faults
+from upplied.catalog.verbs import custody
+from upplied.catalog.verbs.custody import Fault, Folder, as_frame
 from upplied.catalog.verbs.ordering import DERIVED
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.errors import CatalogError, SettingsError, UppliedError
 
+_ROWS = 4096  # that are looked at together, at least: a row of plans takes kilobytes
 _LEAST_DIGITS = 12  # of a hash that was noted
 _NAMED = 5  # ids that a finding names; it counts the others
 #: Columns that name a row of another table: table, column, the other table.
@@ -77,7 +78,7 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
     short = [head for head in heads if len(head) < _LEAST_DIGITS]
     if short:
         raise SettingsError(f"head {short[0]!r}", "is too short", f"at least {_LEAST_DIGITS} digits")
-    findings = list(_readable(changed_files(catalog)))
+    findings = list(_readable(custody.changed_files(catalog)))
     held: dict[str, pa.Table] = {}
     unreadable: list[Finding] = []
     of_rows: list[Finding] = []
@@ -93,12 +94,12 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
     findings += _lost_heads(catalog, heads)
     findings += _readable(_not_as_released(catalog))
     findings += _references(held)
-    contents = {name: stored_contents(store) for name, store in catalog.contents.items()}
+    contents = {name: custody.stored_contents(store) for name, store in catalog.contents.items()}
     findings += _meshes(held, contents)
     findings += _contents(catalog, held, contents)
     findings += _settings(held["transfers"].select(["transfer_id", *_SETTINGS]))
     for name in ("poses", "waypoints"):
-        faults = step_faults(catalog, name, held[STEPS[name]])
+        faults = custody.step_faults(catalog, name, held[STEPS[name]])
         findings += _readable((f"{name} of {row}", wrong) for row, wrong in faults)
     return findings
 
@@ -107,7 +108,7 @@ def _not_as_released(catalog: Catalog) -> Iterator[Fault]:
     """Plans in force that are not what was released."""
     now = catalog.standing()
     plans = [row["transfer_id"] for row in now.in_force.values()]
-    for plan, wrong in alterations(catalog, plans, now).items():
+    for plan, wrong in custody.alterations(catalog, plans, now).items():
         yield f"plan {plan}, which is in force", wrong
 
 
@@ -131,7 +132,7 @@ def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[F
 
     def parts() -> Iterator[pa.Table]:
         nonlocal count
-        for rows in table.whole_batches():
+        for rows in _together(table.whole_batches()):
             count += len(rows)
             held.append(encoded(rows.select(columns)))
             values.look_at(rows)
@@ -148,6 +149,19 @@ def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[F
         lost = f"has {count} rows, and {added} were added: some were taken away"
         findings.append(Finding(name, lost))
     return pa.concat_tables(held).unify_dictionaries(), findings
+
+
+def _together(parts: Iterator[pa.Table]) -> Iterator[pa.Table]:
+    """Rows of several small files at a time: a look at a hundred columns costs as much for one row."""
+    waiting, count = list[pa.Table](), 0
+    for part in parts:
+        waiting.append(part)
+        count += len(part)
+        if count >= _ROWS:
+            yield pa.concat_tables(waiting)
+            waiting, count = [], 0
+    if waiting:
+        yield pa.concat_tables(waiting)
 
 
 def _unreadable(error: CatalogError) -> Finding:
@@ -249,7 +263,9 @@ def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, F
     for name, table, column in NAMED_CONTENTS:
         rows = held[table]
         faults = {
-            sha256: fault_of(contents, name, sha256) for sha256 in _texts(rows[column]).to_pylist() if sha256
+            sha256: custody.fault_of(contents, name, sha256)
+            for sha256 in _texts(rows[column]).to_pylist()
+            if sha256
         }
         wrong = {sha256: fault for sha256, fault in faults.items() if fault[1]}
         owner = "structure_id" if table == "structures" else "transfer_id"
@@ -267,14 +283,14 @@ def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, F
 def _settings(transfers: pa.Table) -> Iterator[Finding]:
     """Settings that do not match their hash, where this program knows all of them."""
     for (text, sha256), rows in as_frame(transfers).groupby(_SETTINGS, observed=True):
-        what, of = f"settings {sha256[:12]}", f"; of {_some(rows['transfer_id'])}"
         try:
             settings = settings_of(text)
+            known = settings.sha256 == sha256 or settings_text(settings) != text
+            wrong = "" if known else "do not match it"
         except (UppliedError, ValueError) as error:
-            yield Finding(what, f"cannot be read: {error}{of}")
-            continue
-        if settings.sha256 != sha256 and settings_text(settings) == text:
-            yield Finding(what, f"do not match it{of}")
+            wrong = f"cannot be read: {error}"
+        if wrong:
+            yield Finding(f"settings {sha256[:12]}", f"{wrong}; of {_some(rows['transfer_id'])}")
 
 
 def _some(names: Iterable[str]) -> str:
