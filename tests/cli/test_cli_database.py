@@ -155,3 +155,15 @@ def test_errors_of_a_store_say_bucket_endpoint_and_what_is_not_set(monkeypatch):
     assert "bucket fleet was requested at http://127.0.0.1:9" in told
     assert "not set in the environment: AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ALLOW_HTTP=true" in told
     assert "hidden" not in told
+
+
+def test_the_studio_opens_nothing_where_there_is_no_catalog(tmp_path, capsys):
+    assert main(["studio", "--no-open", "--catalog", str(tmp_path / "nowhere")]) == 2
+    printed = capsys.readouterr()
+    assert "is no catalog" in printed.err and "Open http" not in printed.out
+
+
+@pytest.mark.parametrize("words", ["known: a, b", "did you mean b?", "such as a", "the last ones: a"])
+def test_a_suggestion_is_not_called_a_rule(words):
+    assert str(InputError("structure c", "is not in the catalog", words)).endswith(f"catalog ({words})")
+    assert str(InputError("x", "is 3", "0 to 2", "change it")) == "x: is 3 (rule: 0 to 2). Change it"
