@@ -21,7 +21,7 @@ from upplied.outputs.pages import image_address
 from upplied.records import Bools, Camera, Floats, Plan, Structure
 
 _SIZE = np.array([640, 400])  # of a drawing, in its own units
-_ROOM = 24.0  # at its edges
+_ROOM, _LEFT = 24.0, 64.0  # at its edges, and left of the heights
 _FLIGHTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")  # Okabe and Ito
 _TRANSIT, _LIMIT, _FOOTPRINT, _RETURN, _GROUND = "#7a7a7a", "#b3261e", "#e69f00", "#d55e00", "#5f6b78"
 _ROUND_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
@@ -31,7 +31,8 @@ _STYLE = (
     "paint-order: stroke } "
     ".ink { stroke: #1f2933 } .structure { fill: #b8c1cc } "
     "@media (prefers-color-scheme: dark) { text { fill: #a4afba; stroke: #15181ccc } "
-    ".ink { stroke: #e6e9ec } .structure { fill: #56606b } }"
+    ".ink { stroke: #e6e9ec } .structure { fill: #56606b } } "
+    "@media (max-width: 480px) { text { font-size: 20px } path { stroke-width: 3 } }"  # of the picture
 )
 
 
@@ -115,7 +116,7 @@ class MissionDrawing:
         for x, y in (at(home[0]) for home in homes):
             square = 'style="stroke-width: 10; stroke-linecap: square"'
             parts.append(f'<path class="ink" d="M{x:.1f} {y:.1f}h0" {square}/>{_text(x + 10, y + 5, "H")}')
-            parts.append('<path class="ink" d="M18 44V14M13 22L18 12L23 22"/>' + _text(13, 60, "N"))
+            parts.append('<path class="ink" d="M18 44V14M13 22L18 12L23 22"/>' + _text(18, 62, "N", "middle"))
         bar_m = max(step for step in _ROUND_M if step == 1 or step * scale < _SIZE[0] / 4)
         parts.append(f'<path class="ink" d="M12 390h{bar_m * scale:.1f}" style="stroke-width: 3"/>')
         return _svg([*parts, _text(12, 382, f"{bar_m} m")])
@@ -135,7 +136,7 @@ class MissionDrawing:
         wide, high_m = max(starts[-1], 1e-6), max(high - low, 1e-6)
 
         def at(distance: Floats, z: Floats) -> Floats:
-            return np.column_stack([52 + 570 * distance / wide, 360 - 330 * (z - low) / high_m])
+            return np.column_stack([_LEFT + 558 * distance / wide, 360 - 330 * (z - low) / high_m])
 
         parts = []
         for name, level, colour in levels:
@@ -147,9 +148,9 @@ class MissionDrawing:
                 parts.append(_path(at(x[[end, end]], np.array([zero, z[end]])), _TRANSIT))
             parts += [_path(at(x[run], z[run]), _colour(number, inside)) for inside, run in flight.runs]
         for height in _ticks(low - zero, high - zero, 5):
-            parts.append(_text(44, 364 - 330 * (height + zero - low) / high_m, f"{height:g} m", "end"))
+            parts.append(_text(_LEFT - 8, 364 - 330 * (height + zero - low) / high_m, f"{height:g} m", "end"))
         for distance in _ticks(0.0, wide, 5):
-            parts.append(_text(52 + 570 * distance / wide, 386, f"{distance:g} m", "middle"))
+            parts.append(_text(_LEFT + 558 * distance / wide, 386, f"{distance:g} m", "middle"))
         return _svg(parts)
 
     def legend(self) -> list[tuple[str, str, str]]:

@@ -25,7 +25,8 @@ upplied.fill = function (parent, ...children) {
 upplied.badge = (status) => upplied.element("span", { class: "badge " + (status in upplied.SIGNS ? status : "failed").replace(" ", "-") },
   (upplied.SIGNS[status] || "?") + " " + status);
 
-upplied.format = (value, digits, unit = "") => (Number.isFinite(value) ? value.toFixed(digits) + unit : "–");
+// A number as text, without the sign of one that rounds to zero.
+upplied.format = (value, digits, unit = "") => (Number.isFinite(value) ? value.toFixed(digits).replace(/^-(?=[0.]*$)/, "") + unit : "–");
 
 upplied.duration = function (seconds) {
   if (!Number.isFinite(seconds)) return "–";

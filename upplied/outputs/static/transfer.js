@@ -170,7 +170,7 @@
     const level = (y) => ({ type: "line", xref: "paper", yref: "y2", x0: 0, x1: 1, y0: y, y1: y, line: { color: "#d55e00", width: 1.5, dash: "dashdot" } });
     const text = { xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom", showarrow: false };
     const tops = CHARTS.map((_, row) => 1 - row * (height + gap));
-    const layout = { height: 500, margin: { l: 50, r: 10, t: 56, b: 40 }, hovermode: "x unified", paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+    const layout = { height: 500, margin: { l: 50, r: 20, t: 56, b: 40 }, hovermode: "x unified", paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       font: { family: "system-ui, sans-serif", size: 12, color: ink }, legend: { orientation: "h", y: 1.06, yanchor: "bottom" },
       xaxis: { ...axis, title: { text: "share of the flight, %" }, range: [0, 100], anchor: "y3" },
       ...Object.fromEntries(tops.map((top, row) => ["yaxis" + (row ? row + 1 : ""), { ...axis, domain: [Math.max(0, top - height), top], rangemode: "tozero" }])),
