@@ -200,6 +200,14 @@ def test_the_map_shows_structure_path_and_views_and_the_heights_a_line(visit, re
     assert "place on the Earth is unknown" in page.locator("#no-mission").inner_text()
 
 
+def test_a_figure_that_rounds_to_zero_has_no_sign(visit, reports):
+    page = visit((reports / "index.html").as_uri())
+    shown = page.evaluate(
+        "[[-0.3, 0], [-0.04, 1], [-0.06, 1], [-12, 0]].map((each) => upplied.format(...each))"
+    )
+    assert shown == ["0", "0.0", "-0.1", "-12"]
+
+
 def test_the_camera_preview_has_the_frame_of_the_picture_and_no_frusta(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
     drawn(page)

@@ -69,7 +69,7 @@ def mission_data(
     return {
         "refused": "",
         **_drawings(MissionDrawing.of_missions(missions, structure, camera)),
-        "home_deg": [round(float(value), 6) for value in first.home[:2]],
+        "home_deg": first.home[:2].tolist(),
         "return_m": first.return_height_m,
         "transit_m": float(legs.max() - home[2]) if len(legs) else None,
         "highest_m": float(max(mission.height_m.max() for mission in missions)),

@@ -29,7 +29,7 @@
         tall(mission.return_m, "return-to-home height, at least", 0, "Above take-off: an automatic return at this height passes over everything"),
         tall(mission.transit_m, "height of transit legs, above take-off", 1),
         tall(mission.highest_m, "highest point, above take-off", 1),
-        tile(mission.home_deg.join(", "), "take-off (latitude, longitude)"),
+        tile(mission.home_deg.map((each) => each.toFixed(6)).join(", "), "take-off (latitude, longitude)"),
       ] : tall(measures.path_length_m, "path length", 0));
   }
 
