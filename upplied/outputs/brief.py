@@ -87,7 +87,10 @@ def _verdict(overruled: Sequence[str]) -> str:
 
 
 def _maps(drawing: MissionDrawing) -> str:
-    north = _figure(drawing.map(), "Map, north up. H: take-off; dots: photos; grey: transit legs.")
+    north = _figure(
+        drawing.map(),
+        "Map, north up. H: take-off; dots: photos; yellow: their footprints; grey: transit legs.",
+    )
     heights = _figure(drawing.heights(), "Heights above take-off, by distance flown.")
     return f'<div class="maps">{north}{heights}</div>'
 

@@ -50,7 +50,7 @@ class Flight:
         """Waypoints that follow each other, on the inspection or on a transit leg."""
         inside = self.inspect[1:] & self.inspect[:-1]
         changes = np.flatnonzero(inside[1:] != inside[:-1]) + 1
-        for start, end in pairwise([0, *changes.tolist(), len(inside)]):
+        for start, end in pairwise([0, *changes.tolist(), len(inside)] if len(inside) else []):
             yield bool(inside[start]), slice(start, end + 1)
 
 

@@ -56,8 +56,8 @@ upplied.minutes = (seconds) => (Number.isFinite(seconds) ? upplied.duration(seco
 upplied.words = (name) => String(name).replaceAll("_", " ");
 
 // The mark of a line or of a surface, and an entry of a legend with it.
-upplied.mark = function (kind, colour, text) {
-  const mark = upplied.element("i", { class: kind }, text);
+upplied.mark = function (kind, colour) {
+  const mark = upplied.element("i", { class: kind });
   if (colour) mark.style.background = colour;
   return mark;
 };
