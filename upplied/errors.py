@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+_SUGGESTIONS = ("known: ", "did you mean ", "such as ", "the last ones: ")  # they are no rules
+
 
 class UppliedError(Exception):
     """Base of every error this package raises on purpose.
@@ -13,7 +15,7 @@ class UppliedError(Exception):
     finding : str
         What was found there.
     rule : str, optional
-        What is allowed.
+        What is allowed, or a suggestion.
     remedy : str, optional
         What the reader can do about it.
     """
@@ -22,7 +24,7 @@ class UppliedError(Exception):
         self.what, self.finding, self.rule, self.remedy = what, finding, rule, remedy
         text = f"{what}: {finding}"
         if rule:
-            text += f" (rule: {rule})"
+            text += f" ({rule})" if rule.startswith(_SUGGESTIONS) else f" (rule: {rule})"
         if remedy:
             text += f". {remedy[0].upper()}{remedy[1:]}"
         super().__init__(text)

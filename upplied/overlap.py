@@ -18,7 +18,7 @@ _CLOSER = 2  # times, at most
 _GOLDEN = (5**0.5 - 1) / 2
 _SLACK = 0.01  # of a sight line, at its end
 _GROWN = 0.02  # more than rays tell apart
-_ASKED = 40  # pictures, at most, whose overlap with other passes is asked
+_MOST_SAMPLED = 40  # pictures whose overlap with other passes is computed
 
 
 class Frames:
@@ -97,7 +97,7 @@ class Frames:
         A pass ends where overlap, on the way before or behind, grows again.
         """
         number = len(self.poses)
-        chosen = [at for at in chosen_evenly(number, _ASKED) if len(self.hits(at))]
+        chosen = [at for at in chosen_evenly(number, _MOST_SAMPLED) if len(self.hits(at))]
         shares = np.zeros(len(chosen))
         for index, at in enumerate(chosen):
             points = self.hits(at)

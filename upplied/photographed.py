@@ -1,6 +1,6 @@
 """Where photos are taken on a path: as few as overlap and coverage need, none sooner than the camera takes.
 
-A path is divided where the overlap with the photo before falls to what is asked; where the camera is not
+A path is divided where the overlap with the photo before falls to the required one; where the camera is not
 ready by then, the path is flown more slowly if overlap or coverage depend on it.
 """
 
@@ -18,7 +18,7 @@ from upplied.overlap import Frames
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 
 MARGIN = 1.03  # of the least interval: files round speeds
-_USUAL = 0.6  # overlap along, where none is asked for and the camera is ready in time
+_USUAL = 0.6  # overlap along, where none is required and the camera is ready in time
 _ENOUGH = 0.995  # of what the path shows, that its photos are to show
 _CANDIDATES = 1200  # places of a path, at most
 _OFTEN = 0.25  # of the least interval, between places of a path
@@ -26,7 +26,7 @@ _LONG_S = 2.0  # an interval, between whose photos a path shows more than at a f
 _POINTS = 1500  # of the surface, that are to stay in view
 _AS_FINE = 1.25  # times the finest that the path shows a sample, by distance and incidence
 _EDGE_ON = 0.1  # cosine of the incidence, below which it counts as that
-_HALVINGS = 7  # of the time between two places, for an overlap that was asked for
+_HALVINGS = 7  # of the time between two places, for a required overlap
 _SAME_S = 1e-6
 
 
@@ -38,7 +38,7 @@ class Photographed(Record):
     photo: Bools  # (N,) of its poses
     shown: float  # share of what the path shows that the photos show; NaN where that is not known
     along: Floats  # (K - 1,) overlap of each photo with the one before, 0 to 1
-    across: float  # median overlap with another pass; NaN where it was not asked
+    across: float  # median overlap with another pass; NaN where none was required
     slower_s: float  # by which it takes longer than planned
     planned_s: Floats  # (N,) when each pose was planned for
 
@@ -69,7 +69,7 @@ def photographed(
     most_mps2 : float
         Acceleration allowed at the bends beside a photo; the path's own where that is more.
     overlap : (along, across), optional
-        0 to 1, that is asked for. Along is held by slowing the flight where need be; across is what the
+        Required overlap, 0 to 1. Along is held by slowing the flight where need be; across is what the
         passes of the path give, and is measured.
     complete : bool
         Whether the photos are to show every sample, instead of 99.5 % of some of them; photos that show
@@ -141,31 +141,31 @@ def _last(
 
 
 def _filled(
-    frames: Frames, useful: list[int], path: Trajectory, photo_s: Floats, asked: float
+    frames: Frames, useful: list[int], path: Trajectory, photo_s: Floats, required: float
 ) -> list[float]:
     """The times of photos, and more between them, so that each overlaps enough with the one before."""
     chosen, times = photo_s[:1].tolist(), np.append(frames.poses.t_s[useful], np.inf)
     for end in photo_s[1:].tolist():
         steps = chosen[-1:]
         while True:
-            last = _last(frames, useful, path, asked, (steps[-1], end))
+            last = _last(frames, useful, path, required, (steps[-1], end))
             later = min(end, float(times[np.searchsorted(times, last + _SAME_S)]))
             before = _at(frames, path, steps[-1])
-            if _shared(before, _at(frames, path, later), 0) >= asked:
+            if _shared(before, _at(frames, path, later), 0) >= required:
                 break
-            steps.append(_exactly(before, frames, path, asked, (last, later)))
-        chosen += _evenly(frames, path, steps, end, asked)
+            steps.append(_exactly(before, frames, path, required, (last, later)))
+        chosen += _evenly(frames, path, steps, end, required)
     return chosen
 
 
-def _evenly(frames: Frames, path: Trajectory, steps: list[float], end: float, asked: float) -> list[float]:
+def _evenly(frames: Frames, path: Trajectory, steps: list[float], end: float, required: float) -> list[float]:
     """The times after the first of some photos, spread so that the last is not much nearer to the end."""
     if len(steps) > 1:
         begin = steps[0]
         share = min(1.0, (end - begin) / (2 * steps[-1] - steps[-2] - begin))
         even = [begin + share * (step - begin) for step in steps]
         taken = Frames(interpolate(path, np.array([*even, end])), frames.camera, frames.scene)
-        if not any(taken.overlap(at - 1, at) < asked for at in range(1, len(taken.poses))):
+        if not any(taken.overlap(at - 1, at) < required for at in range(1, len(taken.poses))):
             steps = even
     return [*steps[1:], end]
 
@@ -184,7 +184,7 @@ def _shared(before: Frames, frames: Frames, at: int) -> float:
 def _exactly(
     before: Frames, frames: Frames, path: Trajectory, wanted: float, ends: tuple[float, float]
 ) -> float:
-    """The time between two at which the overlap with the photo before falls to what is asked."""
+    """The time between two at which the overlap with the photo before falls to the required one."""
     low, high = ends
     for _ in range(_HALVINGS):
         middle = (low + high) / 2

@@ -82,10 +82,10 @@ def test_version():
 def test_wrong_use_is_one_line_and_code_2(arguments, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("UPPLIED_CATALOG", str(tmp_path / "catalog"))
     assert main(arguments) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.startswith("error: ")
-    assert len(told.err.strip().splitlines()) == 1
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("error: ")
+    assert len(printed.err.strip().splitlines()) == 1
 
 
 def test_transfer_then_nothing_left_to_plan(location, capsys):
@@ -140,9 +140,9 @@ def test_a_bad_mesh_is_code_1(tmp_path: Path, capsys):
     (tmp_path / "structures.toml").write_text(entry)
     manifest, catalog = str(tmp_path / "structures.toml"), str(tmp_path / "catalog")
     assert main(["structures", "add", manifest, "--catalog", catalog, "--workers", "1"]) == 1
-    told = capsys.readouterr()
-    assert "bad.stl" in told.err
-    assert "Traceback" not in told.err
+    printed = capsys.readouterr()
+    assert "bad.stl" in printed.err
+    assert "Traceback" not in printed.err
     assert main(["structures", "check", manifest, "--workers", "1"]) == 1
 
 
@@ -153,12 +153,12 @@ def test_doctor_says_what_is_missing_and_how_to_get_it(location, monkeypatch, ca
     monkeypatch.setattr("upplied.cli.doctor.version", missing)
     monkeypatch.setattr("platform.libc_ver", lambda: ("glibc", "2.31"))
     assert main(["doctor", "--json", "--catalog", location]) == 1
-    found = {row["check"]: row for row in json.loads(capsys.readouterr().out)}
+    checks = {row["check"]: row for row in json.loads(capsys.readouterr().out)}
     assert (
-        found["packages"]["details"]
+        checks["packages"]["details"]
         == "sqlalchemy is not installed: install from requirements-runtime.lock, as make quickstart does"
     )
-    assert found["system"]["result"] == "bad" and "Debian 12" in found["system"]["details"]
+    assert checks["system"]["result"] == "bad" and "Debian 12" in checks["system"]["details"]
 
 
 def test_doctor_finds_this_machine_fit(location, capsys):
@@ -184,8 +184,8 @@ def test_success_says_what_to_do_next_to_a_terminal_alone(location, monkeypatch,
     assert "Next:" not in capsys.readouterr().out
     monkeypatch.setattr(terminal.console, "_force_terminal", True)
     assert main(arguments) == 0
-    said = capsys.readouterr().out.splitlines()[-1]
-    assert f"Next: upplied plan --catalog {location}" in said
+    last_line = capsys.readouterr().out.splitlines()[-1]
+    assert f"Next: upplied plan --catalog {location}" in last_line
     monkeypatch.setenv("UPPLIED_CATALOG", location)
     assert main(arguments) == 0
     assert "Next: upplied plan  (" in capsys.readouterr().out.splitlines()[-1]
@@ -222,6 +222,6 @@ def test_the_warnings_of_a_plan_are_shown_under_it(capsys: pytest.CaptureFixture
     plain = known | {"target_id": "plain-v1", "warnings": "[]"}
     scan = known | {"target_id": "scan-v1", "warnings": '["the scan ends on wing_left", "28 % is missing"]'}
     show_plans("wings-v1", [plain, scan], terminal.PRINTED)
-    said = " ".join("".join(capsys.readouterr()).split())
-    assert "check: scan-v1 (recommended): the scan ends on wing_left; 28 % is missing" in said
-    assert "check: plain-v1" not in said
+    printed = " ".join("".join(capsys.readouterr()).split())
+    assert "check: scan-v1 (recommended): the scan ends on wing_left; 28 % is missing" in printed
+    assert "check: plain-v1" not in printed

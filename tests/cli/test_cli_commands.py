@@ -72,15 +72,15 @@ def test_a_plan_that_comes_out_otherwise_is_told_with_its_cause(planned, capsys,
 
     monkeypatch.setattr(planning, "plan_transfer", otherwise)
     assert main(["transfer", "--reproduce", planned]) == 1
-    said = capsys.readouterr().out
-    assert "differs in waypoints_sha256" in said and "please report this as a fault" in said
+    printed = capsys.readouterr().out
+    assert "differs in waypoints_sha256" in printed and "please report this as a fault" in printed
     now = provenance.recorded()
     monkeypatch.setattr(provenance, "recorded", lambda: {**now, "libraries": "numpy 0.9, scipy 99.0"})
     monkeypatch.setattr(planning, "METHOD_VERSION", "none")
     assert main(["transfer", "--reproduce", planned]) == 1
-    said = capsys.readouterr().out
-    assert "Cause: method " in said and " became none" in said and " became 0.9" in said
-    assert "report this" not in said
+    printed = capsys.readouterr().out
+    assert "Cause: method " in printed and " became none" in printed and " became 0.9" in printed
+    assert "report this" not in printed
 
 
 @pytest.mark.parametrize(
@@ -147,9 +147,9 @@ def test_what_was_overruled_is_kept_listed_and_shown(planned, location, tmp_path
     before = len(open_catalog(location).overruled(planned))
     for _ in range(2):
         assert main(export) == 0
-    kept = open_catalog(location).overruled(planned)
-    assert len(kept) <= before + 2  # the same again adds nothing
-    rows = kept[kept["format"] == "csv"].set_index("rule")
+    records = open_catalog(location).overruled(planned)
+    assert len(records) <= before + 2  # the same again adds nothing
+    rows = records[records["format"] == "csv"].set_index("rule")
     assert set(rows.index) == {"preset", "verdict"} and set(rows["way"]) == {"export"}
     assert "preset baseline" in rows.loc["preset", "found"]
     capsys.readouterr()
@@ -186,23 +186,23 @@ def test_a_report_in_one_file(planned, tmp_path, monkeypatch):
 
 
 def test_the_catalog_tells_and_is_kept(planned, capsys):
-    def told(*arguments: str) -> list[dict]:
+    def entries(*arguments: str) -> list[dict]:
         assert main(["catalog", *arguments, "--json"]) == 0
         return json.loads(capsys.readouterr().out)
 
-    assert planned in {row["transfer_id"] for row in told("transfers")}
-    assert told("as-of", "2020-01-01") == []
-    assert {row["table"] for row in told("history")} >= {"structures", "transfers"}
-    assert len(told("history", "--limit", "1")) == 1
-    assert {row["change"] for row in told("diff", "2020-01-01")} == {"added"}
-    (verified,) = told("verify")
+    assert planned in {row["transfer_id"] for row in entries("transfers")}
+    assert entries("as-of", "2020-01-01") == []
+    assert {row["table"] for row in entries("history")} >= {"structures", "transfers"}
+    assert len(entries("history", "--limit", "1")) == 1
+    assert {row["change"] for row in entries("diff", "2020-01-01")} == {"added"}
+    (verified,) = entries("verify")
     assert verified["findings"] == [] and verified["not_measured_here"] == []
     assert main(["catalog", "compact"]) == 0
     assert main(["catalog", "vacuum", "--keep-days", "1"]) == 0
     assert main(["catalog", "vacuum", "--keep-days", "0"]) == 2
     assert main(["catalog", "as-of", "never"]) == 2
     capsys.readouterr()
-    (verified,) = told("verify")
+    (verified,) = entries("verify")
     assert verified["findings"] == [] and verified["not_measured_here"] == []
 
 

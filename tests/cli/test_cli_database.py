@@ -31,24 +31,24 @@ def catalog(tmp_path, monkeypatch) -> Catalog:
 
 def test_a_target_of_another_kind_is_refused_in_words(catalog, capsys):
     assert main(["transfer", "flight", "--to", "ferry"]) == 2
-    told = capsys.readouterr().err
-    assert "is of kind ship" in told and "of kind box" in told
+    message = capsys.readouterr().err
+    assert "is of kind ship" in message and "of kind box" in message
     with pytest.raises(InputError, match="is of kind ship, flown was box"):
         fleet.decide(catalog, fleet.PlanRequest(targets=("ferry",)))
 
 
 def test_one_target_that_is_wrong_does_not_stop_the_others(catalog, capsys, monkeypatch):
-    asked = []
+    jobs = []
     monkeypatch.setattr(
         "upplied.cli.transfer.run",
-        lambda catalog, decision, *_: asked.extend(decision.jobs) or fleet.Result(),
+        lambda catalog, decision, *_: jobs.extend(decision.jobs) or fleet.Result(),
     )
     to = ["--to", "targit", "target", "ferry", "--preset", "recommended"]
     assert main(["transfer", "flight", *to]) == 1
-    told = capsys.readouterr().err
-    assert "structure targit: is not in the catalog (did you mean target?)" in told
-    assert "structure ferry: is of kind ship" in told
-    assert [job.target_id for job in asked] == ["target"]
+    message = capsys.readouterr().err
+    assert "structure targit: is not in the catalog (did you mean target?)" in message
+    assert "structure ferry: is of kind ship" in message
+    assert [job.target_id for job in jobs] == ["target"]
     assert main(["transfer", "flight", "--to", "targit", "nothing"]) == 2
 
 
@@ -151,7 +151,19 @@ def test_errors_of_a_store_say_bucket_endpoint_and_what_is_not_set(monkeypatch):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "hidden")
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://someone:hidden@127.0.0.1:9")
-    told = remedy_of("s3://fleet/catalog/transfers", "connection refused")
-    assert "bucket fleet was requested at http://127.0.0.1:9" in told
-    assert "not set in the environment: AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ALLOW_HTTP=true" in told
-    assert "hidden" not in told
+    message = remedy_of("s3://fleet/catalog/transfers", "connection refused")
+    assert "bucket fleet was requested at http://127.0.0.1:9" in message
+    assert "not set in the environment: AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ALLOW_HTTP=true" in message
+    assert "hidden" not in message
+
+
+def test_the_studio_opens_nothing_where_there_is_no_catalog(tmp_path, capsys):
+    assert main(["studio", "--no-open", "--catalog", str(tmp_path / "nowhere")]) == 2
+    printed = capsys.readouterr()
+    assert "is no catalog" in printed.err and "Open http" not in printed.out
+
+
+@pytest.mark.parametrize("words", ["known: a, b", "did you mean b?", "such as a", "the last ones: a"])
+def test_a_suggestion_is_not_called_a_rule(words):
+    assert str(InputError("structure c", "is not in the catalog", words)).endswith(f"catalog ({words})")
+    assert str(InputError("x", "is 3", "0 to 2", "change it")) == "x: is 3 (rule: 0 to 2). Change it"

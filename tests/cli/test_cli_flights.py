@@ -34,8 +34,8 @@ def place(tmp_path: Path) -> Path:
 
 
 def table(capsys: pytest.CaptureFixture[str]) -> str:
-    told = capsys.readouterr()
-    return "".join((told.out + told.err).split())
+    printed = capsys.readouterr()
+    return "".join((printed.out + printed.err).split())
 
 
 def test_a_trial_shows_every_file_and_keeps_nothing(place: Path, capsys, monkeypatch) -> None:

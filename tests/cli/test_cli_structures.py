@@ -55,8 +55,8 @@ def test_a_scan_is_written_without_its_ground(tmp_path, monkeypatch, capsys):
     scene.export("tank.ply")
     box.export("alone.ply")
     assert main(["structures", "check", "tank.ply", "--clean"]) == 0
-    said = capsys.readouterr().out
-    assert "6400.0 m² of ground; 208.0 m² are left" in said and "ground_z = 0.00" in said
+    printed = capsys.readouterr().out
+    assert "6400.0 m² of ground; 208.0 m² are left" in printed and "ground_z = 0.00" in printed
     assert Path("tank-clean.png").read_bytes().startswith(PNG)
     assert trimesh.load("tank-clean.ply").area == pytest.approx(208.0)
     assert main(["structures", "check", "alone.ply", "--clean"]) == 0
@@ -95,9 +95,9 @@ def test_choices_become_settings():
 
 def test_missions_are_written_for_the_vehicle_and_clearance_that_the_plan_was_made_for():
     assert {*DRONES, ""} == {*get_args(Drone)}
-    said = {"drone": "m30t", "endurance_s": 1200.0, "firmware": "ardupilot"}
+    vehicle = {"drone": "m30t", "endurance_s": 1200.0, "firmware": "ardupilot"}
     for made_m, asked_m, kept_m in ((5.0, 2.0, 5.0), (1.5, 2.0, 2.0), (5.0, 3.0, 3.0)):
-        settings = settings_for("recommended", vehicle=said, route={"clearance_m": made_m})
+        settings = settings_for("recommended", vehicle=vehicle, route={"clearance_m": made_m})
         row = {"settings_json": settings_text(settings)}
         made = as_settled(row, MissionOptions(clearance_m=asked_m, endurance_s=900.0))
         assert (made.drone, made.endurance_s, made.firmware) == ("m30t", 900.0, "ardupilot")

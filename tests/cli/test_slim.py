@@ -110,9 +110,9 @@ def test_what_casts_rays_names_the_extra_in_a_line(slim, place, words):
     before = sorted(open_catalog(place[0] / "catalog").structures()["structure_id"])
     done = slim(words)
     assert done.returncode == 2, done.stdout + done.stderr
-    told = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-    assert len(told) == 1 and told[0].endswith('Install it: pip install "upplied[plan]"'), done.stderr
-    assert re.search("package (open3d|libusb_package): is not installed", told[0])
+    messages = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert len(messages) == 1 and messages[0].endswith('Install it: pip install "upplied[plan]"'), done.stderr
+    assert re.search("package (open3d|libusb_package): is not installed", messages[0])
     assert "Traceback" not in done.stderr
     assert sorted(open_catalog(place[0] / "catalog").structures()["structure_id"]) == before
 

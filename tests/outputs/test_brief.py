@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import re
 from dataclasses import replace
 
@@ -10,8 +12,11 @@ import pytest
 from made_missions import made_plan, placed_box
 from PIL import Image
 
-from upplied.outputs.brief import Line, brief_html, map_png, side_png
+from upplied.geometry.poses import look_at
+from upplied.outputs.brief import brief_html
+from upplied.outputs.mission_drawing import Flight, MissionDrawing
 from upplied.outputs.missions import MissionOptions, missions_of
+from upplied.records import Camera
 
 ROW = {
     "transfer_id": "abc", "demonstration_id": "demo", "target_id": "box", "preset": "recommended",
@@ -29,7 +34,7 @@ def made():
 
 def test_the_page_says_what_the_missions_are(made):
     missions, structure, options = made
-    page = brief_html(ROW, missions, structure, options, ["mind the mast"])
+    page = brief_html(ROW, missions, structure, Camera(), options, ["mind the mast"])
     assert len(missions) > 1
     for mission in missions:
         assert (
@@ -47,7 +52,14 @@ def test_the_page_says_what_the_missions_are(made):
 def test_it_is_one_file_without_scripts_and_names_stay_text(made):
     missions, structure, options = made
     page = brief_html(
-        ROW | {"target_id": "<img src=x onerror=alert(1)>"}, missions, structure, options, ["<b>"]
+        *(
+            ROW | {"target_id": "<img src=x onerror=alert(1)>"},
+            missions,
+            structure,
+            Camera(),
+            options,
+            ["<b>"],
+        )
     )
     assert "<img src=x" not in page and "&lt;img" in page and "&lt;b&gt;" in page
     assert "<script" not in page and not re.search(r'(src|href)="(?!data:)', page)
@@ -57,30 +69,67 @@ def test_it_is_one_file_without_scripts_and_names_stay_text(made):
 def test_what_was_overruled_is_the_verdict(made):
     missions, structure, options = made
     forced = [replace(each, notes=("OVERRULED clearance: 0.50 m", *each.notes)) for each in missions]
-    page = brief_html(ROW, forced, structure, options, [])
+    page = brief_html(ROW, forced, structure, Camera(), options, [])
     assert "Safety rules were overruled" in page and "OVERRULED clearance: 0.50 m" in page
     assert "All safety checks passed" not in page
 
 
+def drawing_of(heading_deg, **around):
+    """A flight round a box with a photo at each end: it comes from the west and ends 20 m to its +Y."""
+    structure = placed_box(**around)
+    path = np.array([[-30.0, 0, 3], [0, 19, 5], [0, 20, 5], [0.1, 21, 5]])
+    gaze = look_at(path, np.tile([0.0, 0.0, 5.0], (len(path), 1)))
+    flight = Flight(path, gaze, np.array([False, True, True, True]), np.array([False, True, False, True]))
+    home = np.array([-30.0, 0.0, 1.0])
+    return MissionDrawing(structure, [flight], Camera(), heading_deg, home, 12.0)
+
+
+def decoded(address):
+    kind, content = address.split(",")
+    assert kind in ("data:image/svg+xml;base64", "data:image/png;base64")
+    return base64.b64decode(content)
+
+
+def places(svg, style):
+    """The corners (N, 2) of the paths in a style, px from the upper left."""
+    lines = re.findall(rf'd="M([^"]+)" style="{style}', svg)
+    return np.array([corner.rstrip("Z").split()[:2] for line in lines for corner in line.split("L")], float)
+
+
 def test_the_map_has_north_up_and_every_line_in_it():
     """A flight due north of a structure that looks east is drawn above it."""
-    structure = placed_box(keep_out_m=np.array([[[-9.0, -9, 0], [-7, -7, 5]]]))
-    north = Line(*(np.array([[0.0, y, 5], [0.1, y + 1.0, 5]]) for y in (20.0, 21.0, 22.0)))
-    import io
+    boxes = np.array([[[-9.0, -9, 0], [-7, -7, 5]]])
+    for heading_deg, side in ((90.0, -1), (270.0, 1)):  # where +X looks east, +Y is north
+        svg = decoded(drawing_of(heading_deg, keep_out_m=boxes).map()).decode()
+        mask = Image.open(io.BytesIO(decoded(re.search('href="([^"]+)"', svg)[1])))
+        surface = np.argwhere(np.asarray(mask))[:, ::-1]
+        path, limits = places(svg, "stroke: #0072b2"), places(svg, "stroke: #b3261e")
+        assert (side * (path[:, 1] - surface[:, 1].mean()) > 100).all()
+        assert len(path) == 3 and len(limits) == 4 and len(places(svg, "stroke: #7a7a7a")) >= 2
+        assert len(surface) > 500 and ">N</text>" in svg and ">H</text>" in svg
+        shapes = places(svg, "fill: #e69f00")  # from each camera to the surface in its picture
+        assert svg.count("fill: #e69f00") == 2 and len(shapes) >= 6
+        assert np.abs(shapes[:, 1] - surface[:, 1].mean()).min() < np.ptp(surface[:, 1])
 
-    def rows_of(png, shade):
-        """Rows of the picture, above its legend, whose light has a tint."""
-        pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), float)[50:560]
-        red, _, blue = np.moveaxis(pixels, 2, 0)
-        tint = {"blue": blue - red > 90, "red": red - blue > 90, "grey": (red < 230) & (blue - red < 40)}
-        return np.argwhere(tint[shade])[:, 0]
 
-    drawn = map_png(structure, [north], 90.0)  # +X looks east, so +Y is north
-    assert rows_of(drawn, "blue").mean() < rows_of(drawn, "grey").mean() - 100
-    assert len(rows_of(drawn, "red")) > 20  # the keep-out box
-    turned = map_png(structure, [north], 270.0)
-    assert rows_of(turned, "blue").mean() > rows_of(turned, "grey").mean() + 100
-    assert side_png(structure, [north])[:4] == b"\x89PNG"
+def test_the_heights_count_from_take_off_and_show_ground_ceiling_and_return():
+    drawing = drawing_of(90.0, ceiling_z_m=20.0, ground_z_m=0.0)
+    svg = decoded(drawing.heights()).decode()
+    assert all(f">{words} m</text>" in svg for words in ("ground -1", "return to home 12", "ceiling 19", "0"))
+    path, leg = places(svg, "stroke: #0072b2"), places(svg, "stroke: #7a7a7a")
+    ground = places(svg, "stroke: #5f6b78")[0, 1]
+    per_m = (ground - places(svg, "stroke: #b3261e")[0, 1]) / 20.0  # the ceiling is 20 m above the ground
+    assert path[:, 1] == pytest.approx(ground - 5.0 * per_m, abs=0.11)
+    assert leg[:, 1].max() == pytest.approx(ground - per_m, abs=0.11), "it starts at take-off"
+    assert (np.diff(path[:, 0]) > 0).all() and "-0 m" not in svg
+
+
+def test_the_legend_names_what_is_drawn():
+    names = [name for name, _, _ in drawing_of(90.0, keep_out_m=np.zeros((1, 2, 3))).legend()]
+    assert names == ["take-off", "inspection path", "transit legs", "keep-out area or geofence",
+                     "photo", "footprint of a photo"]  # fmt: skip
+    alone = replace(drawing_of(90.0), home=None)
+    assert [name for name, _, _ in alone.legend()] == ["inspection path", "photo", "footprint of a photo"]
 
 
 def test_a_draft_says_so_first(made):
@@ -88,5 +137,5 @@ def test_a_draft_says_so_first(made):
     draft = [
         replace(each, notes=("DRAFT, NOT RELEASED: it is a draft plan", *each.notes)) for each in missions
     ]
-    page = brief_html(ROW, draft, structure, options, [])
+    page = brief_html(ROW, draft, structure, Camera(), options, [])
     assert "This plan is a draft" in page and "All safety checks passed" not in page

@@ -57,14 +57,14 @@ def reports(tmp_path_factory) -> Path:
 @pytest.fixture
 def visit(browser) -> Iterator[Any]:
     """Opens an address; at the end the page must have had no errors and asked nobody else for anything."""
-    opened, errors, asked = [], [], []
+    opened, errors, requests = [], [], []
 
     def go(address: str, width: int = 900, height: int = 640) -> Any:
         page = browser.new_page(viewport={"width": width, "height": height})
         page.set_default_timeout(240_000)
         page.on("console", lambda message: message.type == "error" and errors.append(message.text))
         page.on("pageerror", lambda error: errors.append(str(error)))
-        page.on("request", lambda request: asked.append(request.url))
+        page.on("request", lambda request: requests.append(request.url))
         page.goto(address)
         opened.append(page)
         return page
@@ -73,7 +73,7 @@ def visit(browser) -> Iterator[Any]:
     for page in opened:
         page.close()
     assert errors == []
-    assert all(url.startswith(("file://", "blob:", "data:")) for url in asked)
+    assert all(url.startswith(("file://", "blob:", "data:")) for url in requests)
 
 
 def comes_true(page: Any, condition: Callable[[], bool]) -> bool:
@@ -190,7 +190,7 @@ def test_a_transfer_draws_in_colours_and_follows_the_slider(visit, reports):
 def test_the_map_shows_structure_path_and_views_and_the_heights_a_line(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
     page.wait_for_selector("#app[data-ready=true]")
-    until(page, "document.getElementById('map').width > 300")
+    until(page, "document.getElementById('map').naturalWidth > 300")
     shot = colours(page, "#map").reshape(-1, 3).astype(int)
     near = {name: (np.abs(shot - at).sum(axis=1) < 40).sum() for name, at in MAP_COLOURS.items()}
     assert min(near.values()) > 50, near
@@ -198,6 +198,14 @@ def test_the_map_shows_structure_path_and_views_and_the_heights_a_line(visit, re
     assert (np.abs(heights - MAP_COLOURS["path"]).sum(axis=1) < 40).sum() > 50
     assert page.evaluate("typeof Plotly") == "undefined", "the first tab needs no drawing library"
     assert "place on the Earth is unknown" in page.locator("#no-mission").inner_text()
+
+
+def test_a_figure_that_rounds_to_zero_has_no_sign(visit, reports):
+    page = visit((reports / "index.html").as_uri())
+    shown = page.evaluate(
+        "[[-0.3, 0], [-0.04, 1], [-0.06, 1], [-12, 0]].map((each) => upplied.format(...each))"
+    )
+    assert shown == ["0", "0.0", "-0.1", "-12"]
 
 
 def test_the_camera_preview_has_the_frame_of_the_picture_and_no_frusta(visit, reports):
@@ -270,8 +278,8 @@ def test_planned_and_flown_are_drawn_together(visit, reports):
 
 def test_a_refusal_is_explained_and_stays_text(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--odd.html").as_uri())
-    told = page.locator(".verdict").first.inner_text()
-    assert "Planning was refused" in told and "<img src=x" in told
+    verdict = page.locator(".verdict").first.inner_text()
+    assert "Planning was refused" in verdict and "<img src=x" in verdict
     assert page.locator("main img").count() == 0 and page.title() == "orbit-1 → odd"
 
 
@@ -298,8 +306,8 @@ def test_the_verdict_stands_in_the_first_screen_and_warnings_on_the_fleet_page(v
     drawn(page)
     box = page.locator(".verdict").first.bounding_box()
     assert box["y"] + box["height"] < 640 and page.locator("#tab-research").is_visible()
-    told = page.locator(".verdict").first.inner_text()
-    assert "flyable" in told and "stays 4.0 m clear" in told and "Mind the mast." in told
+    verdict = page.locator(".verdict").first.inner_text()
+    assert "flyable" in verdict and "stays 4.0 m clear" in verdict and "Mind the mast." in verdict
     fleet = visit((reports / "index.html").as_uri())
     fleet.check("#filter-warned")
     assert fleet.locator(".spacer .row").count() == 1

@@ -187,8 +187,8 @@ def test_frustum_corners_lie_at_the_half_angles():
 
 def test_thinning_keeps_the_ends_and_a_standing_path_can_be_drawn():
     line = np.c_[np.linspace(0, 1, 1000), np.zeros((1000, 2))]
-    kept = thinned(line, 0.1)
-    assert len(kept) <= 12 and np.allclose(kept[[0, -1]], line[[0, -1]])
+    remaining = thinned(line, 0.1)
+    assert len(remaining) <= 12 and np.allclose(remaining[[0, -1]], line[[0, -1]])
     assert len(path(np.zeros((5, 3)), 0.1, (0, 0, 0)).triangles)
     assert isinstance(joined([]), Tubes) and len(joined([]).triangles) == 0
 

@@ -77,18 +77,18 @@ def test_what_only_the_written_file_breaks_is_told_and_kept_when_it_is_overruled
     """A plan that keeps its rules, and a format that would not."""
 
     def lowered(format, content, mission):
-        found = read_mission(format, content, mission)
-        return replace(found, positions=found.positions - [0, 0, 20.0])
+        reading = read_mission(format, content, mission)
+        return replace(reading, positions=reading.positions - [0, 0, 20.0])
 
     monkeypatch.setattr("upplied.outputs.missions.read_mission", lowered)
-    place, goal, kept = placed_box(ground_z_m=0.0), tmp_path / "a.kml", []
+    place, goal, overruled = placed_box(ground_z_m=0.0), tmp_path / "a.kml", []
     with pytest.raises(RefusedError, match="ground: z"):
-        export(made_plan(), place, "kml", goal, keep=kept.extend)
-    assert kept == [] and not goal.exists()
+        export(made_plan(), place, "kml", goal, keep=overruled.extend)
+    assert overruled == [] and not goal.exists()
     options = MissionOptions(force=("ground", "clearance"))
-    done = export(made_plan(), place, "kml", goal, options, keep=kept.extend)
-    assert [breach.rule for breach in kept] == [breach.rule for breach in done.overruled]
-    assert "ground" in {breach.rule for breach in kept} and "OVERRULED ground" in goal.read_text()
+    done = export(made_plan(), place, "kml", goal, options, keep=overruled.extend)
+    assert [breach.rule for breach in overruled] == [breach.rule for breach in done.overruled]
+    assert "ground" in {breach.rule for breach in overruled} and "OVERRULED ground" in goal.read_text()
 
 
 def test_a_rule_is_not_overruled_where_that_cannot_be_kept(tmp_path):
@@ -132,8 +132,8 @@ def test_an_unknown_rule_is_not_overruled(tmp_path):
     ],
 )
 def test_every_surrounding_has_its_rule(rule, around, path):
-    (found,) = breaches(planned(path.positions, path.t_s), placed_box(**around), Limits(), None)
-    assert found.rule == rule and found.place_m
+    (breach,) = breaches(planned(path.positions, path.t_s), placed_box(**around), Limits(), None)
+    assert breach.rule == rule and breach.place_m
 
 
 def test_speed_acceleration_height_time_and_coverage_have_their_rules():
@@ -152,11 +152,13 @@ def test_speed_acceleration_height_time_and_coverage_have_their_rules():
     ]
     assert [each.rule for each in coverage_breaches(0.9, Limits())] == ["coverage"]
     assert coverage_breaches(float("nan"), Limits()) == coverage_breaches(0.96, Limits()) == []
-    told = {"preset", "verdict", "superseded", "clearance", "keep-out", "geofence", "ceiling", "ground"}
-    told |= {"released", "rejected", "recalled"}  # test_decisions.py
-    told |= {"foreign", "altered"}  # test_custody.py
-    told |= {"zoom"}  # test_zoom.py
-    assert told | {"finite", "height", "speed", "acceleration", "coverage", "photos", "overlap"} == set(RULES)
+    cases = {"preset", "verdict", "superseded", "clearance", "keep-out", "geofence", "ceiling", "ground"}
+    cases |= {"released", "rejected", "recalled"}  # test_decisions.py
+    cases |= {"foreign", "altered"}  # test_custody.py
+    cases |= {"zoom"}  # test_zoom.py
+    assert cases | {"finite", "height", "speed", "acceleration", "coverage", "photos", "overlap"} == set(
+        RULES
+    )
     assert "at [1.0, 2.0, 3.0] m" in str(Breach("ground", "z", "low", (1.0, 2.0, 3.0)))
 
 

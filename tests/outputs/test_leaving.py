@@ -90,8 +90,8 @@ def test_what_is_in_force_leaves_and_says_by_which_decision(catalogs, tmp_path, 
 
 
 def test_the_command_says_that_what_is_in_force_is_not_what_was_released(catalogs, capsys):
-    said = ["in-force", "--catalog", str(catalogs["altered"].location)]
-    assert main(said) == 1
+    command = ["in-force", "--catalog", str(catalogs["altered"].location)]
+    assert main(command) == 1
     assert "differs from the release" in capsys.readouterr().err
     assert main(["in-force", "--catalog", str(catalogs["sound"].location)]) == 0
     assert main(["catalog", "verify", "--catalog", str(catalogs["altered"].location)]) == 1
@@ -118,8 +118,8 @@ def test_a_plan_that_cannot_be_judged_on_its_changed_structure_does_not_stay_in_
             raise InputError("the structure", "has no surface")
 
     monkeypatch.setattr(flights, "Workers", Unable)
-    (found,) = fleet.recheck(catalog)
-    assert found.recalled and found.troubled and "cannot be judged" in found.note
+    (recheck,) = fleet.recheck(catalog)
+    assert recheck.recalled and recheck.troubled and "cannot be judged" in recheck.note
     assert catalog.in_force().empty and list(catalog.recalled()["transfer_id"]) == [PLAN[:20]]
 
 

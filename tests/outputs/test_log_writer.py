@@ -34,9 +34,9 @@ def flight() -> Demonstration:
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fleet")
-    told: list[str] = []
-    write_sample_fleet(folder, told.append)
-    assert len(told) == FILES
+    names: list[str] = []
+    write_sample_fleet(folder, names.append)
+    assert len(names) == FILES
     return folder
 
 

@@ -71,8 +71,8 @@ def test_no_two_photos_of_any_format_are_nearer_in_time_than_the_camera_takes(
         assert np.diff(reading.photo_s).min() >= trigger_s - 1e-3
         assert np.abs(reading.photo_m - mission.local[mission.photo]).max() < 0.06  # the same places
         assert not breaches(reading, placed_box(), Limits(trigger_s=trigger_s), None)
-        found = breaches(reading, placed_box(), Limits(trigger_s=2.5 * trigger_s + 100), None)
-        assert [one.rule for one in found] == ["photos"] and "after the previous one" in found[0].fault
+        faults = breaches(reading, placed_box(), Limits(trigger_s=2.5 * trigger_s + 100), None)
+        assert [one.rule for one in faults] == ["photos"] and "after the previous one" in faults[0].fault
 
 
 def test_turns_on_the_spot_give_the_camera_its_time_too(tmp_path):
@@ -95,8 +95,8 @@ def test_a_camera_that_takes_longer_gets_fewer_photos_and_the_flight_waits_only_
     assert slow.photo.sum() < quick.photo.sum()
     for mission in (quick, slow):
         assert any("% of the planned surface" in note for note in mission.notes)
-    asked = MissionOptions(trigger_s=6.0, home_m=HOME, overlap="85/0")
-    waiting = missions_of(plan, placed_box(), asked)[0]
+    overlapping = MissionOptions(trigger_s=6.0, home_m=HOME, overlap="85/0")
+    waiting = missions_of(plan, placed_box(), overlapping)[0]
     assert waiting.duration_s > slow.duration_s + 10
     assert any("longer than planned, because the camera needs the time" in note for note in waiting.notes)
 
@@ -189,8 +189,8 @@ def test_photos_that_coverage_adds_overlap_as_asked_too():
     side = np.linspace(-5.5, 5.5, 30)
     wall = np.stack(np.meshgrid(side, [-4.0], np.linspace(1, 8, 20)), axis=-1).reshape(-1, 3)
     cloud = Cloud(wall, np.tile([0.0, -1.0, 0.0], (len(wall), 1)))
-    found = photographed(path, camera, scene_of(box), cloud, 0.7, 2.0, (0.8, 0.0), complete=True)
-    assert len(found.along) > 3 and found.along.min() > 0.78
+    photos = photographed(path, camera, scene_of(box), cloud, 0.7, 2.0, (0.8, 0.0), complete=True)
+    assert len(photos.along) > 3 and photos.along.min() > 0.78
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.8])
@@ -215,10 +215,10 @@ def test_overlap_across_is_measured_and_refused_where_passes_lie_too_far_apart()
     at = np.concatenate([there, back])
     path = Trajectory(np.arange(120) * 0.3, at, look_at(at, at + np.array([0.0, 1, 0])))
     camera, box = Camera(60.0, 45.0, 1.0, 60.0), placed_box()
-    found = photographed(path, camera, scene_of(box), Cloud(np.empty((0, 3))), 0.7, 2.0, (0.8, 0.4))
+    photos = photographed(path, camera, scene_of(box), Cloud(np.empty((0, 3))), 0.7, 2.0, (0.8, 0.4))
     height = 2 * 6 * np.tan(np.radians(22.5))
-    assert found.across == pytest.approx(1 - 2.5 / height, abs=0.02)  # the passes lie 2.5 m apart
-    assert np.median(found.along) == pytest.approx(0.8, abs=0.02)
+    assert photos.across == pytest.approx(1 - 2.5 / height, abs=0.02)  # the passes lie 2.5 m apart
+    assert np.median(photos.along) == pytest.approx(0.8, abs=0.02)
     options = MissionOptions(
         overlap="80/70", trigger_s=0.7, home_m=(0.0, -40.0, 0.0), force=("acceleration",)
     )
@@ -245,15 +245,15 @@ def test_photos_by_distance_slow_the_legs_or_are_refused_with_the_figure(tmp_pat
 
 def test_the_interval_is_that_of_who_flies():
     demonstrated = Camera(trigger_s=1.3)
-    said = {
+    intervals = {
         "as asked": interval_of(MissionOptions(trigger_s=9.0, camera="dji-mavic-3e"), demonstrated),
         "named": interval_of(MissionOptions(camera="dji-mavic-3e", file_format="raw"), demonstrated),
         "drone": interval_of(MissionOptions(drone="m3e"), demonstrated),
         "flight": interval_of(MissionOptions(drone="m350"), demonstrated),
         "nobody": interval_of(MissionOptions(), Camera()),
     }
-    assert [interval for interval, _ in said.values()] == [9.0, 3.0, 0.7, 1.3, 2.0]
-    assert "dji-mavic-3e" in said["drone"][1] and "is unknown" in said["nobody"][1]
+    assert [interval for interval, _ in intervals.values()] == [9.0, 3.0, 0.7, 1.3, 2.0]
+    assert "dji-mavic-3e" in intervals["drone"][1] and "is unknown" in intervals["nobody"][1]
     known = known_camera("dji-phantom-4-rtk")
     (mission,) = missions_of(made_plan(), placed_box(), MissionOptions(home_m=HOME), camera=known)
     assert any(

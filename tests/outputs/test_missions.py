@@ -163,10 +163,10 @@ def test_thinning_stays_within_its_tolerance_and_keeps_viewpoints():
     path, scene = rounds(), scene_of(placed_box())
     fixed = np.arange(len(path)) % 40 == 0
     rules = Airspace(scene, 2.0, Surroundings())
-    kept, told, share = thinned(path, fixed, (0.2, 5.0), rules, (None, Camera()))
+    steps, reason, share = thinned(path, fixed, (0.2, 5.0), rules, (None, Camera()))
     assert np.isnan(share)
-    assert set(np.flatnonzero(fixed)) <= set(kept) and len(kept) < len(path) / 2 and "clearance" in told
-    for first, last in pairwise(kept):
+    assert set(np.flatnonzero(fixed)) <= set(steps) and len(steps) < len(path) / 2 and "clearance" in reason
+    for first, last in pairwise(steps):
         leg = path.positions[last] - path.positions[first]
         between = path.positions[first : last + 1] - path.positions[first]
         share = np.clip(between @ leg / (leg @ leg), 0, 1)
@@ -179,8 +179,8 @@ def test_thinning_never_takes_clearance_or_view():
     path = Trajectory(np.arange(60) * 0.5, positions, look_at(positions, np.tile([0.0, 0, 5.0], (60, 1))))
     scene = scene_of(placed_box())
     rules = Airspace(scene, 2.0, Surroundings())
-    kept, _, _ = thinned(path, np.zeros(60, bool), (50.0, 180.0), rules, (None, Camera()))
-    assert min_distance(scene, path.positions[kept]) >= 2.0 - 0.05
+    steps, _, _ = thinned(path, np.zeros(60, bool), (50.0, 180.0), rules, (None, Camera()))
+    assert min_distance(scene, path.positions[steps]) >= 2.0 - 0.05
     plan = made_plan()
     ends = np.array([0, len(plan.trajectory) - 1])
     coarse = Trajectory(
@@ -212,14 +212,14 @@ def test_the_camera_turns_as_the_vehicle_turns_it():
     quats = from_yaw_pitch(np.radians([0.0, 90.0, 90.0]), np.radians([0.0, -40.0, 20.0]))
     path = Trajectory(np.array([0.0, 10.0, 20.0]), np.zeros((3, 3)), quats)
     times = np.array([0.0, 5.0, 10.0, 15.0, 20.0])
-    said = {
+    angles = {
         turning: np.degrees(yaw_pitch(as_flown(path, times, turning).quat_xyzw)).round(6)
         for turning in ("evenly", "ahead", "on arrival")
     }
-    assert said["ahead"].tolist() == [[0, 90, 90, 90, 90], [0, -40, -40, 20, 20]]
-    assert said["on arrival"][1].tolist() == [0, 0, -40, -40, 20]
-    assert np.allclose(said["on arrival"][0], said["evenly"][0])
-    assert np.allclose(said["evenly"][1, 3], -10)
+    assert angles["ahead"].tolist() == [[0, 90, 90, 90, 90], [0, -40, -40, 20, 20]]
+    assert angles["on arrival"][1].tolist() == [0, 0, -40, -40, 20]
+    assert np.allclose(angles["on arrival"][0], angles["evenly"][0])
+    assert np.allclose(angles["evenly"][1, 3], -10)
 
 
 def test_the_view_is_checked_as_the_vehicle_turns_the_camera():
@@ -245,10 +245,10 @@ def test_stops_count_against_the_battery_and_are_told():
 
 def test_the_notes_say_what_heights_mean_and_how_high_the_way_home_is():
     (mission,) = missions_of(made_plan(), placed_box(), MissionOptions(home_m=(30.0, 0.0, -2.0)))
-    told = " ".join(mission.notes)
-    assert "metres above the take-off point" in told
-    assert f"{mission.height_m[0]:.1f} m above take-off" in told
-    assert f"flight time about {mission.duration_s:.0f} s; battery not checked" in told
+    notes = " ".join(mission.notes)
+    assert "metres above the take-off point" in notes
+    assert f"{mission.height_m[0]:.1f} m above take-off" in notes
+    assert f"flight time about {mission.duration_s:.0f} s; battery not checked" in notes
     (mission,) = missions_of(made_plan(), placed_box(), MissionOptions(altitude="ellipsoid"))
     assert "WGS 84 ellipsoid" in " ".join(mission.notes)
 

@@ -165,14 +165,14 @@ def ogr(path, *arguments) -> str:
 @pytest.mark.parametrize("name", ["kml", "geojson"])
 def test_gdal_reads_the_maps(tmp_path, mission, name):
     _, path = written(tmp_path, name)
-    told = ogr(path, "-ro", "-al")
-    line = next(row for row in told.splitlines() if "LINESTRING Z" in row)
+    listing = ogr(path, "-ro", "-al")
+    line = next(row for row in listing.splitlines() if "LINESTRING Z" in row)
     numbers = [tuple(map(float, each.split())) for each in line.split("(")[1].rstrip(")").split(",")]
     assert np.allclose(
         numbers, np.c_[mission.geodetic[:, 1], mission.geodetic[:, 0], mission.height_m], atol=1e-3
     )
     points = mission.photo.sum() if name == "kml" else len(mission)
-    assert told.count("POINT Z") == points
+    assert listing.count("POINT Z") == points
 
 
 def test_gdal_finds_djis_waypoints(tmp_path, mission):
@@ -203,9 +203,9 @@ def test_dji_files_have_every_element_the_tables_require(tmp_path):
     ):
         root = ET.fromstring(archive.read(name))
         for parent, children in required.items():
-            found = list(root.iter(f"{WPML}{parent}"))
-            assert found
-            for element in found:
+            elements = list(root.iter(f"{WPML}{parent}"))
+            assert elements
+            for element in elements:
                 assert set(children.split()) <= {child.tag.removeprefix(WPML) for child in element}
         marks = list(root.iter(f"{KML}Placemark"))
         assert [int(mark.find(f"{WPML}index").text) for mark in marks] == list(range(len(done.missions[0])))
@@ -259,20 +259,20 @@ def test_rosbags_reads_the_mcap(tmp_path):
     store = get_typestore(Stores.ROS2_HUMBLE)
     reader = rosbags.McapReader(path)
     reader.open()
-    found: dict[str, list] = {}
+    messages: dict[str, list] = {}
     for connection, _, raw in reader.messages(reader.connections):
-        found.setdefault(connection.topic, []).append(store.deserialize_cdr(raw, connection.msgtype))
+        messages.setdefault(connection.topic, []).append(store.deserialize_cdr(raw, connection.msgtype))
     reader.close()
-    poses = found["/plan/path"][0].poses
+    poses = messages["/plan/path"][0].poses
     assert np.allclose(
         [(p.pose.position.x, p.pose.position.y, p.pose.position.z) for p in poses], plan.trajectory.positions
     )
-    assert len(found["/plan/camera"]) == len(found["/tf"]) == len(plan.trajectory)
-    stamps = [m.header.stamp.sec + m.header.stamp.nanosec * 1e-9 for m in found["/plan/camera"]]
+    assert len(messages["/plan/camera"]) == len(messages["/tf"]) == len(plan.trajectory)
+    stamps = [m.header.stamp.sec + m.header.stamp.nanosec * 1e-9 for m in messages["/plan/camera"]]
     assert np.allclose(stamps, plan.trajectory.t_s, atol=1e-6)
-    surface = found["/structure"][0].markers[0]
+    surface = messages["/structure"][0].markers[0]
     assert surface.type == 11 and len(surface.points) % 3 == 0 and len(surface.colors) == len(surface.points)
-    assert found["/plan/frusta"][0].markers[0].type == 5
+    assert messages["/plan/frusta"][0].markers[0].type == 5
 
 
 def test_geojson_says_what_its_altitudes_mean(tmp_path):

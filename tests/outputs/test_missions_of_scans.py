@@ -54,8 +54,8 @@ def side(until: float) -> Trajectory:
 
 def plan_for(path: Trajectory, supposed: SupposedSurface | None) -> Plan:
     flags = np.arange(len(path)) % 4 == 0
-    said = {"status": "ok", "trajectory": path, "is_viewpoint": flags, "flyable": True}
-    return Plan("demo", "body", "body", "tank", "recommended", **said, supposed=supposed)
+    result = {"status": "ok", "trajectory": path, "is_viewpoint": flags, "flyable": True}
+    return Plan("demo", "body", "body", "tank", "recommended", **result, supposed=supposed)
 
 
 @pytest.mark.parametrize("home", [(7.5, -9.0, 0.0), (12.0, -6.0, 0.0), (5.5, -12.0, 0.0)])
@@ -79,9 +79,9 @@ def test_a_plan_too_near_is_refused_and_what_was_never_scanned_is_named(tmp_path
     path = replace(side(6.5), positions=past, t_s=10.0 * np.arange(len(x)))
     limits = Limits()
     assert breaches(planned(path.positions, path.t_s), scan, limits, None) == []
-    (found,) = breaches(planned(path.positions, path.t_s), scan, limits, supposed)
-    assert found.rule == "clearance" and "m from unscanned surface at [" in str(found)
-    assert broken_by(plan_for(path, supposed), scan, 2.0) == [found]
+    (breach,) = breaches(planned(path.positions, path.t_s), scan, limits, supposed)
+    assert breach.rule == "clearance" and "m from unscanned surface at [" in str(breach)
+    assert broken_by(plan_for(path, supposed), scan, 2.0) == [breach]
     for format in ("mcap", "csv"):
         with pytest.raises(RefusedError, match="from unscanned surface"):
             export(plan_for(path, supposed), scan, format, tmp_path / "plan")

@@ -123,13 +123,13 @@ def test_a_flight_in_simulation_stands_beside_its_plan_until_another_takes_its_p
     catalog.fly("t0000")
     assert publish_pages(catalog, tmp_path, pictures=0).written == ("transfers/orbit-1--cuboid-0.html",)
     plans = page(tmp_path / "transfers" / "orbit-1--cuboid-0.html").data["transfer"]["plans"]
-    (told,) = [plan["flown"] for plan in plans if "flown" in plan]
+    (flight,) = [plan["flown"] for plan in plans if "flown" in plan]
     origin = np.array(
         json.loads((tmp_path / "data/cuboid-0.js").read_text()[:-2].partition("= ")[2])["origin"]
     )
-    drawn = np.frombuffer(base64.b64decode(told["path"]["xyz"]["data"]), "<f4").reshape(-1, 3) + origin
+    drawn = np.frombuffer(base64.b64decode(flight["path"]["xyz"]["data"]), "<f4").reshape(-1, 3) + origin
     assert np.allclose(drawn, catalog.path.positions, atol=1e-4)
-    assert told["measures"]["min_clearance_m"] == 3.25 and "3.25 m (planned 4.00 m)" in told["summary"]
+    assert flight["measures"]["min_clearance_m"] == 3.25 and "3.25 m (planned 4.00 m)" in flight["summary"]
     assert not publish_pages(catalog, tmp_path, pictures=0).written
 
 
@@ -212,7 +212,7 @@ def test_an_empty_catalog_has_an_empty_page(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory) -> Catalog:
+def stored(tmp_path_factory) -> Catalog:
     """The same fleet in a real catalog."""
     fake = FakeCatalog(targets=1)
     catalog = open_catalog(tmp_path_factory.mktemp("kept") / "catalog")
@@ -224,8 +224,8 @@ def kept(tmp_path_factory) -> Catalog:
     return catalog
 
 
-def test_a_catalog_becomes_tables_that_pandas_reads_and_pages(kept, tmp_path):
-    done = publish(kept, tmp_path, pictures=0)
+def test_a_catalog_becomes_tables_that_pandas_reads_and_pages(stored, tmp_path):
+    done = publish(stored, tmp_path, pictures=0)
     assert not done.problems and done.index == tmp_path / "index.html"
     transfers = pd.read_parquet(tmp_path / "transfers.parquet")
     assert len(transfers) == 4 and set(transfers["status"]) == {"ok", "refused"}
@@ -234,7 +234,7 @@ def test_a_catalog_becomes_tables_that_pandas_reads_and_pages(kept, tmp_path):
     assert [plan["preset"] for plan in plans] == ["recommended", "paper", "baseline"]
     assert all("states" in plan for plan in plans)
     before = contents(tmp_path)
-    assert not publish(kept, tmp_path, pictures=0).written and contents(tmp_path).keys() == before.keys()
+    assert not publish(stored, tmp_path, pictures=0).written and contents(tmp_path).keys() == before.keys()
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -265,15 +265,15 @@ def test_of_many_pairs_those_are_shown_that_need_a_person_first(seed):
             "not_flyable": "too little is seen" if flyable is False and rng.random() < 0.8 else "",
         }  # fmt: skip
 
-    def told(pair: Pair) -> tuple:
+    def order(pair: Pair) -> tuple:
         plans = {preset: row["transfer_id"] for preset, row in pair.plans.items()}
         return pair.name, pair.decided, plans, {p: row["transfer_id"] for p, row in pair.earlier.items()}
 
     every, known = first_pairs(fake, 1000)
     assert known == len(every) > 15
     for most in (1, 7, 15):
-        found, of = first_pairs(fake, most)
-        assert ([told(pair) for pair in found], of) == ([told(pair) for pair in every[:most]], known)
+        pairs, of = first_pairs(fake, most)
+        assert ([order(pair) for pair in pairs], of) == ([order(pair) for pair in every[:most]], known)
     assert [pair.target_id for pair in first_pairs(fake, 9, target="t3")[0]] == ["t3"]
 
 
@@ -289,25 +289,25 @@ def test_a_fleet_beyond_what_a_browser_lists_says_so(catalog, tmp_path):
         publish_file(FakeCatalog(targets=60), tmp_path / "many.html")
 
 
-def test_pictures_and_missions_by_id(kept, tmp_path):
-    row = kept.transfers(preset="recommended", status="ok").iloc[0]
+def test_pictures_and_missions_by_id(stored, tmp_path):
+    row = stored.transfers(preset="recommended", status="ok").iloc[0]
     for png in (
-        render.render_structure(kept, "cube", ("top",)),
-        render.render_transfer(kept, row["transfer_id"]),
-        render.render_comparison(kept, "orbit-1", "cuboid-0"),
+        render.render_structure(stored, "cube", ("top",)),
+        render.render_transfer(stored, row["transfer_id"]),
+        render.render_comparison(stored, "orbit-1", "cuboid-0"),
     ):
         assert png.startswith(b"\x89PNG")
     with pytest.raises(RefusedError, match="released: it is a draft plan"):
-        render.export_transfer(kept, row["transfer_id"], "mcap", tmp_path / "p.mcap")
+        render.export_transfer(stored, row["transfer_id"], "mcap", tmp_path / "p.mcap")
     draft = MissionOptions(draft=True)
-    done = render.export_transfer(kept, row["transfer_id"], "mcap", tmp_path / "p.mcap", draft)
+    done = render.export_transfer(stored, row["transfer_id"], "mcap", tmp_path / "p.mcap", draft)
     assert b"DRAFT, NOT RELEASED" in done.paths[0].read_bytes()
     with pytest.raises(RefusedError, match="place on the Earth is unknown"):
-        render.export_transfer(kept, row["transfer_id"], "kml", tmp_path / "p.kml", draft)
+        render.export_transfer(stored, row["transfer_id"], "kml", tmp_path / "p.kml", draft)
     with pytest.raises(CatalogError, match="not in the catalog"):
-        render.render_transfer(kept, "0" * 20)
+        render.render_transfer(stored, "0" * 20)
     with pytest.raises(CatalogError, match="no transfer"):
-        render.render_comparison(kept, "orbit-1", "nowhere")
+        render.render_comparison(stored, "orbit-1", "nowhere")
 
 
 def test_the_mailed_file_needs_nothing_and_runs_only_our_scripts(catalog, tmp_path):
@@ -338,19 +338,19 @@ def test_a_plan_that_breaks_a_rule_of_the_gate_says_so_on_its_page_and_in_the_re
     path = replace(near.trajectory, positions=near.trajectory.positions * [0.55, 0.55, 1.0])
     catalog.add(replace(near, trajectory=path))
     done = publish_pages(catalog, tmp_path)
-    (told,) = [problem for problem in done.problems if "clearance: " in problem]
-    assert "limit 2 m" in told
+    (fault,) = [problem for problem in done.problems if "clearance: " in problem]
+    assert "limit 2 m" in fault
     page = (tmp_path / "transfers" / f"{pair_name('orbit-1', 'cuboid-0')}.html").read_text()
     (plan,) = [each for each in Page(page).data["transfer"]["plans"] if each["preset"] == "recommended"]
-    assert any("clearance: " in said for said in plan["verdict"]["look"]) and plan["overruled"] == []
+    assert any("clearance: " in words for words in plan["verdict"]["look"]) and plan["overruled"] == []
     assert plan["status"] == "not flyable" and not plan["verdict"]["flyable"]
 
 
 def test_what_was_overruled_for_a_plan_stands_on_its_page(tmp_path):
     catalog = FakeCatalog(targets=1)
     (name,) = [row["transfer_id"] for row in catalog.rows if row["preset"] == "baseline"]
-    said = {"way": "export", "format": "kml", "rule": "preset", "found": "preset: <b>baseline</b>"}
-    rows = [{"transfer_id": name, "added_at": pd.Timestamp("2026-11-21T03:04Z"), **said}]
+    overruling = {"way": "export", "format": "kml", "rule": "preset", "found": "preset: <b>baseline</b>"}
+    rows = [{"transfer_id": name, "added_at": pd.Timestamp("2026-11-21T03:04Z"), **overruling}]
     catalog.overruled = lambda: pd.DataFrame(rows)
     publish_pages(catalog, tmp_path)
     text = (tmp_path / "transfers" / f"{pair_name('orbit-1', 'cuboid-0')}.html").read_text()
@@ -373,8 +373,8 @@ def test_a_released_plan_has_its_missions_beside_its_page_or_the_reason(tmp_path
     name = pair_name("orbit-1", "cuboid-0")
     catalog.rows[0]["state"] = "released"
     publish_pages(catalog, tmp_path, pictures=0)
-    told = Page((tmp_path / "transfers" / f"{name}.html").read_text()).data["transfer"]["missions"]
-    assert told == {label: f"../missions/{name}{FORMATS[kind]}" for kind, label in publishing.LABELS.items()}
+    links = Page((tmp_path / "transfers" / f"{name}.html").read_text()).data["transfer"]["missions"]
+    assert links == {label: f"../missions/{name}{FORMATS[kind]}" for kind, label in publishing.LABELS.items()}
     plan = json.loads((tmp_path / "missions" / f"{name}.plan").read_text())
     assert plan["fileType"] == "Plan" and "draft" not in json.dumps(plan).lower()
     catalog.rows[0]["state"] = "recalled"
@@ -385,8 +385,8 @@ def test_a_released_plan_has_its_missions_beside_its_page_or_the_reason(tmp_path
         catalog.plans["t0000"], trajectory=orbit(catalog.structure("cuboid-0"), -2.0)
     )
     publish_pages(catalog, tmp_path, pictures=0)
-    told = Page((tmp_path / "transfers" / f"{name}.html").read_text()).data["transfer"]["missions"]
-    assert all(said.startswith("not available: ") and "clearance" in said for said in told.values()), told
+    links = Page((tmp_path / "transfers" / f"{name}.html").read_text()).data["transfer"]["missions"]
+    assert all(link.startswith("not available: ") and "clearance" in link for link in links.values()), links
 
 
 def test_a_mission_of_several_sorties_is_not_given_out_as_its_first(monkeypatch):

@@ -205,7 +205,7 @@ def test_those_that_need_a_person_come_first():
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "told"),
+    ("before", "after", "difference"),
     [
         ({"status": "ok"}, {"status": "refused"}, "ok → refused"),
         ({"seen": 90.0}, {"seen": 92.5}, "coverage +2.5%"),
@@ -213,10 +213,10 @@ def test_those_that_need_a_person_come_first():
         ({}, {}, ""),
     ],
 )
-def test_what_changed_is_told_against_the_plan_before(before, after, told):
+def test_what_changed_is_told_against_the_plan_before(before, after, difference):
     old, new = row("t", at="2026-01-01", **before), row("t", at="2026-01-02", **after)
     (pair,) = pairs_of(pd.DataFrame([new]), pd.DataFrame([old, new]))
-    assert change(pair) == told
+    assert change(pair) == difference
     (pair,) = pairs_of(pd.DataFrame([old]), pd.DataFrame([old]))
     assert change(pair) == ""
 
@@ -260,21 +260,21 @@ def test_a_comparison_that_must_not_be_flown_is_no_ok():
 
 
 @pytest.mark.parametrize(
-    ("probability", "sure", "said"),
+    ("probability", "sure", "percent"),
     [(0.98, "sure", "98 %"), (0.95, "sure", "95 %"), (0.9, "likely", "90 %"), (0.8, "likely", "80 %"),
      (0.42, "doubtful", "42 %"), (None, "unknown", "unknown")],
 )  # fmt: skip
-def test_a_counterpart_is_shown_with_how_sure_it_is(probability, sure, said):
-    found = Counterpart("part_5 (left low)", 61.4, 1, 4, ("part_6 (left)",), ("part_7: why",), probability)
-    (shown,) = _parts(json.dumps([asdict(found)]))
-    assert (shown["certainty"], shown["probability"]) == (sure, said)
+def test_a_counterpart_is_shown_with_how_sure_it_is(probability, sure, percent):
+    part = Counterpart("part_5 (left low)", 61.4, 1, 4, ("part_6 (left)",), ("part_7: why",), probability)
+    (shown,) = _parts(json.dumps([asdict(part)]))
+    assert (shown["certainty"], shown["probability"]) == (sure, percent)
     assert (shown["inspected"], shown["similar"], shown["flown"]) == ("61 %", "4", "part_6 (left)")
     assert shown["left_out"] == "part_7: why" and not shown["doubt"]
 
 
-@pytest.mark.parametrize("kept", ["", None, float("nan"), "[", "[1]", '[{"part": 1}]'])
-def test_where_no_counterparts_are_kept_none_are_shown(kept):
-    assert _parts(kept) == []
+@pytest.mark.parametrize("stored", ["", None, float("nan"), "[", "[1]", '[{"part": 1}]'])
+def test_where_no_counterparts_are_kept_none_are_shown(stored):
+    assert _parts(stored) == []
 
 
 @pytest.mark.parametrize(

@@ -66,8 +66,8 @@ def test_no_page_has_a_serious_fault(server, browser, screen):
             if control == "#tab-quality":
                 page.wait_for_selector("#app[data-drawn=true]")
         page.evaluate(AXE.read_text(encoding="utf-8"))
-        found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
-        for fault in found:
+        violations = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+        for fault in violations:
             if fault["impact"] in ("serious", "critical"):
                 places = [node["html"][:120] for node in fault["nodes"][:3]]
                 faults.append(f"{name}, {screen}: {fault['id']}: {fault['help']}: {places}")

@@ -70,10 +70,10 @@ def test_a_change_is_judged_as_every_plan_is_and_nothing_is_planned_for_it(sessi
     views = [dict(each) for each in plan["viewpoints"]]
     for _ in range(5):
         views[4]["z_m"] += 0.2
-        found = session.answer("judge", wanted(plan, viewpoints=views[:9] + views[10:]))
-        assert "viewpoint 9 left out" in found["words"] and found["path"]["xyz"] != plan["path"]["xyz"]
+        answer = session.answer("judge", wanted(plan, viewpoints=views[:9] + views[10:]))
+        assert "viewpoint 9 left out" in answer["words"] and answer["path"]["xyz"] != plan["path"]["xyz"]
     again = session.editing.judged(*session._read(wanted(plan, viewpoints=views[:9] + views[10:])))
-    assert found["measures"]["min_clearance_m"] == again.plan.measures.min_clearance_m
+    assert answer["measures"]["min_clearance_m"] == again.plan.measures.min_clearance_m
     inside = json.loads(json.dumps(views))
     inside[4] |= {"x_m": 0.0, "y_m": 0.0, "z_m": 1.0}
     refused = session.answer("judge", wanted(plan, viewpoints=inside))["refused"]
@@ -82,12 +82,12 @@ def test_a_change_is_judged_as_every_plan_is_and_nothing_is_planned_for_it(sessi
 
 def test_the_headline_tells_the_clearance_that_the_change_asks_for(session):
     plan = session.answer("plan", {})
-    for asked_m, told in ((3.0, "(limit 3 m)"), (2.5, "(limit 2.5 m)"), (1.0, "(limit 2 m)")):
-        found = session.answer("judge", wanted(plan, clearance_m=asked_m))
-        assert told in found["verdict"]["headline"]  # never less than the plan's own
-        assert "mm/px" in found["verdict"]["headline"] and "demonstrated" in found["verdict"]["headline"]
+    for asked_m, words in ((3.0, "(limit 3 m)"), (2.5, "(limit 2.5 m)"), (1.0, "(limit 2 m)")):
+        answer = session.answer("judge", wanted(plan, clearance_m=asked_m))
+        assert words in answer["verdict"]["headline"]  # never less than the plan's own
+        assert "mm/px" in answer["verdict"]["headline"] and "demonstrated" in answer["verdict"]["headline"]
         scaled = session.editing.recipe.row["standoff_mode"] == "scaled"
-        assert ("relative to the structure's size" in found["verdict"]["headline"]) == scaled
+        assert ("relative to the structure's size" in answer["verdict"]["headline"]) == scaled
 
 
 @pytest.mark.slow
@@ -97,20 +97,20 @@ def test_the_rest_is_planned_anew_round_what_is_fixed(session, catalog):
     views[4]["z_m"] += 0.5
     middle = np.array([[views[8][name] for name in ("x_m", "y_m", "z_m")]])
     box = np.concatenate([middle - 0.6, middle + 0.6]).tolist()
-    said = wanted(plan, viewpoints=views, keep_out=[box], fixed=[2])
-    refused = session.answer("judge", said)
+    request = wanted(plan, viewpoints=views, keep_out=[box], fixed=[2])
+    refused = session.answer("judge", request)
     assert "in a keep-out box" in refused["refused"]
-    found = session.answer("replan", said)
-    assert found["base"] == 1 and len(found["fixed"]) == 2
-    rows = {(row["x_m"], row["y_m"], row["z_m"]) for row in found["viewpoints"]}
+    answer = session.answer("replan", request)
+    assert answer["base"] == 1 and len(answer["fixed"]) == 2
+    rows = {(row["x_m"], row["y_m"], row["z_m"]) for row in answer["viewpoints"]}
     for number in (2, 4):
         assert tuple(views[number][name] for name in ("x_m", "y_m", "z_m")) in rows
-    new = np.array([[row[name] for name in ("x_m", "y_m", "z_m")] for row in found["viewpoints"]])
+    new = np.array([[row[name] for name in ("x_m", "y_m", "z_m")] for row in answer["viewpoints"]])
     inside = ((new > box[0]) & (new < box[1])).all(axis=1)
-    assert not inside.any() and found["verdict"]["flyable"]
-    again = wanted(plan, base=1, viewpoints=found["viewpoints"], keep_out=[box], by="Ada")
-    kept = session.answer("keep", again)
-    steps = catalog.waypoints(kept["id"])[["x_m", "y_m", "z_m"]].to_numpy()
+    assert not inside.any() and answer["verdict"]["flyable"]
+    again = wanted(plan, base=1, viewpoints=answer["viewpoints"], keep_out=[box], by="Ada")
+    draft = session.answer("keep", again)
+    steps = catalog.waypoints(draft["id"])[["x_m", "y_m", "z_m"]].to_numpy()
     assert not ((steps > np.array(box[0])) & (steps < np.array(box[1]))).all(axis=1).any()
     assert "planned again" in catalog.edits().iloc[-1]["words"]
 
@@ -134,12 +134,12 @@ def test_a_zone_is_painted_asked_for_and_judged(session, catalog):
     assert aim["place"] is not None
     where = "ball " + " ".join(map(str, aim["place"])) + " 0.8"
     assert 0 < session.answer("zone", {"where": where})["share_pct"] < 20
-    asked = {"set": "monthly", "zone": {"zone": "seam", "where": where, "looks": 2}, "by": "Ada"}
-    assert "now requires 1 zone." in session.answer("require", asked)["message"]
+    request = {"set": "monthly", "zone": {"zone": "seam", "where": where, "looks": 2}, "by": "Ada"}
+    assert "now requires 1 zone." in session.answer("require", request)["message"]
     (zone,) = session.answer("judge", wanted(plan))["zones"]
     assert (zone["zone"], zone["status"]) == ("seam", "met")
     away = [row for row in plan["viewpoints"] if row["viewpoint"] in (0, 11)]
-    session.answer("require", {**asked, "zone": {**asked["zone"], "looks": 50}})
+    session.answer("require", {**request, "zone": {**request["zone"], "looks": 50}})
     (zone,) = session.answer("judge", wanted(plan, viewpoints=away))["zones"]
     assert zone["status"] == "missed" and zone["why"]
     assert list(catalog.requirements()["version"]) == [2]
@@ -160,7 +160,7 @@ def test_a_drag_and_the_keyboard_alone_change_store_and_release_a_plan(server, c
         page.set_default_timeout(240_000)
         page.on(
             "console",
-            lambda said: said.type == "error" and "401" not in said.text and errors.append(said.text),
+            lambda line: line.type == "error" and "401" not in line.text and errors.append(line.text),
         )
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("request", lambda request: urls.append(request.url))
@@ -204,10 +204,10 @@ def test_a_drag_and_the_keyboard_alone_change_store_and_release_a_plan(server, c
         page.keyboard.type("Ada")
         reach(page, "keep")
         page.keyboard.press("Enter")
-        told(page, "Stored as draft")
+        shows(page, "Stored as draft")
         reach(page, "release")
         page.keyboard.press("Enter")
-        told(page, "is released")
+        shows(page, "is released")
         browser.close()
     assert errors == [] and all(
         url.startswith((f"http://127.0.0.1:{server.port}/", "blob:", "data:")) for url in urls
@@ -241,5 +241,5 @@ def judged(page: Any, words: str) -> str:
     return str(page.locator("#verdict").inner_text())
 
 
-def told(page: Any, words: str) -> None:
+def shows(page: Any, words: str) -> None:
     page.wait_for_selector(f"#message:has-text('{words}')", timeout=240_000)

@@ -129,7 +129,7 @@ def as_of(moment: str, /, *, results: Results = PRINTED) -> int:
 def verify(*, head: HeadOption = (), results: Results = PRINTED) -> int:
     """Check every byte, row, count, reference and hash, and print the head of each chain of rows.
 
-    Heads are the hashes of the last rows. Briefs and missions note them, to be checked later.
+    Heads are the hashes of the last rows. Briefs and missions record them for later checks.
     """
     from upplied.catalog import verify as check
     from upplied.catalog.verbs.custody import HEAD_DIGITS, chain_heads, foreign_plans

@@ -86,8 +86,8 @@ def require(
     ----------
     file : Path
         TOML: `name`, and a `[[zone]]` each with `zone`, `where` and requirements: `looks`, `gsd_mm`,
-        `incidence_deg`, `max_age_days`. Instead of `where` a zone may name a `label` of the faces
-        that the file `labels` labels. A set without zones is withdrawn.
+        `incidence_deg`, `max_age_days`. Instead of `where` a zone may give a face `label`
+        of the file named in `labels`. A set without zones is withdrawn.
     """
     import tomllib
 

@@ -80,6 +80,7 @@ def studio(
         ID of a plan to edit, or the beginning of one; without it the fleet opens.
     """
     store = where.opened()
+    store.identity.required()
     page = f"studio/{store.find_transfer(transfer)}" if transfer else ""
     with extra("export"):
         from upplied.web.serving import Server

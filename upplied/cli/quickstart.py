@@ -20,7 +20,7 @@ def write(folder: Path = Path("samples")) -> int:
     Parameters
     ----------
     folder : Path
-        Folder to write; created when missing.
+        Folder to write to; it is created if it is missing.
     """
     from upplied.outputs.sample_fleet import FILES, write_sample_fleet
 

@@ -2,34 +2,29 @@
 
 from __future__ import annotations
 
-import base64
 import html
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from upplied.geometry.polylines import leg_lengths
 from upplied.outputs import pages
-from upplied.outputs.colours import rgb
-from upplied.outputs.draw import tubes
-from upplied.outputs.draw.canvas import picture, solid
-from upplied.outputs.draw.sheet import Panel, sheet_png
-from upplied.outputs.draw.views import View, fitted
 from upplied.outputs.labels import LABELS
+from upplied.outputs.mission_drawing import MissionDrawing
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import DRAFT
 from upplied.outputs.missions.records import Mission
 from upplied.outputs.pairs import number
 from upplied.outputs.verdicts import headline
-from upplied.records import Floats, Structure
+from upplied.records import Camera, Structure
 
 
 def brief_html(
     row: Mapping[str, Any],
     missions: Sequence[Mission],
     structure: Structure,
+    camera: Camera,
     options: MissionOptions,
     warnings: Sequence[str],
     zones: Sequence[str] = (),
@@ -45,6 +40,8 @@ def brief_html(
     missions : sequence of Mission
         Its sorties; they passed the gate, or their notes list the overruled rules.
     structure : Structure
+    camera : Camera
+        Its picture is drawn for each photo.
     options : MissionOptions
         Options of the missions.
     warnings : sequence of str
@@ -56,7 +53,6 @@ def brief_html(
     custody : sequence of str
         The note with the heads of the catalog's tables.
     """
-    lines = [_line(mission) for mission in missions]
     notes = [*missions[0].notes, *custody]
     overruled = [note for note in notes if note.startswith(("OVERRULED", DRAFT))]
     title = f"{row['demonstration_id']} on {row['target_id']}"
@@ -66,7 +62,7 @@ def brief_html(
         f"method {_text(row['method_version'])}, planned {_text(row['planned_at'])[:16]} UTC</p>",
         _verdict(overruled),
         f"<p>{_text(headline(row, options.clearance_m))}</p>",
-        _maps(structure, missions, lines),
+        _maps(MissionDrawing.of_missions(missions, structure, camera)),
         '<div class="columns"><div>',
         _heights(missions, structure, options),
         "</div><div>",
@@ -89,20 +85,23 @@ def _verdict(overruled: Sequence[str]) -> str:
     return f'<div class="verdict stop">{words}:{_items(overruled)}</div>'
 
 
-def _maps(structure: Structure, missions: Sequence[Mission], lines: Sequence[Line]) -> str:
-    north = map_png(structure, lines, missions[0].placement.heading_deg)
-    above = _figure(north, "Map, north up. Dots: first waypoint of each flight, and take-off.")
-    side = _figure(side_png(structure, lines), "Side view; z in the frame of the structure.")
-    return f'<div class="maps">{above}{side}</div>'
+def _maps(drawing: MissionDrawing) -> str:
+    north = _figure(
+        drawing.map(),
+        "Map, north up. H: take-off; dots: photos; yellow: their footprints; grey: transit legs.",
+    )
+    heights = _figure(drawing.heights(), "Heights above take-off, by distance flown.")
+    return f'<div class="maps">{north}{heights}</div>'
 
 
 def _photos(photos: Sequence[tuple[str, bytes]]) -> str:
-    figures = "".join(_figure(png, text) if png else f"<p>{_text(text)}</p>" for text, png in photos)
+    figures = "".join(
+        _figure(pages.image_address(png), text) if png else f"<p>{_text(text)}</p>" for text, png in photos
+    )
     return f'<h2>Reference photos</h2><div class="photos">{figures}</div>' if photos else ""
 
 
-def _figure(png: bytes, text: str) -> str:
-    source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
+def _figure(source: str, text: str) -> str:
     return f'<figure><img alt="{_text(text)}" src="{source}"><figcaption>{_text(text)}</figcaption></figure>'
 
 
@@ -151,14 +150,6 @@ def _sorties(missions: Sequence[Mission]) -> str:
     return _table("Flights", cells, head)
 
 
-def _line(mission: Mission) -> Line:
-    first, last = np.flatnonzero(mission.inspect)[[0, -1]]
-    home, local = mission.home_local, mission.local
-    start, end = (np.array([home, [home[0], home[1], local[at, 2]]]) for at in (0, -1))
-    outbound, inbound = np.vstack([start, local[: first + 1]]), np.vstack([local[last:], end[::-1]])
-    return Line(outbound, local[mission.inspect], inbound)
-
-
 def _table(title: str, rows: Sequence[Sequence[object]], head: Sequence[str] = ()) -> str:
     every = [("th", head)] * bool(head) + [("td", row) for row in rows]
     cells = ("".join(f"<{tag}>{_text(each)}</{tag}>" for each in row) for tag, row in every)
@@ -175,69 +166,3 @@ def _items(texts: Sequence[str]) -> str:
 
 def _text(value: object) -> str:
     return html.escape(str(value))
-
-
-_SIZE = 900, 560  # px
-_TRANSIT, _RULE, _HOME = "#7a7a7a", "#b3261e", "#000000"
-_SORTIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")  # Okabe and Ito
-
-
-@dataclass(frozen=True)
-class Line:
-    """One sortie on a map, structure frame, m."""
-
-    outbound: Floats  # (A, 3) from take-off
-    inspection: Floats  # (B, 3)
-    inbound: Floats  # (C, 3) to landing
-
-
-def map_png(structure: Structure, lines: Sequence[Line], north_deg: float) -> bytes:
-    """The structure from above with every sortie, north up.
-
-    Parameters
-    ----------
-    structure : Structure
-        Its keep-out boxes and fence are drawn too.
-    lines : sequence of Line
-    north_deg : float
-        Bearing of the structure's +X, clockwise from true north.
-    """
-    around = structure.surroundings
-    rules = [
-        np.array([[x, y, z], [u, y, z], [u, v, z], [x, v, z]]) for (x, y, _), (u, v, z) in around.keep_out_m
-    ]
-    if len(around.geofence_m):
-        rules.append(np.column_stack([around.geofence_m, np.zeros(len(around.geofence_m))]))
-    return _drawn(structure, lines, View(north_deg + 180.0, 90.0), rules, "Map, north up")
-
-
-def side_png(structure: Structure, lines: Sequence[Line]) -> bytes:
-    """The structure from the side that shows most of the flight, with heights."""
-    path = np.concatenate([line.inspection for line in lines])
-    along = np.linalg.svd(path[:, :2] - path[:, :2].mean(axis=0), full_matrices=False)[2][0]
-    along = along * (1 if along[np.abs(along).argmax()] > 0 else -1)
-    heights = np.concatenate([structure.vertices[:, 2], path[:, 2]])
-    title = f"Side view, z from {heights.min():.1f} to {heights.max():.1f} m"
-    azimuth = float(np.degrees(np.arctan2(-along[0], along[1])))
-    return _drawn(structure, lines, View(azimuth, 0.0), [], title)
-
-
-def _drawn(
-    structure: Structure, lines: Sequence[Line], view: View, rules: Sequence[Floats], title: str
-) -> bytes:
-    paths = [(np.concatenate([rule, rule[:1]]), _RULE) for rule in rules]
-    legend = [("keep-out or geofence", _RULE, "line")] if rules else []
-    for at, line in enumerate(lines):
-        colour = _SORTIES[at % len(_SORTIES)]
-        paths += [(line.outbound, _TRANSIT), (line.inbound, _TRANSIT), (line.inspection, colour)]
-        legend.append((f"flight {at + 1}", colour, "line"))
-    legend += [("transit", _TRANSIT, "line"), ("take-off", _HOME, "patch")]
-    everything = np.concatenate([structure.vertices, *(positions for positions, _ in paths)])
-    frame = fitted(view, everything, *_SIZE)
-    radius_m = 1.5 / frame.metre_px
-    drawn = [tubes.path(positions, radius_m, rgb(colour)) for positions, colour in paths]
-    starts = [(line.inspection[:1], _SORTIES[at % len(_SORTIES)]) for at, line in enumerate(lines)]
-    for place, colour in [*starts, (lines[0].outbound[:1], _HOME)]:
-        drawn.append(tubes.path(place, 4 * radius_m, rgb(colour)))
-    image = picture(solid(structure), tubes.joined(drawn), frame)
-    return sheet_png([Panel(image, 0, 0, "", frame)], legend, title)

@@ -1,4 +1,4 @@
-"""The pilot's part of a plan's page: the mission, in the structure's frame."""
+"""The pilot's part of a plan's page: the mission, drawn and in figures."""
 
 from __future__ import annotations
 
@@ -11,27 +11,35 @@ import numpy as np
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.errors import UppliedError
 from upplied.geometry.polylines import leg_lengths
-from upplied.outputs.display import packed
+from upplied.outputs.mission_drawing import MissionDrawing
 from upplied.outputs.missions import Mission, MissionOptions, missions_for
-from upplied.records import Camera, Floats, Plan, Structure
+from upplied.records import Camera, Plan, Structure
 
 _MB_OF_A_MEGAPIXEL = 0.4  # of a JPEG as inspection cameras write it
 _USUAL_MEGAPIXELS = 20.0  # if the log does not state the size of the picture
 
 
-def fly_data(row: Any, plan: Plan, structure: Structure, camera: Camera, origin: Floats) -> dict[str, Any]:
+def fly_data(row: Any, plan: Plan, structure: Structure, camera: Camera) -> dict[str, Any]:
     """The mission of a plan with the usual options; ``refused`` is the reason why there is none.
 
-    Coordinates are relative to `origin`, m. A draft is drawn as a draft: its file leaves by a release alone.
+    A draft is drawn as a draft: its file leaves by a release alone.
     """
     if plan.status != "ok":
-        return {"refused": plan.reason or "The plan has no path."}
+        return path_drawn(plan, structure, camera, plan.reason or "The plan has no path.")
     options = as_settled(row, MissionOptions(draft=True))
     try:
         missions = missions_for("qgc-plan", plan, structure, options, camera)
     except UppliedError as error:
-        return {"refused": str(error)}
-    return mission_data(missions, structure, options, camera, origin)
+        return path_drawn(plan, structure, camera, str(error))
+    return mission_data(missions, structure, options, camera)
+
+
+def path_drawn(plan: Plan, structure: Structure, camera: Camera, refused: str = "") -> dict[str, Any]:
+    """The path of a plan alone, as `mission_data` shows a mission; `refused` says why there is none."""
+    drawn = plan.trajectory is not None and plan.is_viewpoint is not None
+    return {"refused": refused} | (
+        _drawings(MissionDrawing.of_plan(plan, structure, camera)) if drawn else {}
+    )
 
 
 def as_settled(row: Any, options: MissionOptions) -> MissionOptions:
@@ -51,31 +59,20 @@ def as_settled(row: Any, options: MissionOptions) -> MissionOptions:
 
 
 def mission_data(
-    missions: Sequence[Mission],
-    structure: Structure,
-    options: MissionOptions,
-    camera: Camera,
-    origin: Floats,
+    missions: Sequence[Mission], structure: Structure, options: MissionOptions, camera: Camera
 ) -> dict[str, Any]:
-    """Sorties, heights, photos and battery of a mission as a page shows them."""
-    first, ground = missions[0], structure.floor_z_m
-    home, around = first.home_local, structure.surroundings
+    """Drawings, flights, heights, photos and battery of a mission as a page shows them."""
+    first, home = missions[0], missions[0].home_local
     photos = [count_photos(mission) for mission in missions]
     usable_s = None if options.endurance_s is None else options.endurance_s * (1 - options.reserve_pct / 100)
     legs = np.concatenate([mission.local[~mission.inspect, 2] for mission in missions])
     return {
         "refused": "",
-        "heading_deg": first.placement.heading_deg,
-        "home": (home - origin).tolist(),
-        "home_deg": [round(float(value), 6) for value in first.home[:2]],
-        "ground": ground - float(origin[2]),
-        "ceiling": None if around.ceiling_z_m is None else around.ceiling_z_m - float(origin[2]),
-        "keep_out": [(box - origin).tolist() for box in around.keep_out_m],
-        "fence": (around.geofence_m - origin[:2]).tolist() if len(around.geofence_m) else [],
+        **_drawings(MissionDrawing.of_missions(missions, structure, camera)),
+        "home_deg": first.home[:2].tolist(),
         "return_m": first.return_height_m,
         "transit_m": float(legs.max() - home[2]) if len(legs) else None,
         "highest_m": float(max(mission.height_m.max() for mission in missions)),
-        "clearance_m": options.clearance_m,
         "endurance_s": options.endurance_s,
         "usable_s": usable_s,
         "photos": sum(photos),
@@ -83,17 +80,12 @@ def mission_data(
         "interval_s": _interval_s(missions),
         "storage_mb": sum(photos) * _megabytes(camera),
         "assumed_camera": not camera.width_px,
-        "sorties": [
-            {
-                "xyz": packed((mission.local - origin).astype(np.float32)),
-                "photo": packed(mission.photo.astype(np.uint8)),
-                "inspect": packed(mission.inspect.astype(np.uint8)),
-                "duration_s": mission.duration_s,
-                "length_m": float(leg_lengths(mission.local).sum()),
-            }
-            for mission in missions
-        ],
+        "flights_s": [mission.duration_s for mission in missions],
     }
+
+
+def _drawings(drawing: MissionDrawing) -> dict[str, Any]:
+    return {"map": drawing.map(), "heights": drawing.heights(), "legend": drawing.legend()}
 
 
 def count_photos(mission: Mission) -> int:

@@ -149,6 +149,11 @@ def live_assets() -> dict[str, str]:
     return assets() | {name: _asset(name) for name in _LIVE}
 
 
+def image_address(content: bytes, kind: str = "png") -> str:
+    """A picture as an address that a page shows; `kind` is ``png`` or ``svg+xml``."""
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
 def inert_json(value: Any) -> str:
     """JSON that no HTML parser can mistake for markup and no script for code.
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from typing import Any
 
 from upplied.outputs.labels import LABELS
+from upplied.outputs.pages import image_address
 from upplied.records import Demonstration
 
 
@@ -34,7 +34,7 @@ def passport_data(demonstration: Demonstration, picture: bytes) -> dict[str, Any
         "operator": demonstration.operator,
         "poses": len(demonstration),
         "notes": demonstration.notes,
-        "picture": f"data:image/png;base64,{base64.b64encode(picture).decode()}",
+        "picture": image_address(picture),
         "verdict": passport["verdict"] if passport else "",
         "findings": [
             {name: str(item[name]) for name in ("rule", "found", "remedy")}

@@ -94,7 +94,7 @@ def brief_transfer(
     missions = missions_for(*given, undecided(catalog, row))
     keep_overruled(catalog, row, "brief", format, missions[0].overruled)
     results = zones.notes(missions), reference_photos(catalog, warnings), custody
-    page = brief_html(row, missions, zones.structure, options, warnings, *results)
+    page = brief_html(row, missions, zones.structure, zones.camera, options, warnings, *results)
     return replace_file(Path(path), page)
 
 

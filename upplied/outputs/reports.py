@@ -27,7 +27,7 @@ from upplied.outputs.display import (
     structure_data,
 )
 from upplied.outputs.flown import Flights, flown_data, flown_sentence, seen_as_flown
-from upplied.outputs.fly import fly_data
+from upplied.outputs.fly import fly_data, path_drawn
 from upplied.outputs.missions import gate
 from upplied.outputs.missions.gate import planned
 from upplied.outputs.pair_page import (
@@ -86,12 +86,14 @@ class Reader:
         demonstration = dict(self._flown(pair.demonstration_id))
         if main.inspected is not None:
             demonstration["states"] = packed(display_states(self._mesh(pair.source_id), main.inspected))
-        more: dict[str, Any] = {"zones": self.zones(pair.target_id), "mission": {}, "quality": []}
-        if sorties:
-            camera, target = self.demonstration(pair.demonstration_id).camera, self.structure(pair.target_id)
+        camera, target = self.demonstration(pair.demonstration_id).camera, self.structure(pair.target_id)
+        more: dict[str, Any] = {"zones": self.zones(pair.target_id), "quality": []}
+        if not sorties:
+            more["mission"] = path_drawn(main, target, camera)
+        else:
+            more["mission"] = fly_data(pair.main, main, target, camera)
             scene, mesh = scene_for(target, main.supposed), self._mesh(pair.target_id)
             settings = str(pair.main.get("settings_json") or "{}")
-            more["mission"] = fly_data(pair.main, main, target, camera, self._origin(pair.target_id))
             more["quality"] = quality_data(main, camera, scene, mesh, settings)
         return pair_data(pair, demonstration, paths, picture) | more
 

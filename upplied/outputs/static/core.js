@@ -25,7 +25,8 @@ upplied.fill = function (parent, ...children) {
 upplied.badge = (status) => upplied.element("span", { class: "badge " + (status in upplied.SIGNS ? status : "failed").replace(" ", "-") },
   (upplied.SIGNS[status] || "?") + " " + status);
 
-upplied.format = (value, digits, unit = "") => (Number.isFinite(value) ? value.toFixed(digits) + unit : "–");
+// A number as text, without the sign of one that rounds to zero.
+upplied.format = (value, digits, unit = "") => (Number.isFinite(value) ? value.toFixed(digits).replace(/^-(?=[0.]*$)/, "") + unit : "–");
 
 upplied.duration = function (seconds) {
   if (!Number.isFinite(seconds)) return "–";
@@ -55,8 +56,8 @@ upplied.minutes = (seconds) => (Number.isFinite(seconds) ? upplied.duration(seco
 upplied.words = (name) => String(name).replaceAll("_", " ");
 
 // The mark of a line or of a surface, and an entry of a legend with it.
-upplied.mark = function (kind, colour, text) {
-  const mark = upplied.element("i", { class: kind }, text);
+upplied.mark = function (kind, colour) {
+  const mark = upplied.element("i", { class: kind });
   if (colour) mark.style.background = colour;
   return mark;
 };

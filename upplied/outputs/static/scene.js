@@ -52,7 +52,6 @@
 
   // The corners of a picture, so far before its camera; tangents are half of its width and height at 1 m.
   const tangents = (camera, most) => [camera.hfov_deg, camera.vfov_deg].map((angle) => Math.tan((Math.min(angle, most) * Math.PI) / 360));
-  upplied.corners = corners;
   function corners(xyz, quat, camera, depth) {
     const [across, upward] = tangents(camera, 150);
     return [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([left, up]) => plus(turned(quat, [depth, left * across * depth, up * upward * depth]), xyz));

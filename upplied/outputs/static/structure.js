@@ -37,11 +37,11 @@
       heatMap(app, data),
       table("Findings", ["Finding", "Class", "Severity", "State", "Place, m", "Error", "Length", "Photo", "By"], data.marks || [],
         (row) => [row.finding, row.class, row.severity, row.state, row.place, format(row.error, 2, " m"), format(row.length, 0, " mm"), row.photo, row.by]),
-      own(table("Plans", ["Demonstration", "Result", "Decision", "Inspected", "mm/px", "Clearance", "Time", "Planned"], data.plans, (plan) => [
+      own(table("Plans", ["Demonstration", "Result", "Decision", "Inspected", "mm/px", "Clearance", "Time", "Planned (UTC)"], data.plans, (plan) => [
         element("a", { href: upplied.link("transfers", plan.pair) }, plan.demonstration + (plan.preset === "recommended" ? "" : ", " + plan.preset)), badge(plan.status), plan.state,
         format(plan.coverage, 1, " %"), format(plan.gsd, 1), format(plan.clearance, 1, " m"), minutes(plan.duration), plan.planned], "There is no plan yet.")),
-      own(table("Flights", ["Flown", "Plan", "Operator", "Share of the plan", "Clearance", "Findings"], data.flights,
+      own(table("Flights", ["Flown (UTC)", "Plan", "Operator", "Share of the plan", "Clearance", "Findings"], data.flights,
         (row) => [row.when, row.plan, row.operator, format(row.share, 0, " %"), format(row.clearance, 1, " m"), row.findings], "No flight was imported yet.")),
-      table("Decisions", ["Time", "Decision", "Note"], data.history, (row) => [row.when, row.what, row.note]));
+      table("Decisions", ["Time (UTC)", "Decision", "Note"], data.history, (row) => [row.when, row.what, row.note]));
   };
 })();

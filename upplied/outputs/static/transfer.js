@@ -16,13 +16,13 @@
       ...proofs.map(({ preset, flown }) => ({ name: preset + ", flown", colour: COLOURS.flown, width: 3, proof: flown.kind === "flown",
         path: upplied.path(flown.path), viewpoints: [], states: states(flown.states) }))];
     document.title = demonstration.id + " → " + target;
-    const fly = plan.path ? upplied.fly(data, plan, tracks[0]) : null;
+    const fly = plan.path ? upplied.fly(data, plan) : null;
     let leaveViews = () => {};
     const openViews = async () => {
       await upplied.load("plotly.min.js");
       leaveViews = showViews(panels[1], data, plan, tracks);
     };
-    const { bar, panels, show } = upplied.tabs([["Fly", fly && (() => setTimeout(fly.redraw))], ["Quality", tracks.length ? openViews : null], ["Research", null]]);
+    const { bar, panels, show } = upplied.tabs([["Fly", null], ["Quality", tracks.length ? openViews : null], ["Research", null]]);
     const about = upplied.link("demonstrations", demonstration.id), structure = upplied.link("structures", target);
     fill(app,
       element("header", { class: "page" },
@@ -36,7 +36,7 @@
         element("h2", {}, each.preset + ": safety rules were overruled"), list(each.overruled))),
       data.change ? note(data.change.startsWith(NEWER) ? data.change : "Change since the previous plan: " + data.change) : null,
       bar, panels);
-    fill(panels[0], fly ? fly.root : note("There is no path to fly."),
+    fill(panels[0], fly || note("There is no path to fly."),
       (data.zones || []).length ? section("Required zones", upplied.zones(data.zones)) : null,
       upplied.downloads(data), upplied.live ? upplied.decisions({ id: plan.provenance.transfer_id, known: plan.known }) : null);
     fill(panels[1], proofs.map(({ preset, flown }) => element("section", { class: "flown" },
@@ -45,7 +45,6 @@
     show(0);
     app.setAttribute("data-ready", "true");
     return () => {
-      if (fly) fly.leave();
       leaveViews();
       for (const name of ["data-drawn", "data-ready"]) app.removeAttribute(name);
     };
@@ -171,7 +170,7 @@
     const level = (y) => ({ type: "line", xref: "paper", yref: "y2", x0: 0, x1: 1, y0: y, y1: y, line: { color: "#d55e00", width: 1.5, dash: "dashdot" } });
     const text = { xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom", showarrow: false };
     const tops = CHARTS.map((_, row) => 1 - row * (height + gap));
-    const layout = { height: 500, margin: { l: 50, r: 10, t: 56, b: 40 }, hovermode: "x unified", paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+    const layout = { height: 500, margin: { l: 50, r: 20, t: 56, b: 40 }, hovermode: "x unified", paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       font: { family: "system-ui, sans-serif", size: 12, color: ink }, legend: { orientation: "h", y: 1.06, yanchor: "bottom" },
       xaxis: { ...axis, title: { text: "share of the flight, %" }, range: [0, 100], anchor: "y3" },
       ...Object.fromEntries(tops.map((top, row) => ["yaxis" + (row ? row + 1 : ""), { ...axis, domain: [Math.max(0, top - height), top], rangemode: "tozero" }])),

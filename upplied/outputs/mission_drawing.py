@@ -1,0 +1,223 @@
+"""A mission as a pilot reads it, as SVG: a map, north up, and the heights over the distance flown."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from PIL import Image
+from scipy.spatial import ConvexHull
+
+from upplied.geometry.polylines import arc_length
+from upplied.geometry.poses import optical_axis
+from upplied.geometry.scene import scene_of
+from upplied.outputs.draw.tubes import frustum_corners
+from upplied.outputs.missions.records import Mission
+from upplied.outputs.pages import image_address
+from upplied.records import Bools, Camera, Floats, Plan, Structure
+
+_SIZE = np.array([640, 400])  # of a drawing, in its own units
+_ROOM, _LEFT = 24.0, 64.0  # at its edges, and left of the heights
+_FLIGHTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")  # Okabe and Ito
+_TRANSIT, _LIMIT, _FOOTPRINT, _RETURN, _GROUND = "#7a7a7a", "#b3261e", "#e69f00", "#d55e00", "#5f6b78"
+_ROUND_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
+_STYLE = (
+    "path { fill: none; stroke-width: 2; stroke-linejoin: round; stroke-linecap: round } "
+    "text { font: 13px system-ui, sans-serif; fill: #5f6b78; stroke: #fffc; stroke-width: 3; "
+    "paint-order: stroke } "
+    ".ink { stroke: #1f2933 } .structure { fill: #b8c1cc } "
+    "@media (prefers-color-scheme: dark) { text { fill: #a4afba; stroke: #15181ccc } "
+    ".ink { stroke: #e6e9ec } .structure { fill: #56606b } } "
+    "@media (max-width: 480px) { text { font-size: 20px } path { stroke-width: 3 } }"  # of the picture
+)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight of a mission, or a plan of which no mission can be written."""
+
+    positions: Floats  # (N, 3) m, structure frame
+    quat_xyzw: Floats  # (N, 4) camera to structure
+    inspect: Bools  # (N,) False on transit legs
+    photo: Bools  # (N,)
+
+    @property
+    def runs(self) -> Iterator[tuple[bool, slice]]:
+        """Waypoints that follow each other, on the inspection or on a transit leg."""
+        inside = self.inspect[1:] & self.inspect[:-1]
+        changes = np.flatnonzero(inside[1:] != inside[:-1]) + 1
+        for start, end in pairwise([0, *changes.tolist(), len(inside)] if len(inside) else []):
+            yield bool(inside[start]), slice(start, end + 1)
+
+
+@dataclass(frozen=True)
+class MissionDrawing:
+    """The flights round a structure, and what limits them."""
+
+    structure: Structure
+    flights: Sequence[Flight]
+    camera: Camera
+    heading_deg: float = 90.0  # of the structure's +X, clockwise from true north
+    home: Floats | None = None  # (3,) m, structure frame; None: the place on the Earth is unknown
+    return_m: float = float("nan")  # height of an automatic return above home
+
+    @classmethod
+    def of_missions(cls, missions: Sequence[Mission], structure: Structure, camera: Camera) -> MissionDrawing:
+        """The sorties of a plan."""
+        flights = [Flight(one.local, one.quat_xyzw, one.inspect, one.photo) for one in missions]
+        first = missions[0]
+        place = first.placement.heading_deg, first.home_local, first.return_height_m
+        return cls(structure, flights, camera, *place)
+
+    @classmethod
+    def of_plan(cls, plan: Plan, structure: Structure, camera: Camera) -> MissionDrawing:
+        """The path of a plan, with a photo at each viewpoint."""
+        path, photo = plan.trajectory, plan.is_viewpoint
+        assert path is not None and photo is not None
+        flight = Flight(path.positions, path.quat_xyzw, np.ones(len(path), bool), photo)
+        return cls(structure, [flight], camera)
+
+    def map(self) -> str:
+        """The structure from above, with paths, photos, their footprints, and what must not be entered."""
+        turn = np.radians(self.heading_deg)
+        axes = np.array([[np.sin(turn), -np.cos(turn)], [np.cos(turn), np.sin(turn)]])  # east and north
+        homes = [] if self.home is None else [self.home[None]]
+        every = np.concatenate([self.structure.vertices, *(one.positions for one in self.flights), *homes])
+        flat = every[:, :2] @ axes.T
+        middle, extent = (flat.min(axis=0) + flat.max(axis=0)) / 2, np.maximum(np.ptp(flat, axis=0), 1e-6)
+        scale = float(((_SIZE - 2 * _ROOM) / extent).min())
+
+        def at(places: Floats) -> Floats:
+            return np.asarray(_SIZE / 2 + scale * (places[..., :2] @ axes.T - middle) * [1, -1])
+
+        across, down = (each.ravel() for each in np.meshgrid(*(np.arange(side) + 0.5 for side in _SIZE)))
+        level = ((np.column_stack([across, down]) - _SIZE / 2) * [1, -1] / scale + middle) @ axes
+        above = np.column_stack([level, np.full(len(level), every[:, 2].max() + 1.0)])
+        reach = scene_of(self.structure).cast(above, np.tile([0.0, 0.0, -1.0], (len(above), 1)))[0]
+        parts = [_silhouette(np.isfinite(reach).reshape(_SIZE[::-1]))]
+        shapes = [shape for flight in self.flights for shape in self._footprints(flight)]
+        opacity = np.clip(6 / max(len(shapes), 1), 0.05, 0.3)
+        for corners in map(at, shapes):
+            outline = corners[ConvexHull(corners, qhull_options="QJ").vertices]
+            style = f"fill: {_FOOTPRINT}; fill-opacity: {opacity:.2f}"
+            parts.append(f'<path d="{_line(outline)}Z" style="{style}"/>')
+        parts += [_path(at(area), _LIMIT, "Z") for area in self._limits]
+        for number, flight in enumerate(self.flights):
+            for home in homes:
+                parts.append(_path(at(np.concatenate([home, flight.positions[:1]])), _TRANSIT))
+            drawn = at(flight.positions)
+            parts += [_path(drawn[run], _colour(number, inside)) for inside, run in flight.runs]
+            dots = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in drawn[flight.photo])
+            parts.append(f'<path class="ink" d="{dots}" style="stroke-width: 4"/>')
+        for x, y in (at(home[0]) for home in homes):
+            square = 'style="stroke-width: 10; stroke-linecap: square"'
+            parts.append(f'<path class="ink" d="M{x:.1f} {y:.1f}h0" {square}/>{_text(x + 10, y + 5, "H")}')
+            parts.append('<path class="ink" d="M18 44V14M13 22L18 12L23 22"/>' + _text(18, 62, "N", "middle"))
+        bar_m = max(step for step in _ROUND_M if step == 1 or step * scale < _SIZE[0] / 4)
+        parts.append(f'<path class="ink" d="M12 390h{bar_m * scale:.1f}" style="stroke-width: 3"/>')
+        return _svg([*parts, _text(12, 382, f"{bar_m} m")])
+
+    def heights(self) -> str:
+        """Heights above take-off, or above the ground where that is unknown, over the distance flown."""
+        ground, ceiling = self.structure.floor_z_m, self.structure.surroundings.ceiling_z_m
+        zero = ground if self.home is None else float(self.home[2])
+        levels = [("ground", ground, _GROUND), ("return to home", zero + self.return_m, _RETURN)]
+        levels += [] if ceiling is None else [("ceiling", ceiling, _LIMIT)]
+        levels = [each for each in levels if np.isfinite(each[1])]
+        path = np.concatenate([one.positions for one in self.flights])
+        z = np.concatenate([path[:, 2], [zero], [level for _, level, _ in levels]])
+        low, high = z.min(), z.max()
+        lengths = [arc_length(one.positions) for one in self.flights]
+        starts = np.cumsum([0.0, *(length[-1] for length in lengths)])
+        wide, high_m = max(starts[-1], 1e-6), max(high - low, 1e-6)
+
+        def at(distance: Floats, z: Floats) -> Floats:
+            return np.column_stack([_LEFT + 558 * distance / wide, 360 - 330 * (z - low) / high_m])
+
+        parts = []
+        for name, level, colour in levels:
+            line, words = at(np.array([0.0, wide]), np.full(2, level)), f"{name} {round(level - zero)} m"
+            parts.append(_path(line, colour) + _text(614, line[0, 1] - 5, words, "end"))
+        for number, (flight, length) in enumerate(zip(self.flights, lengths, strict=True)):
+            x, z = starts[number] + length, flight.positions[:, 2]
+            for end in (0, -1) if self.home is not None else ():
+                parts.append(_path(at(x[[end, end]], np.array([zero, z[end]])), _TRANSIT))
+            parts += [_path(at(x[run], z[run]), _colour(number, inside)) for inside, run in flight.runs]
+        for height in _ticks(low - zero, high - zero, 5):
+            parts.append(_text(_LEFT - 8, 364 - 330 * (height + zero - low) / high_m, f"{height:g} m", "end"))
+        for distance in _ticks(0.0, wide, 5):
+            parts.append(_text(_LEFT + 558 * distance / wide, 386, f"{distance:g} m", "middle"))
+        return _svg(parts)
+
+    def legend(self) -> list[tuple[str, str, str]]:
+        """What the drawings show: in words, the kind of its mark, and its colour."""
+        words = (
+            [f"flight {at + 1}" for at in range(len(self.flights))]
+            if self.flights[1:]
+            else ["inspection path"]
+        )
+        marks = [(word, "line", _colour(at, True)) for at, word in enumerate(words)]
+        if self.home is not None:
+            marks = [("take-off", "home", ""), *marks, ("transit legs", "line", _TRANSIT)]
+        if self._limits:
+            marks.append(("keep-out area or geofence", "line", _LIMIT))
+        return [*marks, ("photo", "photo", ""), ("footprint of a photo", "footprint", "")]
+
+    @property
+    def _limits(self) -> list[Floats]:
+        """Areas not to be entered or left, each by its corners (C, 2) m."""
+        around = self.structure.surroundings
+        boxes = [np.array([[x, y], [u, y], [u, v], [x, v]]) for (x, y, _), (u, v, _) in around.keep_out_m]
+        return [*boxes, *([around.geofence_m] if len(around.geofence_m) else [])]
+
+    def _footprints(self, flight: Flight) -> Iterator[Floats]:
+        """For each photo that shows the structure, the camera and the corners of the picture, (5, 3) m."""
+        taken = flight.photo if flight.photo.any() else flight.inspect
+        positions, quats = flight.positions[taken], flight.quat_xyzw[taken]
+        depth_m = scene_of(self.structure).cast(positions, optical_axis(quats))[0]
+        rays = frustum_corners(positions, quats, self.camera, 1.0) - positions[:, None]
+        for place, corners, depth in zip(positions, rays, depth_m, strict=True):
+            if np.isfinite(depth):
+                yield np.vstack([place, place + depth * corners])
+
+
+def _silhouette(shown: Bools) -> str:
+    """The pixels (H, W) of a structure, in a colour of the style."""
+    png = io.BytesIO()
+    Image.fromarray((255 * shown).astype(np.uint8)).save(png, "PNG")
+    source = image_address(png.getvalue())
+    size = f'width="{_SIZE[0]}" height="{_SIZE[1]}"'
+    mask = f'<mask id="shown"><image {size} href="{source}"/></mask>'
+    return f'{mask}<rect class="structure" {size} mask="url(#shown)"/>'
+
+
+def _colour(number: int, inside: bool) -> str:
+    return _FLIGHTS[number % len(_FLIGHTS)] if inside else _TRANSIT
+
+
+def _line(places: Floats) -> str:
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in places)
+
+
+def _path(places: Floats, colour: str, end: str = "") -> str:
+    return f'<path d="{_line(places)}{end}" style="stroke: {colour}"/>'
+
+
+def _text(x: float, y: float, words: str, anchor: str = "start") -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{words}</text>'
+
+
+def _ticks(low: float, high: float, most: int) -> Floats:
+    """Round values between two others, at most so many steps apart."""
+    step = next((each for each in _ROUND_M if high - low <= most * each), _ROUND_M[-1])
+    return np.asarray(np.arange(np.ceil(low / step - 1e-6), np.floor(high / step + 1e-6) + 1) * step + 0.0)
+
+
+def _svg(parts: Sequence[str]) -> str:
+    """A drawing as the address of a picture."""
+    size = f'width="{_SIZE[0]}" height="{_SIZE[1]}" viewBox="0 0 {_SIZE[0]} {_SIZE[1]}"'
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" {size}><style>{_STYLE}</style>{"".join(parts)}</svg>'
+    return image_address(svg.encode(), "svg+xml")
