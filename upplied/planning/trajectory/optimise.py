@@ -174,12 +174,10 @@ class _Search(Record):
         state, shape = _state(problem, start, weights), problem.demonstrated
         first = state.nearest(start.safe)
         leaving = Leaving.of(problem.starts[0].safe.positions, _standoff_m(problem))
+        standoff = StandoffKept.of(problem.standoff, state.flown(first), weights.standoff_tolerance)
         lasting: list[tuple[float, Term]] = [
             (shape_weight, shape),
-            (
-                weights.standoff,
-                StandoffKept.of(problem.standoff, state.flown(first), weights.standoff_tolerance),
-            ),
+            (weights.standoff, standoff),
             (weights.turning, Turning(start.mapped.yaw, start.mapped.pitch, problem.turned_rad)),
             (weights.leaving, leaving),
         ]
