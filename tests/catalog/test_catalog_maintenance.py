@@ -138,6 +138,7 @@ def test_plans_are_looked_at_some_at_a_time_and_told_of_once(catalog, monkeypatc
 
     monkeypatch.setattr(verification, "broken", noted)
     monkeypatch.setattr(delta, "ROW_GROUP", 5)
+    monkeypatch.setattr(verification, "_ROWS", 5)
     found = [str(f) for f in verify(catalog)]
     assert max(looked) == 5 and sum("and 7 more" in f and "'fine' is not" in f for f in found) == 1, found
 

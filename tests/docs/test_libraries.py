@@ -45,6 +45,7 @@ EXTRA_FILES = {
         "upplied/outputs/pages.py",
         "upplied/outputs/draw/sheet.py",
         "upplied/outputs/camera_pictures.py",
+        "upplied/outputs/mission_drawing.py",
         "upplied/outputs/pictures.py",
         "upplied/web/app.py",
         "upplied/web/guard.py",

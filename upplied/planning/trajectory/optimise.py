@@ -136,10 +136,8 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
         worth, variables = searches[number].improved()
         if searches[number].shown(variables) >= least:
             results.append((worth, searches[number], variables))
-    best = results[_last_of_best([worth for worth, *_ in results])] if results else None
-    if best is None or best[0] <= first[0]:
-        best = first[0], searches[0], searches[0].first
-    _, search, variables = best
+    results.append((first[0], searches[0], searches[0].first))
+    _, search, variables = results[_last_of_best([worth for worth, *_ in results])]
     return Optimised(search, variables, search.shown(variables))
 
 
