@@ -133,9 +133,7 @@ def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources
             for shard, future in advancing(list(zip(shards, submitted, strict=True))):
                 try:
                     future.result()
-                except (
-                    Exception
-                ) as error:  # the engine's own, whatever it is: failed, or gone with its process
+                except Exception as error:  # the engine's own: failed, or gone with its process
                     get_run_logger().warning("%s was lost: %s", fleet.shard_name(shard), error)
                     planned.lost.append(f"{type(error).__name__}: {error}".split("\n")[0][:200])
         planned.attempted(named, planner.attempts(catalog, run_id))
