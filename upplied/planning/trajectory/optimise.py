@@ -3,7 +3,7 @@
 The state is a smooth displacement of a start and of its camera's directions. Every problem is a term, a file
 in `terms`, with a weight that says what its unit is worth as a share of the surface to be shown
 (`OptimiseSettings`). One solver, L-BFGS-B with analytic slopes, weighs them all. Of several starts those that
-are worth most are optimised, and the best of the results is taken.
+are worth most are optimised, and the best of the results is taken; among equals the carried path itself.
 """
 
 from __future__ import annotations
