@@ -56,17 +56,28 @@ unexport PYTHONDONTWRITEBYTECODE
 # of servers, would come last, and the whole run would wait for them (tests/conftest.py).
 PYTEST = $(BIN)/python -m pytest --numprocesses $(CORES) --dist loadfile --no-loadscope-reorder
 
-test: $(READY) ## the tests of a developer, on every core or CORES=...; ROOM=catalog, or more, are those of a room
+# What is compiled for this processor's instructions, and for the plainest: once, and not by each process of a test.
+COMPILED := .venv/.compiled
+PLAINLY := .venv/.compiled-plainly
+JITTED := $(shell grep -rl --include=*.py njit upplied)
+
+$(COMPILED): $(READY) $(JITTED)
+	@$(BIN)/python tests/compiled.py && touch $@
+
+$(PLAINLY): $(READY) $(JITTED)
+	@$(BIN)/python tests/plainly.py tests/compiled.py && touch $@
+
+test: $(COMPILED) ## the tests of a developer, on every core or CORES=...; ROOM=catalog, or more, are those of a room
 	@$(PYTEST) -m "$(TESTS)" $(ROOM:%=tests/%)
 
-test-all: $(READY) ## the test suite with the slow ones: faults, servers, benchmarks' smoke runs
+test-all: $(COMPILED) ## the test suite with the slow ones: faults, servers, benchmarks' smoke runs
 	@$(PYTEST)
 
 # Laws of planning that are fast, and figures that are kept: what another processor's last bit would move.
 PLAIN := tests/bench/test_results.py tests/planning/test_plan.py tests/planning/test_laws_place.py \
 	tests/planning/correspondence/test_partial.py
 
-test-plain: $(READY) ## the planning laws with the plainest instructions that the libraries know
+test-plain: $(PLAINLY) ## the planning laws with the plainest instructions that the libraries know
 	@$(BIN)/python tests/plainly.py -m pytest --numprocesses $(CORES) --dist loadfile -q -m "not slow or ci" $(PLAIN)
 
 check: $(READY) ## ruff and mypy

@@ -183,7 +183,7 @@ def test_whether_pieces_tell_parts_is_found_out_when_a_structure_is_taken_in(tmp
     assert catalog.structure("scan").tells_parts is False
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_plan_with_a_sibling_is_the_same_again_by_any_number_of_workers(tmp_path) -> None:
     hashes = []
     for workers in (1, 2):

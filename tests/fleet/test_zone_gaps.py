@@ -127,7 +127,7 @@ def test_a_zone_that_the_plan_does_not_show_is_flown_as_it_asks(catalog, made, c
         plan_gap(catalog, "aaa")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_a_zone_asks_beyond_the_plan_is_added_to_what_the_flight_missed(catalog, made):
     (plan,) = catalog.transfers()["transfer_id"]
     half = made.trajectory.take(made.trajectory.t_s <= 70.0)

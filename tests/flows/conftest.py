@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,10 +19,28 @@ from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
 
+@pytest.fixture(scope="session")
+def database(tmp_path_factory) -> Path:
+    """A server's database, made once a run: that takes longer than all else of a server's start."""
+    own = tmp_path_factory.getbasetemp()
+    path = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "database" / "prefect.db"
+    path.parent.mkdir(exist_ok=True)
+    with (path.parent / "making").open("w") as making:
+        fcntl.flock(making, fcntl.LOCK_EX)
+        if not path.exists():
+            with private_server(tmp_path_factory.mktemp("first")) as server:
+                server.wait()
+            shutil.copyfile(server.log.parent / path.name, path.with_suffix(".new"))
+            path.with_suffix(".new").rename(path)
+    return path
+
+
 @pytest.fixture(scope="module")
-def server(tmp_path_factory) -> Iterator[Server]:
+def server(tmp_path_factory, database) -> Iterator[Server]:
     """A server of one module's own: waiting for tests of others costs more than a start."""
-    with private_server(tmp_path_factory.mktemp("prefect")) as server:
+    folder = tmp_path_factory.mktemp("prefect")
+    shutil.copyfile(database, folder / database.name)
+    with private_server(folder) as server:
         server.wait()
         yield server
 

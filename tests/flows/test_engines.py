@@ -80,7 +80,6 @@ def test_a_worker_of_dask_that_is_killed_is_named_and_another_does_its_work(serv
     assert not list(Path(there.location, planner.FOLDER).iterdir())
 
 
-@pytest.mark.ci
 def test_where_the_scheduler_of_dask_is_killed_the_run_plans_the_rest_itself(server, tmp_path):
     pytest.importorskip("prefect_dask")
     catalog = boxes(tmp_path / "catalog")
@@ -96,8 +95,7 @@ def test_where_the_scheduler_of_dask_is_killed_the_run_plans_the_rest_itself(ser
     assert verify(catalog) == []
 
 
-@pytest.mark.parametrize("whose", ["a running cluster", "its own"])
-@pytest.mark.ci
+@pytest.mark.parametrize("whose", ["a running cluster", pytest.param("its own", marks=pytest.mark.ci)])
 def test_dask_gives_the_same_bytes(server, here, running, tmp_path, whose):
     address = "" if whose == "its own" else running
     assert planned(boxes(tmp_path / "there"), "dask", server.environment, address) == here
@@ -114,7 +112,6 @@ def test_a_target_that_hangs_on_a_cluster_is_stopped_and_costs_itself_alone(serv
     assert {where.split("/")[2].split(":")[0] for where in rows["planned_on"]} == {"dask"}
 
 
-@pytest.mark.ci
 def test_shards_that_an_engine_loses_are_told_and_too_many_of_them_fail_the_run(server, tmp_path):
     """A cluster whose processes cannot plan: all is planned by the run itself."""
     distributed = pytest.importorskip("distributed")

@@ -11,9 +11,10 @@ from upplied.catalog import open_catalog
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
-pytestmark = [pytest.mark.ci, pytest.mark.server, pytest.mark.filterwarnings("default")]
+pytestmark = [pytest.mark.slow, pytest.mark.server, pytest.mark.filterwarnings("default")]
 
 
+@pytest.mark.ci
 def test_a_flight_that_lands_is_judged_and_what_it_left_out_is_planned(server, place):
     done = python(
         server,

@@ -13,7 +13,7 @@ from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory import optimise as optimisation
 from upplied.planning.trajectory.optimise import Problem, Start, _last_of_best, optimise
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.terms.path import Leaving, Shape
+from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape
 from upplied.planning.trajectory.view import View
 from upplied.records import Camera, Cloud, Surroundings
 
@@ -232,15 +232,33 @@ def test_leaving_counts_a_kink_more_than_a_shift(wall: View):
     assert still[0] == pytest.approx(3 / 36) and np.isfinite(still[1].positions).all()
 
 
-@pytest.mark.parametrize(("lack_m2", "rounds"), [(0.0, 2), (1.0, 2 + optimisation._FURTHER)])
-def test_a_path_that_still_comes_too_near_is_optimised_further(
-    wall: View, monkeypatch: pytest.MonkeyPatch, lack_m2: float, rounds: int
+@pytest.mark.parametrize(("kept", "rounds"), [(True, 2), (False, 2 + optimisation._FURTHER)])
+def test_a_path_that_still_comes_too_near_is_optimised_further_and_that_is_dearer_each_time(
+    wall: View, monkeypatch: pytest.MonkeyPatch, kept: bool, rounds: int
 ):
-    solved, search = [], optimisation._Search
-    monkeypatch.setattr(search, "near", lambda *_: lack_m2)
-    monkeypatch.setattr(search, "solved", lambda self, start, terms: solved.append(terms) or start)
+    prices, search = [], optimisation._Search
+
+    def solved(self, start, terms):
+        prices.append(next(weight for weight, term in terms if isinstance(term, Clearance)))
+        return start
+
+    monkeypatch.setattr(search, "kept", lambda *_: kept)
+    monkeypatch.setattr(search, "solved", solved)
     result(wall, problem(wall, along()), rounds=2, starts=1)
-    assert len(solved) == rounds
+    assert len(prices) == rounds and prices[0] == prices[1]
+    np.testing.assert_allclose(np.divide(prices[2:], prices[1:-1]), optimisation._DEARER)
+
+
+def test_a_result_that_keeps_the_distance_comes_before_one_that_shows_more(
+    wall: View, monkeypatch: pytest.MonkeyPatch
+):
+    path, search = along(), optimisation._Search
+    monkeypatch.setattr(search, "shown", lambda self, variables: 1.0 - np.array_equal(variables, self.first))
+    free = optimise(problem(wall, path), 0.3, OptimiseSettings())
+    assert not np.array_equal(free.variables, free.search.first)
+    monkeypatch.setattr(search, "kept", lambda self, variables: np.array_equal(variables, self.first))
+    near = optimise(problem(wall, path), 0.3, OptimiseSettings())
+    assert np.array_equal(near.variables, near.search.first)
 
 
 def test_with_stations_added_the_search_starts_from_the_best_path_too(wall: View):

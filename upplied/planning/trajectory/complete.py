@@ -113,17 +113,14 @@ def _with_passes(
                 break
             request = problem.along(longer.path, longer.origin, longer.added, best.path)
             result = optimise(request, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
-            if result.shown < least:
-                break
             fitting, whole = flyable.in_time(result, longer.origin, longer.added, limit_s)
         except RefusedError:  # no safe way along the passes: the flight without them has one
             break
-        results += [fitting] if fitting else []
-        if fitting is whole:
+        results += [fitting] if fitting and fitting.shown >= least else []
+        if fitting is whole or whole.shown < least:
             break
         most_s -= whole.taken_s - _LESS * limit_s
-    most = max(results, key=lambda one: one.shown, default=alone)
-    return most.waypoints if most.shown >= least else alone.waypoints
+    return max(results, key=lambda one: one.shown, default=alone).waypoints
 
 
 def _longer(

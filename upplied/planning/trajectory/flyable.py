@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from upplied.config import Settings
 from upplied.errors import RefusedError
 from upplied.geometry.polylines import interpolated
-from upplied.geometry.poses import from_yaw_pitch
+from upplied.geometry.poses import fov_at, from_yaw_pitch
 from upplied.planning.airspace.detours import Ways, safe_positions
 from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.geometry.frechet import frechet_floored
@@ -93,7 +93,14 @@ class Flyable(Record):
     def _partly(self, result: Optimised, share: float, origin: Ints, added: Bools) -> Result:
         part = result if share == 1 else result.partly(share)
         waypoints = self.finished(part, origin, added)
-        return Result(waypoints, self.seconds(waypoints), part.shown)
+        return Result(waypoints, self.seconds(waypoints), self.shown(part, waypoints))
+
+    def shown(self, result: Optimised, path: Waypoints) -> float:
+        """Share of the need that a path as it is flown truly shows: what made it safe may hide some."""
+        search, view = result.search, result.search.problem.view
+        if view.fov_deg is not None:
+            view = replace(view, fov_deg=fov_at(self.carried.take.inspection.flight, path.t_s))
+        return float(search.need @ view.shown(path.positions, path.quat_xyzw, search.samples))
 
     def allowed_s(self, view: View) -> float:
         """At most as much longer than the demonstration as what is to be shown is larger, and some more."""

@@ -34,7 +34,7 @@ _APART = 0.15  # stand-offs flown plus radians turned, between stations that are
 _COMFORTABLE = 2.5  # safety distances, at which to come nearer costs nothing yet
 _CORRECTIONS = 12  # that L-BFGS keeps
 _FURTHER = 3  # rounds at most, while the path still comes too near
-_NEAR_M2 = 1e-3  # mean square of the lack of safety distance, from which a path comes too near
+_DEARER = 10.0  # times as dear to come too near, in each further round: so that it ends
 _EARLY = _WIDEST / _NARROWEST  # times as dear, in the first half of the rounds, to leave the carried flight
 _ALIKE = 3e-3  # of the need, by which one path is no better than another
 _LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
@@ -85,11 +85,10 @@ class Problem(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Optimised(Record):
-    """The result of a search, and the share of what is needed that its path truly shows."""
+    """The result of a search."""
 
     search: _Search
     variables: Floats
-    shown: float
 
     @property
     def path(self) -> Flown:
@@ -104,8 +103,7 @@ class Optimised(Record):
     def partly(self, share: float) -> Optimised:
         """Of the way from the start to the result, this share."""
         first = self.search.first
-        variables = first + share * (self.variables - first)
-        return replace(self, variables=variables, shown=self.search.shown(variables))
+        return replace(self, variables=first + share * (self.variables - first))
 
 
 def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -> Optimised:
@@ -126,19 +124,19 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     samples, need = _sampled(problem.view, weights.samples)
     searches = [_Search.of(problem, start, samples, need, shape_weight, weights) for start in problem.starts]
     if len(samples) == 0:
-        return Optimised(searches[0], searches[0].first, 0.0)
-    first = [search.worth(search.first) for search in searches]
+        return Optimised(searches[0], searches[0].first)
+    first = [search.value(search.first) for search in searches]
     ranked = np.argsort(-np.array(first), kind="stable")[: weights.starts].tolist()
     results, least = [], 0.0
-    if searches[0].near(searches[0].first) == 0:
+    if searches[0].kept(searches[0].first):
         least = searches[0].shown(searches[0].first) - _LOST
     for number in sorted(ranked, reverse=True):
         worth, variables = searches[number].improved()
         if searches[number].shown(variables) >= least:
             results.append((worth, searches[number], variables))
-    results.append((first[0], searches[0], searches[0].first))
+    results.append((searches[0].worth(searches[0].first), searches[0], searches[0].first))
     _, search, variables = results[_last_of_best([worth for worth, *_ in results])]
-    return Optimised(search, variables, search.shown(variables))
+    return Optimised(search, variables)
 
 
 def _last_of_best(worth: Sequence[float]) -> int:
@@ -187,17 +185,19 @@ class _Search(Record):
         quats = from_yaw_pitch(path.yaw, path.pitch)
         return float(self.need @ self.problem.view.shown(path.positions, quats, self.samples))
 
-    def worth(self, variables: Floats) -> float:
-        """Share of the need that is truly seen, less what coming too near and the lasting terms cost."""
-        path, near = self.state.flown(variables), self.weights.clearance * self.near(variables)
-        return (
-            self.shown(variables) - near - sum(weight * term.value(path)[0] for weight, term in self.lasting)
-        )
-
-    def near(self, variables: Floats) -> float:
-        """How much the path lacks of the safety distance, mean square, m^2."""
+    def value(self, variables: Floats) -> float:
+        """Share of the need that is truly seen, less what the lasting terms cost."""
         path = self.state.flown(variables)
-        return Clearance.of(self.problem.airspace, path).value(path)[0]
+        return self.shown(variables) - sum(weight * term.value(path)[0] for weight, term in self.lasting)
+
+    def worth(self, variables: Floats) -> float:
+        """Its value, and 1 less where it comes too near: once pushed away it may show anything."""
+        return self.value(variables) - (not self.kept(variables))
+
+    def kept(self, variables: Floats) -> bool:
+        """Whether the path keeps the safety distance, the floor and the ceiling."""
+        path = self.state.flown(variables)
+        return Clearance.of(self.problem.airspace, path).kept(path)
 
     def improved(self) -> tuple[float, Floats]:
         """The best of the rounds, and what it is worth."""
@@ -205,16 +205,16 @@ class _Search(Record):
         variables, results = self.first, []
         widths = np.geomspace(_WIDEST, _NARROWEST, weights.rounds)
         for number, width in enumerate([*widths, *widths[-1:].repeat(_FURTHER)]):
-            if number >= weights.rounds and self.near(variables) < _NEAR_M2:
+            further, early = number - weights.rounds + 1, number < weights.rounds // 2
+            if further > 0 and self.kept(variables):
                 break
-            path = state.flown(variables)
-            early = number < weights.rounds // 2
-            variables = self.solved(variables, self.terms(path, float(width), early))
+            terms = self.terms(state.flown(variables), float(width), early, _DEARER ** max(further, 0))
+            variables = self.solved(variables, terms)
             if not early:
                 results.append((self.worth(variables), variables))
         return results[_last_of_best([worth for worth, _ in results])]
 
-    def terms(self, path: Flown, width: float, early: bool) -> list[tuple[float, Term]]:
+    def terms(self, path: Flown, width: float, early: bool, dearer: float = 1.0) -> list[tuple[float, Term]]:
         """The terms, with what stands in the way and what is near from this path.
 
         In early rounds it is dearer to leave the carried flight: of all the paths that show as much the
@@ -237,7 +237,7 @@ class _Search(Record):
             (1.0, Coverage.of(view, samples, self.need, free, width, stride)),
             (1.0, Hidden.of(view, problem.airspace, path, _standoff_m(problem))),
             (weights.axis, Axis(aim, problem.aside_rad[::stride], stride)),
-            (weights.clearance, clearance),
+            (dearer * weights.clearance, clearance),
             (weights.clearance, clearance.no_nearer(comfortable_m)),
             *self.lasting,
             *([((_EARLY - 1) * weights.leaving, self.leaving)] if early else []),

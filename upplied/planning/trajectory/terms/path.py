@@ -16,6 +16,7 @@ from upplied.planning.trajectory.state import Flown
 from upplied.records import Floats, Ints, Record
 
 _BEYOND_M = 0.05  # kept beyond the limits, for what lies between the stations
+_HARMLESS_M = 0.01  # by which a path may be pushed away and shows the same
 _SHORTEST = 0.1  # of the usual leg: what hovers is not torn apart
 
 
@@ -43,12 +44,19 @@ class Clearance(Record):
         """The same, for a distance that is wished for and not demanded, without ground and ceiling."""
         return replace(self, least_m=least_m, floor_m=-np.inf, ceiling_m=np.inf)
 
+    def kept(self, flown: Flown) -> bool:
+        """Whether each station keeps the distance, the floor and the ceiling, if not what is kept beyond."""
+        lack, low, high = (values.max(initial=0) for values in self._lacks(flown))
+        return bool(max(lack - _BEYOND_M, low, high) <= _HARMLESS_M)
+
+    def _lacks(self, flown: Flown) -> tuple[Floats, Floats, Floats]:
+        height = ((flown.positions - self.closest) * self.outward).sum(axis=1)
+        low, high = self.floor_m - flown.positions[:, 2], flown.positions[:, 2] - self.ceiling_m
+        return np.maximum(self.least_m - height, 0), np.maximum(low, 0), np.maximum(high, 0)
+
     def value(self, flown: Flown) -> tuple[float, Flown]:
         """Mean squared lack, and its slope."""
-        height = ((flown.positions - self.closest) * self.outward).sum(axis=1)
-        lack = np.maximum(self.least_m - height, 0)
-        low = np.maximum(self.floor_m - flown.positions[:, 2], 0)
-        high = np.maximum(flown.positions[:, 2] - self.ceiling_m, 0)
+        lack, low, high = self._lacks(flown)
         slope = -2 * lack[:, None] * self.outward
         slope[:, 2] += 2 * (high - low)
         nothing = np.zeros(len(lack))
