@@ -8,7 +8,9 @@ from __future__ import annotations
 # Surfaces and their parts.
 FRAGMENT = 0.002  # share of the surface below which a piece or stretch is no part of its own
 LEAST_PART = 0.01  # share of the surface from which a part counts when parts are counted, and may be a blade
-TOUCH = 2.0  # sample spacings up to which samples are neighbours, on one surface or on two that touch
+# Sample spacings up to which samples are neighbours, on one surface or on two that touch: across the diagonal
+# of a lattice's cell, on a surface that faces three lattices alike, they lie sqrt(2) 3^(1/4) = 1.86 apart.
+TOUCH = 2.0
 SAME_FACE = 0.5  # cosine of two normals from which surfaces face the same way: 60 deg
 MAJORITY = 0.6  # share from which most of something is so
 COMPACT = 0.2  # longest edge over the structure's diagonal, of parts of which there may be others: engines
@@ -20,8 +22,7 @@ TOLERANCE = (
 )
 MOST_RATIO = 3.0  # of extents or areas of parts that may correspond, and by which a path may be stretched
 FACING = 0.03  # of the diagonal: what turning a normal by a right angle counts beside distance
-CLEARLY_BETTER = 0.8  # share to which a misfit must fall for another registration to be taken
-SAME_TURN_DEG = 25.0  # orientations nearer to each other than this are one, and so are directions flown
+CLEARLY_BETTER = 0.8  # share of something that is clearly less: of a misfit, for another registration
 # Demonstrations.
 JITTER_M = 0.02  # what no flight means, whether it is noise or not
 JITTER = 0.002  # the same as a share of the flight's extent, round small structures

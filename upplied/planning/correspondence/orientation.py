@@ -16,12 +16,13 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from upplied.geometry.vectors import scaled_normals
-from upplied.planning.constants import CLEARLY_BETTER, FACING, SAME_TURN_DEG, TOLERANCE
+from upplied.planning.constants import CLEARLY_BETTER, FACING, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.geometry.clouds import box_scale, diagonal_of, icp
 from upplied.records import Cloud, Floats, Ints, Record
 
 _STEP_DEG = 10.0  # between headings
+SAME_TURN_DEG = 2.5 * _STEP_DEG  # nearer orientations are one: a heading, and the two to either side of it
 _COARSE, _FINE = 250, 700  # samples by which all candidates and by which the best are judged
 _REFINED = 6  # candidates
 _ITERATIONS = 15

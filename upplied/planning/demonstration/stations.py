@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from upplied.geometry.polylines import cumulated, interpolated, leg_lengths
 from upplied.geometry.poses import facing, matrices
-from upplied.planning.constants import JITTER, JITTER_M, SAME_TURN_DEG, SMOOTH_S, STILL
+from upplied.planning.constants import JITTER, JITTER_M, SMOOTH_S, STILL
 from upplied.records import Bools, Floats, Ints, Trajectory
 
 _TICK_S = 0.1
@@ -68,6 +68,7 @@ def steadied(flight: Trajectory) -> tuple[Floats, Floats]:
 
 _SHORTEST = 0.1  # of the usual spacing: stations are no denser
 _TURNED_RAD = np.radians(6.0)  # of the camera's axis from station to station, about
+_CORNER_RAD = np.radians(25.0)  # over the shortest spacing: a sharper bend has a station at its very tip
 _FEWEST = 160  # stations of a flight; those of a longer one are `spacing_m` apart
 
 
@@ -118,7 +119,7 @@ def stations_of(flight: Trajectory, spacing_m: float, extent_m: float, length_m:
     ends = [
         run[[0, -1]] + [0, 1] for run in np.split(still, np.flatnonzero(np.diff(still) > 1) + 1) if len(run)
     ]
-    sharp = places[_peaks(curvature, np.radians(SAME_TURN_DEG) / (_SHORTEST * spacing))]
+    sharp = places[_peaks(curvature, _CORNER_RAD / (_SHORTEST * spacing))]
     tips = [np.searchsorted(along, sharp).clip(0, len(flight) - 1)]
     fixed = np.unique(np.concatenate([[0, len(flight) - 1], *ends, *tips]).astype(np.int64))
     chosen = [np.zeros(1)]
