@@ -35,7 +35,7 @@
       data.findings.length ? section("Model checks", list(data.findings)) : null,
       own(section("Required zones", data.zones.length ? upplied.zones(data.zones) : note("No zones are required."))),
       heatMap(app, data),
-      table("Findings", ["Finding", "Class", "Severity", "State", "Place, m", "Error", "Length", "Photo", "By"], data.marks || [],
+      table("Findings", ["Finding", "Class", "Severity", "State", "Place (m)", "Error", "Length", "Photo", "By"], data.marks || [],
         (row) => [row.finding, row.class, row.severity, row.state, row.place, format(row.error, 2, " m"), format(row.length, 0, " mm"), row.photo, row.by]),
       own(table("Plans", ["Demonstration", "Result", "Decision", "Inspected", "mm/px", "Clearance", "Time", "Planned (UTC)"], data.plans, (plan) => [
         element("a", { href: upplied.link("transfers", plan.pair) }, plan.demonstration + (plan.preset === "recommended" ? "" : ", " + plan.preset)), badge(plan.status), plan.state,
