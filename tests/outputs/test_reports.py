@@ -177,8 +177,8 @@ def test_pictures_are_as_fine_as_their_distance_says():
     mesh = display_mesh(box)
     data = quality_data(plan, camera, scene_of(box), mesh, "{}")
     assert [each["name"] for each in data] == [
-        "resolution, mm/px",
-        "motion blur, px",
+        "resolution (mm/px)",
+        "motion blur (px)",
         "time in sharp view (s)",
     ]
     codes = {each["name"]: np.frombuffer(base64.b64decode(each["codes"]["data"]), np.uint8) for each in data}
