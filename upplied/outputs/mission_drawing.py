@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFilter
 
 from upplied.geometry.polylines import arc_length
 from upplied.geometry.scene import scene_of
@@ -98,7 +98,7 @@ class MissionDrawing:
         reach = scene_of(self.structure).cast(above, np.tile([0.0, 0.0, -1.0], (len(above), 1)))[0]
         footprints = [cells for flight in self.flights for cells in self._footprints(flight)]
         count = sum((_filled(at(cells)) for cells in footprints), np.zeros(_SIZE[::-1]))
-        opacity = np.clip(6 / max(len(footprints), 1), 0.05, 0.3)
+        opacity = np.clip(6 / max(len(footprints), 1), 0.1, 0.4)
         parts = [_masked("structure", np.isfinite(reach).reshape(_SIZE[::-1]), 'class="structure"')]
         parts.append(_masked("footprints", 1 - (1 - opacity) ** count, f'style="fill: {_FOOTPRINT}"'))
         parts += [_path(at(area), _LIMIT, "Z") for area in self._limits]
@@ -188,11 +188,11 @@ class MissionDrawing:
 
 
 def _filled(cells: Floats) -> Bools:
-    """The pixels (H, W) in any of some cells (C, 4, 2) of a drawing."""
-    picture = Image.new("1", _SIZE.tolist())
+    """The pixels (H, W) in any of some cells (C, 4, 2) of a drawing, or beside one: a wall is a line."""
+    picture = Image.new("L", _SIZE.tolist())
     for corners in cells.tolist():
-        ImageDraw.Draw(picture).polygon([*map(tuple, corners)], fill=1, outline=1, width=4)
-    return np.asarray(picture)
+        ImageDraw.Draw(picture).polygon([*map(tuple, corners)], fill=1, outline=1)
+    return np.asarray(picture.filter(ImageFilter.MaxFilter(5)), bool)
 
 
 def _masked(name: str, opacity: Floats | Bools, style: str) -> str:
