@@ -28,7 +28,7 @@ KINDS = {
     "fleet": ("fleet.js",),
     "transfer": ("scene.js", "fly.js", "transfer.js"),
     "structure": ("scene.js", "structure.js"),
-    "about": ("about.js",),
+    "about": ("structure.js",),
 }
 _LIVE: dict[str, tuple[str, ...]] = {"login": (), "studio": ("scene.js", "studio.js")}
 STYLES = ("report.css",)
