@@ -57,7 +57,7 @@ def test_choices_reach_the_plan_and_the_plan_that_was_asked_for_is_shown(planned
 
 def test_a_plan_is_made_again(planned, location, capsys):
     assert main(["transfer", "--reproduce", planned]) == 0
-    assert "the same again" in capsys.readouterr().out
+    assert "the result is the same" in capsys.readouterr().out
     assert main(["transfer", "--reproduce", "0" * 20]) == 2
 
 
@@ -134,7 +134,7 @@ def test_a_flight_in_wind_is_told_in_the_report(planned, tmp_path, capsys):
     assert "preset: the plan is of preset baseline" in capsys.readouterr().err
     assert main(["fly", planned, "--wind", "7", "--seed", "3", "--json", *FORCED]) == 0
     rows = {row["measure"]: row for row in json.loads(capsys.readouterr().out)}
-    clearance = rows["minimum clearance, m"]
+    clearance = rows["minimum clearance (m)"]
     assert clearance["flown"] != clearance["planned"]
     assert main(["report", str(reports)]) == 0
     text = page.read_text()

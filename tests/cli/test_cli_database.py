@@ -101,10 +101,10 @@ def test_json_has_every_measure_and_the_warnings(catalog, capsys):
 
 def test_demonstrations_are_retired_and_come_back(catalog, capsys):
     assert main(["demonstrations", "retire", "flight"]) == 0
-    assert "1 retired, 0 were retired before" in capsys.readouterr().out
+    assert "1 retired, 0 already retired" in capsys.readouterr().out
     assert catalog.demonstrations().empty
     assert main(["demonstrations", "retire", "flight"]) == 0
-    assert "0 retired, 1 were retired before" in capsys.readouterr().out
+    assert "0 retired, 1 already retired" in capsys.readouterr().out
     catalog.add_demonstrations([demonstration()])
     assert list(catalog.demonstrations()["demonstration_id"]) == ["flight"]
 

@@ -38,7 +38,7 @@ def test_findings_reach_the_person(place: Path, capsys: pytest.CaptureFixture[st
     assert row["verdict"] == "warned" and "assumed" in row["findings"] and row["flown_clearance_m"] > 1
     assert run(place, "show", "right") == 0
     said = capsys.readouterr().out
-    assert "minimum clearance, m" in said and "assumed: a camera" in said
+    assert "minimum clearance (m)" in said and "assumed: a camera" in said
     assert run(place, "show", "right", "--json") == 0
     assert json.loads(capsys.readouterr().out)["measured"]["axis_pct"] > 90
     kept = open_catalog(place / "catalog").demonstration("right").passport

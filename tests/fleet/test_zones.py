@@ -167,7 +167,7 @@ def test_a_run_plans_for_what_is_required_and_the_same_comes_of_it_again(catalog
     assert "zone mast is not planned for" in plan["warnings"]
     where = ["--catalog", catalog.location]
     assert main(["transfer", "--reproduce", plan["transfer_id"], *where]) == 0
-    assert "the same again" in capsys.readouterr().out
+    assert "the result is the same" in capsys.readouterr().out
     assert main(["zones", "cuboid-v1", "--json", *where]) == 1
     rows = {row["zone"]: row for row in json.loads(capsys.readouterr().out)}
     assert rows["mast"]["planned"] == rows["mast"]["flown"] == "not judged"

@@ -51,20 +51,20 @@ def test_the_report_says_how_far_the_surface_is_known(tmp_path: Path) -> None:
     path = tmp_path / "part.obj"
     path.write_bytes(mesh_files.write(*mesh_files.shape(), "obj"))
     entry = StructureEntry("part", "box", path, 1.0)
-    assert "known to    0.0 mm by its roughness, as a drawn mesh" in health_report(entry).text
+    assert "accuracy    0.0 mm, by the roughness of a drawn mesh" in health_report(entry).text
     drawn = replace(entry, surface="drawn")
-    assert "known to    exact: it was drawn, as declared" in health_report(drawn).text
-    assert "known to    0.10 m, as declared" in health_report(replace(entry, surface_error_m=0.1)).text
+    assert "accuracy    exact (declared as drawn)" in health_report(drawn).text
+    assert "accuracy    0.10 m, declared" in health_report(replace(entry, surface_error_m=0.1)).text
     scan = trimesh.creation.icosphere(5, 6.0)
     scan.vertices += np.random.default_rng(0).normal(0, 0.03, scan.vertices.shape)
     path.write_bytes(mesh_files.write(np.asarray(scan.vertices), np.asarray(scan.faces), "obj"))
     assert "it looks like a reconstruction of a scan (then declare" in health_report(entry).text
-    assert "mm by its roughness" in health_report(entry).text
+    assert "mm, by the roughness" in health_report(entry).text
     entry = replace(entry, surface="scanned")
     assert "looks like a reconstruction" not in health_report(entry).text
     of = held(read_structure(entry))
     error_m, thin_m = of.error_m, of.thin_m
-    said = f"{error_m:.2f} m, as a scan's is; what is thinner than {thin_m:.2f} m may be missing"
+    said = f"{error_m:.2f} m, inferred for a scan; objects thinner than {thin_m:.2f} m may be missing"
     assert said in health_report(entry).text
     assert "may be missing" not in health_report(replace(entry, surface_error_m=0.1)).text
 

@@ -26,7 +26,7 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "
 GRAPHICS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 QUIET = ["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"]
 FLAGS = ["--no-sandbox", "--disable-sync", *GRAPHICS, *QUIET]
-MAP_COLOURS = {"path": (0, 114, 178), "structure": (184, 193, 204), "view": (230, 190, 110)}
+MAP_COLOURS = {"path": (0, 114, 178), "structure": (184, 193, 204), "view": (220, 175, 70)}
 COLUMNS = ["pair", "status", "demonstration", "source", "target", "kind", "coverage", "attainable", "paper"]
 COLUMNS += ["baseline", "clearance", "frechet", "length", "duration", "change", "planned", "reason", "page"]
 

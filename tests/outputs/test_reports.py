@@ -177,9 +177,9 @@ def test_pictures_are_as_fine_as_their_distance_says():
     mesh = display_mesh(box)
     data = quality_data(plan, camera, scene_of(box), mesh, "{}")
     assert [each["name"] for each in data] == [
-        "resolution, mm/px",
-        "motion blur, px",
-        "time in sharp view, s",
+        "resolution (mm/px)",
+        "motion blur (px)",
+        "time in sharp view (s)",
     ]
     codes = {each["name"]: np.frombuffer(base64.b64decode(each["codes"]["data"]), np.uint8) for each in data}
     middle, focal = mesh.vertices[mesh.triangles].mean(axis=1), 2000 / np.tan(np.radians(30.0))

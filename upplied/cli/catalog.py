@@ -17,7 +17,7 @@ app = App(name="catalog", help="Inspect, check, export and maintain the catalog.
 
 LimitOption = Annotated[int, Parameter(help="Maximum number, the newest first.")]
 HeadOption = Annotated[tuple[str, ...], Parameter(help="Head hash noted earlier; its row must exist.")]
-SPARE = ("planned", "clear m", "inspected %")
+SPARE = ("planned", "clearance m", "inspected %")
 
 
 @app.command
@@ -91,12 +91,12 @@ def diff(before: str, after: str | None = None, /, *, results: Results = PRINTED
     before : str
         A time, such as 2026-11-21T02:00:00Z, or a version of the table of transfers.
     after : str
-        The same; by default now.
+        A time or a version; by default now.
     """
     from upplied.catalog import diff as changed
 
     frame = changed(results.opened(), _when(before), None if after is None else _when(after))
-    results.show_frame("changes", frame, LABELS["changes"], ("before", "seen %", "clear m"))
+    results.show_frame("changes", frame, LABELS["changes"], ("before", "seen %", "clearance m"))
     return 0
 
 
@@ -118,7 +118,7 @@ def as_of(moment: str, /, *, results: Results = PRINTED) -> int:
     Parameters
     ----------
     moment : str
-        Such as 2026-11-21 or 2026-11-21T02:00:00Z; UTC unless a zone is given.
+        A time, such as 2026-11-21 or 2026-11-21T02:00:00Z; UTC unless it states a zone.
     """
     frame = results.opened().transfers(as_of=moment)
     results.show_frame(f"transfers as of {moment}", frame, LABELS["plans"], SPARE)
@@ -161,7 +161,7 @@ def _when(text: str) -> str | int:
 NO_LICENCE = "All rights reserved"  # whoever gives data away chooses another
 FormatOption = Annotated[
     Literal["parquet", "lerobot", "tum"],
-    Parameter(help="parquet for any program, lerobot for learning, tum for evo."),
+    Parameter(help="Format: parquet for any program, lerobot for learning, tum for evo."),
 ]
 NameOption = Annotated[str, Parameter(help="Name with a version, such as boxes-v1; by default the folder's.")]
 PresetOption = Annotated[str, Parameter(help="Preset, or all; by default recommended, if present.")]

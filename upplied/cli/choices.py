@@ -20,7 +20,7 @@ class Choices:
     standoff : str
         Stand-off: scaled with the structure, or unchanged in metres (kept).
     gsd_mm : float
-        Required ground sample distance instead of the stand-off, mm.
+        Required ground sample distance in mm, instead of the stand-off.
     plane : bool
         Keep a planar demonstration in its plane.
     counterpart : tuple of str
@@ -32,7 +32,7 @@ class Choices:
     fidelity : str
         Trade-off between the demonstrated path and coverage: keep the path, balance, or cover more.
     clearance : float
-        Minimum distance from the structure, m.
+        Minimum distance from the structure, in metres.
     about : str
         Inspected surface, if the inferred one is wrong: landmarks, part_3, or boxes as
         "box X Y Z X Y Z", separated by commas.

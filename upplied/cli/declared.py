@@ -33,8 +33,8 @@ def set_(
     Parameters
     ----------
     values : str
-        As STAGE.NAME=VALUE: route.clearance_m=3, transfer.standoff=kept, transfer.gsd_m=0.002; without a
-        value the parameter is inherited again. preset=recommended is the only preset that is flown.
+        Parameters as STAGE.NAME=VALUE: route.clearance_m=3, transfer.standoff=kept, transfer.gsd_m=0.002;
+        without a value the parameter is inherited again. preset=recommended is the only preset that is flown.
     """
     from upplied.cli.transfer import changes
     from upplied.errors import SettingsError

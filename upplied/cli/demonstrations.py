@@ -19,8 +19,8 @@ LISTED = LABELS["demonstrations"]
 
 StructureOption = Annotated[str, Parameter(help="Structure that was flown, if no side-car file names it.")]
 RegisterOption = Annotated[tuple[str, ...], Parameter(help="A landmark in the log's frame, as NAME=X,Y,Z.")]
-StartOption = Annotated[float | None, Parameter(help="Start of the inspection, seconds from the first pose.")]
-StopOption = Annotated[float | None, Parameter(help="End of the inspection, in seconds from the first pose.")]
+StartOption = Annotated[float | None, Parameter(help="Inspection start, in seconds from the first pose.")]
+StopOption = Annotated[float | None, Parameter(help="Inspection end, in seconds from the first pose.")]
 KindOption = Annotated[str, Parameter(help="Kind of a project's structure, for instance building or tower.")]
 PublisherOption = Annotated[str, Parameter(help="Body to read: the name of its frame, or #7 for channel 7.")]
 
@@ -58,7 +58,7 @@ def add(
         kind=kind, unit_m=unit_m,
     )  # fmt: skip
     if dry_run and where.opened().identity.id is None:
-        say(f"no catalog at {where.location} yet: flights cannot be checked against a structure")
+        say(f"no catalog at {where.location}: flights cannot be checked against a structure")
     with progress("reading flights", len(find_logs(logs))) as advance:
         ingested = fleet.ingest_demonstrations(
             where.opened(), logs, workers, lambda _: advance(), options=options, dry_run=dry_run
@@ -95,7 +95,7 @@ def list_(*, results: Results = PRINTED) -> int:
         from upplied.outputs.passport_page import short
 
         rows = [{LISTED[name]: short(value) for name, value in row.items()} for row in rows]
-    results.show("demonstrations", rows, ("aimed %", "recorded %", "lowest m", "clear m"))
+    results.show("demonstrations", rows, ("aimed %", "recorded %", "lowest height m", "clearance m"))
     return 0
 
 
@@ -128,5 +128,5 @@ def retire(*demonstrations: str, where: Where = HERE) -> int:
         IDs of the demonstrations.
     """
     count = where.opened().retire_demonstrations(demonstrations)
-    say(f"{count} retired, {len(demonstrations) - count} were retired before")
+    say(f"{count} retired, {len(demonstrations) - count} already retired")
     return 0

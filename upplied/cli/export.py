@@ -15,7 +15,7 @@ from upplied.outputs.mission_options import MissionOptions
 Format = Literal["qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"]
 FormatOption = Annotated[Format, Parameter(help="Format of the mission.")]
 OutputOption = Annotated[Path, Parameter(("--output", "-o"))]
-TowardsOption = Annotated[float, Parameter(help="Wind direction, degrees counter-clockwise from +X.")]
+TowardsOption = Annotated[float, Parameter(help="Wind direction in degrees, counter-clockwise from +X.")]
 MissionFlags = Annotated[MissionOptions | None, Parameter("*")]
 
 

@@ -22,13 +22,15 @@ ByOption = Annotated[str, Parameter(help="Your name, stored with the finding.")]
 NoteOption = Annotated[str, Parameter(help="Note, stored with the finding.")]
 PhotoOption = Annotated[str, Parameter(help="Name or path of a registered photo.")]
 TimeOption = Annotated[float | None, Parameter(help="Seconds from its first pose, in place of a photo.")]
-PixelOption = Annotated[tuple[float, float] | None, Parameter(help="X and Y, px from the upper left.")]
-BoxOption = Annotated[tuple[float, float, float, float] | None, Parameter(help="X Y WIDTH HEIGHT, px.")]
-AtOption = Annotated[tuple[float, float, float] | None, Parameter(help="X Y Z, m, frame of the structure.")]
-PoseErrorOption = Annotated[
-    float | None, Parameter(help="Position error in 95 % of cases, m, instead of the flight's.")
+PixelOption = Annotated[tuple[float, float] | None, Parameter(help="X and Y in pixels from the upper left.")]
+BoxOption = Annotated[tuple[float, float, float, float] | None, Parameter(help="X Y WIDTH HEIGHT in pixels.")]
+AtOption = Annotated[
+    tuple[float, float, float] | None, Parameter(help="X Y Z in metres, in the structure's frame.")
 ]
-FinenessOption = Annotated[float, Parameter("--mm-px", help="Largest ground sample distance, mm per pixel.")]
+PoseErrorOption = Annotated[
+    float | None, Parameter(help="Position error in metres (95 %); by default the flight's.")
+]
+FinenessOption = Annotated[float, Parameter("--mm-px", help="Largest pixel on the surface, in mm.")]
 SinceOption = Annotated[str | None, Parameter("--since", help="First date of looks, such as 2026-03-01.")]
 ToOption = Annotated[str, Parameter("--to", help="IDs separated by commas, or `kind` for all of its kind.")]
 
@@ -46,15 +48,15 @@ def add(
     time: TimeOption = None,
     pixel: PixelOption = None,
     box: BoxOption = None,
-    outline: Annotated[str, Parameter(help='Corners in order, px: "X Y X Y X Y".')] = "",
+    outline: Annotated[str, Parameter(help='Corners in order, in pixels: "X Y X Y X Y".')] = "",
     structure: Annotated[str, Parameter(help="Structure of the point in --at.")] = "",
     at: AtOption = None,
     class_name: Annotated[str, Parameter("--class", help="Class, such as corrosion.")] = "",
     severity: Annotated[str, Parameter(help="Severity, such as minor or critical.")] = "",
     note: NoteOption = "",
     pose_error: PoseErrorOption = None,
-    attitude_error: Annotated[float, Parameter(help="Attitude error, one sigma, degrees.")] = 0.4,
-    pixel_error: Annotated[float, Parameter(help="Mark error, one sigma, px.")] = 1.0,
+    attitude_error: Annotated[float, Parameter(help="Attitude error in degrees (one sigma).")] = 0.4,
+    pixel_error: Annotated[float, Parameter(help="Error of the mark in pixels (one sigma).")] = 1.0,
     results: Results = PRINTED,
 ) -> int:
     """Place one mark, or the marks of a file, on their structures.
@@ -81,7 +83,7 @@ def add(
             corners = corners_of(outline.split()) if outline else ()
             pixels = (pixel,) if pixel else box_corners(*box) if box else corners
         except ValueError as error:
-            raise SettingsError("the mark", f"cannot be read: {error}", "numbers, px") from None
+            raise SettingsError("the mark", f"cannot be read: {error}", "numbers of pixels") from None
         about = {"class_name": class_name, "severity": severity, "note": note, "t_s": time, "flight": flight}
         marks = [Mark("the finding", photo, pixels, at, structure, **about)]  # type: ignore[arg-type]
     if min(pose_error or 0.0, attitude_error, pixel_error) < 0:

@@ -26,7 +26,7 @@ app = App(name="flights", help="Import flights of plans, compare them, and plan 
 
 PlanOption = Annotated[str, Parameter(help="ID of the flown plan; by default the plan that fits best.")]
 PhotosOption = Annotated[
-    Path | None, Parameter(help="File with photo times, nanoseconds of the log's clock.")
+    Path | None, Parameter(help="File with the times of photos, in nanoseconds of the log's clock.")
 ]
 ForceOption = Annotated[
     tuple[str, ...], Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")
@@ -71,7 +71,7 @@ def list_flights(
 ) -> int:
     """List the flights in the order of their import."""
     flights = results.opened().flights(structure=structure, kind=kind)
-    results.show_frame("flights", flights, LABELS["flights"], ("findings", "plan", "clear m"))
+    results.show_frame("flights", flights, LABELS["flights"], ("findings", "plan", "clearance m"))
     return 0
 
 
@@ -110,7 +110,7 @@ def history(
 ) -> int:
     """Show when the patch nearest to a point was seen, from which distance and at which angle."""
     looks = results.opened().looks_at(structure, point, kind)
-    results.show(f"looks at {point_text(point)} of {structure}", rows_of(looks), ("patch", "patch_off_m"))
+    results.show(f"views of {point_text(point)} on {structure}", rows_of(looks), ("patch", "patch_off_m"))
     seen = looks[looks["seen"]]
     if seen.empty:
         results.say("never seen")

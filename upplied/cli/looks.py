@@ -36,7 +36,7 @@ class LookResults(Results):
         frame = looks_frame(looks)
         sides = frame[["left_px", "top_px", "right_px", "bottom_px"]].round(0)
         frame["box"] = [" ".join(f"{side:.0f}" for side in row) for row in sides.to_numpy()]
-        self.show_frame(f"looks at {title}", frame, LABELS["looks"])
+        self.show_frame(f"views of {title}", frame, LABELS["looks"])
         if self.out is None:
             return 0
         from upplied.findings.crops import write_crops
@@ -72,7 +72,7 @@ def looks(
     point: PointArgument,
     /,
     *,
-    size: Annotated[float, Parameter(help="Width of the area to show, m.")] = 0.5,
+    size: Annotated[float, Parameter(help="Width of the area to show, in metres.")] = 0.5,
     results: LookResults = LOOKED,
 ) -> int:
     """List every photo of every flight that shows the place of the surface nearest to a point."""

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 WorkersOption = Annotated[int, Parameter(help="Number of processes; 0 uses one per core.")]
 Point = tuple[float, float, float]
-PointArgument = Annotated[Point, Parameter(help="X Y Z of the point, m, in the frame of the structure.")]
+PointArgument = Annotated[Point, Parameter(help="X Y Z of the point in metres, in the structure's frame.")]
 OnlyStructure = Annotated[str | None, Parameter(help="Only this structure.")]
 OnlyKind = Annotated[str | None, Parameter(help="Only structures of this kind.")]
 DemonstrationArgument = Annotated[str, Parameter(help="ID of the demonstration.")]

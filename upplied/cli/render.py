@@ -12,9 +12,9 @@ from upplied.cli.terminal import HERE, Where, beside, errors, say
 
 app = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
 
-OutputOption = Annotated[Path, Parameter(("--output", "-o"), help="The PNG to write.")]
+OutputOption = Annotated[Path, Parameter(("--output", "-o"), help="PNG file to write.")]
 ViewOption = Annotated[
-    str | None, Parameter(help="three-quarter, other side, perspective, side, front, top or below.")
+    str | None, Parameter(help="View: three-quarter, other side, perspective, side, front, top or below.")
 ]
 
 

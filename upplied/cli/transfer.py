@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 PresetOption = Annotated[
     tuple[str, ...],
-    Parameter(name="--preset", consume_multiple=True, help="paper, recommended or baseline; repeatable."),
+    Parameter(name="--preset", consume_multiple=True, help="Presets: paper, recommended or baseline."),
 ]
 SetOption = Annotated[tuple[str, ...], Parameter("--set", help="Parameter STAGE.NAME=VALUE; repeatable.")]
 BestOption = Annotated[str, Parameter("--best", help="Structure for which to use the best demonstration.")]
@@ -274,7 +274,7 @@ def _reproduced(where: Where, transfer_id: str) -> int:
         say(f"note: {doubt}")
     if not different:
         what = f"{row['n_waypoints']} waypoints" if row["status"] == "ok" else row["status"]
-        say(f"{transfer_id}: the same again ({what})")
+        say(f"{transfer_id}: the result is the same ({what})")
         return 0
     say(f"{transfer_id}: differs in {', '.join(different)}")
     why = causes(row, METHOD_VERSION)

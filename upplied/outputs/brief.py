@@ -138,7 +138,8 @@ def _measures(row: Mapping[str, Any], by_photos_pct: float) -> str:
 
 
 def _sorties(missions: Sequence[Mission]) -> str:
-    head = ("flight", "waypoints", "photos", "length, m", "time, s", "first waypoint (lat, lon, height m)")
+    start = "first waypoint (latitude, longitude, height in m)"
+    head = ("flight", "waypoints", "photos", "length (m)", "time (s)", start)
     cells = []
     for mission in missions:
         every = mission.photo_distance_m

@@ -52,7 +52,7 @@ def flown_sentence(flight: Mapping[str, Any] | None, row: Mapping[str, Any]) -> 
     parts = [_occasion(flight) if real else _weather(flight)]
     if (clearance := number(flight, "min_clearance_m")) is not None:
         silent = number(flight, "silent_s")
-        unknown = f", unknown for {silent:.0f} s without log" if silent else ""
+        unknown = f", unknown for {silent:.0f} s without a log" if silent else ""
         parts.append(f"minimum clearance {clearance:.2f} m{_of(row, 'min_clearance_m', 2, ' m')}{unknown}")
     for name, words in _SHARES.items():
         share = number(flight, name)
@@ -69,7 +69,7 @@ def flown_sentence(flight: Mapping[str, Any] | None, row: Mapping[str, Any]) -> 
 _SHARES = {
     "inspected_pct": "of the planned surface was inspected as planned",
     "inspected_if_corrected_pct": "if the correction of the log is right",
-    "required_pct": "of it was certainly in view",
+    "required_pct": "was certainly in view",
     "assumed_pct": "more in view if the correction of the log is right",
 }
 

@@ -61,12 +61,12 @@ class HealthReport(Record):
             parts = f"{findings.parts} connected part{'s' if findings.parts != 1 else ''}"
             parts += f", {findings.hidden_parts} hidden inside" if findings.hidden_parts else ""
             yield "mesh", f"{len(mesh.triangles)} triangles, {len(mesh.vertices)} vertices, {parts}"
-            seen = f"{findings.outside_area_m2:.1f} m² seen from outside"
+            seen = f"{findings.outside_area_m2:.1f} m² visible from outside"
             share = 100 * findings.outside_area_m2 / max(findings.area_m2, 1e-12)
             yield "surface", f"{findings.area_m2:.1f} m², {seen} ({share:.0f} %)"
-            count = f"{edges.boundary_edges} open edges, {edges.nonmanifold_edges} of three and more faces"
+            count = f"{edges.boundary_edges} open edges, {edges.nonmanifold_edges} with over two faces"
             yield "watertight", "yes" if edges.watertight else f"no: {count}"
-        yield "known to", _known(mesh)
+        yield "accuracy", _known(mesh)
         yield "repaired", "; ".join(findings.done) or "nothing"
 
 
@@ -95,7 +95,7 @@ def health_report(entry_or_path: StructureEntry | Path | str) -> HealthReport:
 def _assumed(path: Path, raw: RawMesh) -> tuple[StructureEntry, tuple[str, ...]]:
     """An entry for a file that no manifest declares, and what was assumed, in words."""
     up, unit = raw.up or "z", "the file declares no unit: metres assumed; declare `units` in the manifest"
-    axis = f"{up} is up, as the file says" if raw.up else f"{up} up assumed"
+    axis = f"{up} is up (stated in the file)" if raw.up else f"{up} up assumed"
     axes = f"{axis}, {_FORWARD[up]} forward assumed; declare `up` and `forward` in the manifest"
     if raw.unit_m is not None:
         return StructureEntry("unnamed", "unknown", path, raw.unit_m, up, _FORWARD[up]), (axes,)
@@ -105,13 +105,13 @@ def _assumed(path: Path, raw: RawMesh) -> tuple[StructureEntry, tuple[str, ...]]
 def _known(structure: Structure) -> str:
     error_m = surface_error_m(structure)
     if structure.surface_error_m is not None:
-        return f"{error_m:.2f} m, as declared" + ", of a scan" * structure.is_scan
+        return f"{error_m:.2f} m, declared" + " for a scan" * structure.is_scan
     if structure.surface == "drawn":
-        return "exact: it was drawn, as declared"
+        return "exact (declared as drawn)"
     if not structure.is_scan:
-        return f'{1000 * error_m:.1f} mm by its roughness, as a drawn mesh; else declare surface = "scanned"'
-    known = f"{error_m:.2f} m, as a scan's is"
+        return f'{1000 * error_m:.1f} mm, by the roughness of a drawn mesh; if scanned: surface = "scanned"'
+    known = f"{error_m:.2f} m, inferred for a scan"
     if len(structure.triangles):
-        thin = f"what is thinner than {held(structure).thin_m:.2f} m"
+        thin = f"objects thinner than {held(structure).thin_m:.2f} m"
         known += f"; {thin} may be missing: antennas, masts, cables"
-    return f"{known} (declare surface_error_m where you know better)"
+    return f"{known} (declare surface_error_m if you know it)"

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from PIL import Image
-from scipy.spatial import ConvexHull
+from PIL import Image, ImageDraw, ImageFilter
 
 from upplied.geometry.polylines import arc_length
-from upplied.geometry.poses import optical_axis
 from upplied.geometry.scene import scene_of
 from upplied.outputs.draw.tubes import frustum_corners
 from upplied.outputs.missions.records import Mission
@@ -23,6 +21,7 @@ _SIZE = np.array([640, 400])  # of a drawing, in its own units
 _ROOM, _LEFT = 24.0, 64.0  # at its edges, and left of the heights
 _FLIGHTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")  # Okabe and Ito
 _TRANSIT, _LIMIT, _FOOTPRINT, _RETURN, _GROUND = "#7a7a7a", "#b3261e", "#e69f00", "#d55e00", "#5f6b78"
+_RAYS, _STEP = 25, 1.5  # rays across a photo and down; most ratio of depths that is one surface
 _ROUND_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 _STYLE = (
     "path { fill: none; stroke-width: 2; stroke-linejoin: round; stroke-linecap: round } "
@@ -97,13 +96,11 @@ class MissionDrawing:
         level = ((np.column_stack([across, down]) - _SIZE / 2) * [1, -1] / scale + middle) @ axes
         above = np.column_stack([level, np.full(len(level), every[:, 2].max() + 1.0)])
         reach = scene_of(self.structure).cast(above, np.tile([0.0, 0.0, -1.0], (len(above), 1)))[0]
-        parts = [_silhouette(np.isfinite(reach).reshape(_SIZE[::-1]))]
-        shapes = [shape for flight in self.flights for shape in self._footprints(flight)]
-        opacity = np.clip(6 / max(len(shapes), 1), 0.05, 0.3)
-        for corners in map(at, shapes):
-            outline = corners[ConvexHull(corners, qhull_options="QJ").vertices]
-            style = f"fill: {_FOOTPRINT}; fill-opacity: {opacity:.2f}"
-            parts.append(f'<path d="{_line(outline)}Z" style="{style}"/>')
+        footprints = [cells for flight in self.flights for cells in self._footprints(flight)]
+        count = sum((_filled(at(cells)) for cells in footprints), np.zeros(_SIZE[::-1]))
+        opacity = np.clip(6 / max(len(footprints), 1), 0.1, 0.4)
+        parts = [_masked("structure", np.isfinite(reach).reshape(_SIZE[::-1]), 'class="structure"')]
+        parts.append(_masked("footprints", 1 - (1 - opacity) ** count, f'style="fill: {_FOOTPRINT}"'))
         parts += [_path(at(area), _LIMIT, "Z") for area in self._limits]
         for number, flight in enumerate(self.flights):
             for home in homes:
@@ -174,24 +171,38 @@ class MissionDrawing:
         return [*boxes, *([around.geofence_m] if len(around.geofence_m) else [])]
 
     def _footprints(self, flight: Flight) -> Iterator[Floats]:
-        """For each photo that shows the structure, the camera and the corners of the picture, (5, 3) m."""
+        """The surface in each photo and in range, in cells (C, 4, 3), m, between rays that meet it."""
         taken = flight.photo if flight.photo.any() else flight.inspect
         positions, quats = flight.positions[taken], flight.quat_xyzw[taken]
-        depth_m = scene_of(self.structure).cast(positions, optical_axis(quats))[0]
-        rays = frustum_corners(positions, quats, self.camera, 1.0) - positions[:, None]
-        for place, corners, depth in zip(positions, rays, depth_m, strict=True):
-            if np.isfinite(depth):
-                yield np.vstack([place, place + depth * corners])
+        corners = frustum_corners(positions, quats, self.camera, 1.0) - positions[:, None]
+        left, up = (each.ravel() for each in np.meshgrid(*2 * [np.linspace(0.0, 1.0, _RAYS)]))
+        share = np.stack([left * up, (1 - left) * up, (1 - left) * (1 - up), left * (1 - up)])
+        number = np.arange(_RAYS**2).reshape(_RAYS, _RAYS)
+        cells = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=2)
+        cells = cells.reshape(-1, 4)
+        for place, rays in zip(positions, np.einsum("cr,ncx->nrx", share, corners), strict=True):
+            depth_m = scene_of(self.structure).cast(np.tile(place, (len(rays), 1)), rays)[0]
+            near, far = depth_m[cells].min(axis=1), depth_m[cells].max(axis=1)
+            whole = (far <= self.camera.max_range_m) & (far < _STEP * near)  # of one surface
+            yield place + depth_m[cells[whole], None] * rays[cells[whole]]
 
 
-def _silhouette(shown: Bools) -> str:
-    """The pixels (H, W) of a structure, in a colour of the style."""
+def _filled(cells: Floats) -> Bools:
+    """The pixels (H, W) in any of some cells (C, 4, 2) of a drawing, or beside one: a wall is a line."""
+    picture = Image.new("L", _SIZE.tolist())
+    for corners in cells.tolist():
+        ImageDraw.Draw(picture).polygon([*map(tuple, corners)], fill=1, outline=1)
+    return np.asarray(picture.filter(ImageFilter.MaxFilter(5)), bool)
+
+
+def _masked(name: str, opacity: Floats | Bools, style: str) -> str:
+    """A drawing in one colour with an opacity (H, W)."""
     png = io.BytesIO()
-    Image.fromarray((255 * shown).astype(np.uint8)).save(png, "PNG")
+    Image.fromarray((255 * opacity).astype(np.uint8)).save(png, "PNG")
     source = image_address(png.getvalue())
     size = f'width="{_SIZE[0]}" height="{_SIZE[1]}"'
-    mask = f'<mask id="shown"><image {size} href="{source}"/></mask>'
-    return f'{mask}<rect class="structure" {size} mask="url(#shown)"/>'
+    mask = f'<mask id="{name}"><image {size} href="{source}"/></mask>'
+    return f'{mask}<rect {style} {size} mask="url(#{name})"/>'
 
 
 def _colour(number: int, inside: bool) -> str:

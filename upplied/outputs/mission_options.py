@@ -22,37 +22,37 @@ class MissionOptions:
     altitude : str
         Reference of altitudes.
     home_m : tuple of float
-        Take-off point, x y z in the structure's frame, m; by default on the ground beside the structure.
+        Take-off point: x y z in metres, structure frame; by default on the ground beside the structure.
     clearance_m : float
-        Minimum distance of every leg from the structure, m.
+        Minimum distance of every leg from the structure, in metres.
     max_height_m : float
-        Maximum height of a leg above ground, m; by default 120, or the height of the plan.
+        Maximum height of a leg above ground, in metres; by default 120, or the height of the plan.
     tolerance_m : float
-        Largest deviation of the path when waypoints are removed, m.
+        Largest deviation of the path, in metres, when waypoints are removed.
     tolerance_deg : float
-        Largest deviation of the camera when waypoints are removed, deg.
+        Largest deviation of the camera, in degrees, when waypoints are removed.
     corner_m : float
-        Largest distance from a waypoint when passing it without a stop, m.
+        Largest distance from a waypoint, in metres, when passing it without a stop.
     photos : str
         Trigger of the photos: where overlap and coverage need them, by distance, none, or a video instead.
     photo_distance_m : float
-        Distance between photos, m.
+        Distance between photos, in metres.
     overlap : str
-        Overlap of photos along and across the path, percent, as 80/70.
+        Overlap of photos along and across the path in percent, such as 80/70.
     trigger_s : float
-        Minimum time between two photos, s; by default that of the camera if known, else 2.
+        Minimum time between two photos, in seconds; by default that of the camera if known, else 2.
     camera : str
         Name of the camera in cameras.toml; by default that of the demonstration.
     file_format : str
         File format of the photos; raw files take longer.
     endurance_s : float
-        Endurance of one battery, s; longer missions are split into several flights.
+        Endurance of one battery, in seconds; longer missions are split into several flights.
     reserve_pct : float
-        Battery reserve, percent of endurance.
+        Battery reserve, in percent of the endurance.
     max_waypoints : int
         Maximum number of waypoints in a file; by default that of the format.
     transit_mps : float
-        Speed of transit legs, m/s.
+        Speed of transit legs, in m/s.
     firmware : str
         Firmware of the autopilot.
     gimbal : str
@@ -62,7 +62,7 @@ class MissionOptions:
     payload : int
         DJI payload number, for models without a built-in payload.
     least_seen_pct : float
-        Share of the planned surface that the mission must show, percent.
+        Share of the planned surface that the mission must show, in percent.
     force : tuple of str
         Safety rule to overrule, by name; the mission records it. Repeatable.
     draft : bool
@@ -109,7 +109,7 @@ class MissionOptions:
         except ValueError:
             along, across = -1.0, -1.0
         if not (0 < along < 0.99 and 0 <= across < 0.99):
-            rule = "along and across in percent, as 80/70"
+            rule = "along and across in percent, such as 80/70"
             raise SettingsError("mission option overlap", f"is {self.overlap[:40]!r}", rule)
         return along, across
 

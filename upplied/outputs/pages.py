@@ -26,14 +26,14 @@ _TABLES = ("research", "quality", "fleet", "fleet_research", "moves", "pose", "z
 #: Scripts of each kind of page between those of all and `start.js`; 3-D views load the drawing library later.
 KINDS = {
     "fleet": ("fleet.js",),
-    "transfer": ("scene.js", "verdict.js", "fly.js", "transfer.js"),
+    "transfer": ("scene.js", "fly.js", "transfer.js"),
     "structure": ("scene.js", "structure.js"),
-    "about": ("about.js",),
+    "about": ("structure.js",),
 }
+_LIVE: dict[str, tuple[str, ...]] = {"login": (), "studio": ("scene.js", "studio.js")}
 STYLES = ("report.css",)
 #: Files of the package that every report folder holds once, under ``assets/``.
 SCRIPTS = (PLOTLY, *CORE, *dict.fromkeys(name for names in KINDS.values() for name in names), "start.js")
-_LIVE = ("live.js", "login.js", "studio.js")
 
 _POLICY = (
     "default-src 'none'; script-src {scripts}; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
@@ -54,7 +54,8 @@ def page(
 
     Parameters
     ----------
-    kind : {"fleet", "transfer", "structure", "about"}
+    kind : {"fleet", "transfer", "structure", "about", "login", "studio"}
+        The last two are pages of the application alone.
     title, fallback : str
         Plain text; the fallback is shown where scripts are off.
     data : mapping
@@ -66,22 +67,19 @@ def page(
     live : bool
         A person who signed in may decide, export and edit on the page.
     """
-    names = [*CORE, *(["live.js"] if live else []), *KINDS[kind]]
+    names = [*CORE, *(["live.js"] if live else []), *(KINDS | _LIVE)[kind]]
     scripts = [*(f"assets/{name}" for name in names), *extra, "assets/start.js"]
     return _shell(title, scripts, {**data, "root": root, "live": live}, fallback, root, live)
 
 
 def login_page() -> str:
     """The page for signing in: only a field for the password."""
-    scripts = [f"/assets/{name}" for name in (*CORE, "live.js", "login.js")]
-    return _shell("Sign in", scripts, {}, "Signing in needs scripts.", "/", True)
+    return page("login", "Sign in", {"login": True}, "Signing in needs scripts.", "/", live=True)
 
 
 def studio_page(transfer_id: str) -> str:
     """The page of the studio; its script requests the plan."""
-    scripts = [f"/assets/{name}" for name in (PLOTLY, *CORE, "live.js", "scene.js", "studio.js")]
-    body = '<p role="status" id="stage">Opening the plan</p>'
-    return _shell("Studio", scripts, {"plan": transfer_id}, "The studio needs scripts.", "/", True, body)
+    return page("studio", "Studio", {"studio": transfer_id}, "The studio needs scripts.", "/", live=True)
 
 
 def message_page(text: str) -> str:
@@ -103,8 +101,7 @@ def _shell(
     policy = _POLICY.format(scripts="'self'", connect="'self'" if live else "'none'")
     sheets = [f'<link rel="stylesheet" href="{root}assets/{name}">' for name in STYLES]
     sheets += ['<link rel="icon" href="data:,">'] * live  # or browsers ask for one
-    sources = [html.escape(name if name.startswith("/") else root + name) for name in scripts]
-    tags = [f'<script src="{source}"></script>' for source in sources]
+    tags = [f'<script src="{html.escape(root + name)}"></script>' for name in scripts]
     return _document(title, policy, sheets, _app(data, fallback, tags, body))
 
 
@@ -146,7 +143,7 @@ def assets() -> dict[str, str]:
 
 def live_assets() -> dict[str, str]:
     """The files under ``assets/``, with those of the application."""
-    return assets() | {name: _asset(name) for name in _LIVE}
+    return assets() | {name: _asset(name) for name in ("live.js", "studio.js")}
 
 
 def image_address(content: bytes, kind: str = "png") -> str:

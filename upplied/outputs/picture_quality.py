@@ -15,7 +15,7 @@ from upplied.proof.inspected import pictured
 from upplied.records import SURFACE_STATES, Camera, Cloud, Floats, Plan
 
 _INSPECTED = [SURFACE_STATES.index(name) for name in ("shown", "missed", "unattainable")]
-_NAMES = {"gsd_mm": "resolution, mm/px", "blur_px": "motion blur, px", "sharp_s": "time in sharp view, s"}
+_NAMES = {"gsd_mm": "resolution (mm/px)", "blur_px": "motion blur (px)", "sharp_s": "time in sharp view (s)"}
 _NONE = 255  # code of surface that no sharp picture shows
 _MOST_PCT = 99.0  # of the values; larger ones have the last colour
 

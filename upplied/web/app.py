@@ -53,7 +53,7 @@ class Web:
             Route("/missions/{plan}/{kind}", self.mission),
             Route("/decide", self.decide, methods=["POST"]),
         ]
-        self.app = Starlette(routes=routes, exception_handlers={HTTPException: _refused, Exception: _fault})
+        self.app = Starlette(routes=routes, exception_handlers=_HANDLERS)
 
     async def sign_in(self, request: Request) -> Response:
         """The cookie for a browser and the token for its page, in exchange for the password."""
@@ -82,9 +82,9 @@ class Web:
         if not self.login.may_read(request):
             return HTMLResponse(pages.login_page(), 401)
         if room == "studio":
-            plan = await _plainly(self.catalog.find_transfer, stem)
+            plan = await run_in_threadpool(self.catalog.find_transfer, stem)
             return HTMLResponse(pages.studio_page(plan))
-        content = await _plainly(self.live.page, room, stem if room else "")
+        content = await run_in_threadpool(self.live.page, room, stem if room else "")
         return Response(content, media_type=_TYPES[dot + ending])
 
     async def mission(self, request: Request) -> Response:
@@ -92,7 +92,7 @@ class Web:
         if not self.login.may_read(request):
             return HTMLResponse(pages.login_page(), 401)
         plan, kind = request.path_params["plan"], request.path_params["kind"]
-        name, content = await _plainly(self.live.mission, plan, kind)
+        name, content = await run_in_threadpool(self.live.mission, plan, kind)
         shown, media_type = _SHOWN.get(kind, ("attachment", "application/octet-stream"))
         headers = {"Content-Disposition": f'{shown}; filename="{name}"'}
         return Response(content, media_type=media_type, headers=headers)
@@ -116,16 +116,6 @@ class Web:
         return Response(json.dumps(pages.finite(answer), allow_nan=False), media_type="application/json")
 
 
-async def _plainly(act: Callable[..., Any], *given: str) -> Any:
-    """The result of a call; its errors become HTTP statuses with their messages."""
-    try:
-        return await run_in_threadpool(act, *given)
-    except CatalogError as error:
-        raise HTTPException(404, str(error)) from None
-    except UppliedError as error:
-        raise HTTPException(409, str(error)) from None
-
-
 async def _json(request: Request) -> dict[str, Any]:
     """The JSON object of a request, of a bounded size, within a bounded time."""
     if request.headers.get("Content-Type", "").split(";")[0].strip() != "application/json":
@@ -145,8 +135,10 @@ async def _json(request: Request) -> dict[str, Any]:
 
 
 async def _refused(request: Request, error: Exception) -> Response:
-    status = error.status_code if isinstance(error, HTTPException) else 500
-    text = error.detail if isinstance(error, HTTPException) else ""
+    """A refusal in words: a page for a browser, JSON for its scripts."""
+    status, text = 404 if isinstance(error, CatalogError) else 409, str(error)
+    if isinstance(error, HTTPException):
+        status, text = error.status_code, error.detail
     if request.method == "GET" and status in (404, 409):
         return HTMLResponse(pages.message_page(text), status)
     return JSONResponse({"refused": text}, status)
@@ -155,3 +147,6 @@ async def _refused(request: Request, error: Exception) -> Response:
 async def _fault(request: Request, error: Exception) -> Response:
     """A fault of the program, without its insides."""
     return JSONResponse({"refused": "The program failed. Its log says more."}, 500)
+
+
+_HANDLERS = {HTTPException: _refused, UppliedError: _refused, Exception: _fault}

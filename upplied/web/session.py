@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -38,9 +38,11 @@ class Sessions:
     """The plans that are open in the studio, by their ids."""
 
     def __init__(self, catalog: Catalog) -> None:
-        self._catalog, self._lock = catalog, threading.Lock()
-        self._open: dict[str, Session] = {}  # the most recently used one last
-        self._stages: dict[str, str] = {}
+        self._lock, self._stages = threading.Lock(), dict[str, str]()
+        self._session = lru_cache(_MOST_OPEN)(partial(self._opened, catalog))
+
+    def _opened(self, catalog: Catalog, plan: str) -> Session:
+        return Session(catalog, plan, partial(self._stages.__setitem__, plan))
 
     def answer(self, request: Mapping[str, Any], plan: str, what: str) -> dict[str, Any]:
         """The answer to a request about a plan.
@@ -53,12 +55,8 @@ class Sessions:
         if what == "progress":
             return {"stage": self._stages.get(plan, "Opening the plan")}
         with self._lock:
-            stage = partial(self._stages.__setitem__, plan)
-            session = self._open.pop(plan, None) or Session(self._catalog, plan, stage)
-            self._open[plan] = session
+            session = self._session(plan)
             self._stages.pop(plan, None)
-            if len(self._open) > _MOST_OPEN:
-                del self._open[next(iter(self._open))]
         return session.answer(what, request)
 
 
@@ -120,7 +118,6 @@ class Session:
             "demonstration": row["demonstration_id"],
             "target": row["target_id"],
             "pair": pair_name(row["demonstration_id"], row["target_id"]),
-            "kind": self.editing.recipe.target.kind,
             "state": decision_words({str(name): value for name, value in now.items()}),
             "structure": self._structure,
             "camera": {"hfov_deg": camera.hfov_deg, "vfov_deg": camera.vfov_deg},
@@ -260,8 +257,5 @@ class Session:
     def _in_force(self) -> dict[str, Any] | None:
         """The path of the plan in force, if it is another plan."""
         row = self._force_row
-        if row is None:
-            return None
-        path = self.catalog.plan(row["transfer_id"]).trajectory
-        assert path is not None
-        return {"id": row["transfer_id"], "path": path_data(profile(path, self.editing.scene), self._origin)}
+        path = None if row is None else self.catalog.plan(row["transfer_id"]).trajectory
+        return None if path is None else path_data(profile(path, self.editing.scene), self._origin)

@@ -102,7 +102,7 @@ def export(
         content = mcap_bytes(plan, structure, camera, notes) if notes else content
         keep(overruled)
         written = replace_file(goal, content)
-        return Exported((written,), (), ("in the structure frame, metres", *notes), overruled)
+        return Exported((written,), (), ("coordinates in metres, structure frame", *notes), overruled)
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
     missions = fenced(missions_for(format, plan, structure, options, camera, objections), structure, supposed)

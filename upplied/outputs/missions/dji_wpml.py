@@ -56,7 +56,7 @@ def _mission_config(mission: Mission, options: MissionOptions) -> str:
     payload = next(iter(built_in), None) if options.payload is None else options.payload
     if payload is None:
         rule = "DJI's payload number, for instance 42 (H20), 43 (H20T), 61 (H20N), 82 (H30), 83 (H30T)"
-        raise SettingsError("mission option payload", f"the {options.drone} has none built in", rule)
+        raise SettingsError("mission option payload", f"the {options.drone} has no built-in camera", rule)
     climb = float(np.clip(mission.height_m[0], *_SAFE_HEIGHT_M))
     back = float(np.clip(mission.return_height_m, *_SAFE_HEIGHT_M))
     config = _ELEMENTS["config"] | {

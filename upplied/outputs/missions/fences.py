@@ -67,7 +67,7 @@ def rally_of(mission: Mission, structure: Structure, supposed: SupposedSurface |
     for number, (point, under) in enumerate(zip(points, covered.tolist(), strict=True), 1):
         if fault := airspace.why(point) or "the structure is above it" * under:
             reason = f"rally point {number} at {point.tolist()} m cannot be used: {fault}"
-            raise RefusedError(mission.name, reason, "correct rally in the manifest")
+            raise RefusedError(mission.name, reason, "correct the rally points in the manifest")
     heights = points[:, 2:] - mission.home_local[2]
     return np.hstack([to_geodetic(points, mission.placement)[:, :2], heights])
 

@@ -165,7 +165,7 @@ def overlap_breaches(across: float, required: tuple[float, float] | None) -> lis
     if required is None or not across < required[1] - _OVERLAP:
         return []
     allowed = f"limit {100 * required[1]:g} % (overlap)"
-    return [Breach("overlap", f"photos overlap by {100 * across:.0f} % across, in the median", allowed)]
+    return [Breach("overlap", f"the median overlap across is {100 * across:.0f} %", allowed)]
 
 
 def pass_or_refuse(what: str, objections: Iterable[Breach], force: tuple[str, ...]) -> tuple[Breach, ...]:
@@ -276,4 +276,4 @@ def _photographing(reading: Reading, limits: Limits) -> Iterator[Breach]:
         place = tuple(reading.photo_m[at + 1])
         yield Breach("photos", f"a photo {apart[at]:.2f} s after the previous one", allowed, place)
     if reading.every_s < limits.trigger_s - _SOON_S:
-        yield Breach("photos", f"photos by distance follow each other in {reading.every_s:.2f} s", allowed)
+        yield Breach("photos", f"photos triggered by distance are {reading.every_s:.2f} s apart", allowed)

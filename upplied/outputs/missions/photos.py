@@ -120,7 +120,8 @@ def _share(shown: float) -> str:
 def _longer(slower_s: float) -> tuple[str, ...]:
     if slower_s <= _SLOWER_S:
         return ()
-    return (f"the flight takes {slower_s:.0f} s longer than planned, because the camera needs the time",)
+    why = "because the camera needs time between photos"
+    return (f"the flight takes {slower_s:.0f} s longer than planned, {why}",)
 
 
 def _at_distances(path: Trajectory, every_m: float) -> tuple[Trajectory, Bools]:
@@ -141,7 +142,7 @@ def _by_distance(
             name,
             f"a photo every {every_m:g} m needs {fastest:.2f} m/s or less: {ready}",
             f"{SLOWEST_MPS:g} m/s at least",
-            "take fewer: --photo-distance-m, or set the interval of the camera: --trigger-s",
+            "take fewer photos: --photo-distance-m, or set the interval of the camera: --trigger-s",
         )
     planned = np.diff(path.t_s)
     took = np.maximum(planned, leg_lengths(path.positions) / fastest)

@@ -102,5 +102,5 @@ class Cutter:
             f"mission from {self.path.positions[at].round(1).tolist()} m",
             "no part of the inspection fits into one flight with its transit legs",
             ", ".join(limits),
-            "allow more, take off nearer (--home-m), or fly faster",
+            "raise the limit, take off nearer (--home-m), or fly faster",
         )

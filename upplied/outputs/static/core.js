@@ -105,27 +105,26 @@ upplied.zones = function (rows) {
 // tabs([[name, opened], ...]): their bar, their panels, and how to show one; `opened` runs once, when its panel is first shown.
 upplied.tabs = function (sheets) {
   const { element } = upplied, waiting = sheets.map(([, opened]) => opened), ids = sheets.map(([name]) => name.toLowerCase());
-  const buttons = sheets.map(([name], at) => element("button", { type: "button", role: "tab", id: "tab-" + ids[at], "aria-controls": "panel-" + ids[at], onclick: () => show(at) }, name));
-  const panels = ids.map((id) => element("section", { class: id, role: "tabpanel", id: "panel-" + id, "aria-labelledby": "tab-" + id, tabindex: 0 }));
-  const step = (event) => {
-    const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
-    if (!by) return;
-    event.preventDefault();
-    const next = (buttons.indexOf(document.activeElement) + by + buttons.length) % buttons.length;
-    show(next);
-    buttons[next].focus();
-  };
+  const panels = ids.map((id, at) => element("section", { class: id, id: "panel-" + id, "aria-label": sheets[at][0] }));
   function show(chosen) {
-    buttons.forEach((button, at) => {
-      panels[at].hidden = at !== chosen;
-      button.setAttribute("aria-selected", String(at === chosen));
-      button.tabIndex = at === chosen ? 0 : -1;
-    });
+    panels.forEach((panel, at) => { panel.hidden = at !== chosen; });
     const opened = waiting[chosen];
     waiting[chosen] = null;
     if (opened) opened();
   }
-  return { panels, show, bar: element("div", { class: "tabs", role: "tablist", "aria-label": "Views of the plan", onkeydown: step }, buttons) };
+  const choices = ids.map((id, at) => element("label", { id: "tab-" + id }, element("input", { type: "radio", name: "tab", checked: at === 0, onchange: () => show(at) }), sheets[at][0]));
+  return { panels, show, bar: element("div", { class: "tabs", role: "radiogroup", "aria-label": "Views of the plan" }, choices) };
+};
+
+// An asynchronous act, one at a time: of the calls that come while it runs, the last alone follows.
+upplied.latest = function (act) {
+  let running = false, next = null;
+  return async function (...given) {
+    next = given;
+    if (running) return;
+    running = true;
+    try { while (next) { const now = next; next = null; await act(...now); } } finally { running = false; }
+  };
 };
 
 upplied.draws3d = function () {

@@ -90,4 +90,12 @@
       element("div", { class: "tools" }, button("released", "Release", () => decide("released"), true),
         button("reviewed", "Mark as reviewed", () => decide("reviewed")), button("rejected", "Reject", () => decide("rejected"))), signature.message);
   };
+
+  // The page of whoever is not signed in. A command opens it with the password behind #, which no server sees.
+  upplied.pages.login = async function (app) {
+    const reload = () => window.location.reload();
+    if (await upplied.entered) { reload(); return; }
+    app.append(upplied.fill(upplied.signInForm("h1", reload), upplied.note("The command that started the service prints the name of the file that holds the password.")));
+    document.getElementById("password").focus();
+  };
 })();

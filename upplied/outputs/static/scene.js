@@ -4,7 +4,6 @@
 (function () {
   const { element, unpack, points, bounds, STATES } = upplied;
   const FOV = Math.PI / 4; // of the viewer's own eye
-  const BEFORE = [0.562, 0.719, 0.407]; // from where a view is first seen
   const KEYS = { // what a key does: turns round the vertical and over the top, and steps away
     ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0], ArrowUp: [0, 1, 0], ArrowDown: [0, -1, 0], "+": [0, 0, -1], "=": [0, 0, -1], "-": [0, 0, 1], Home: [0, 0, 0],
   };
@@ -111,7 +110,7 @@
       return { line: from - 3, frusta: from - 2, flying: from - 1, shown: [true, true, true] };
     });
     const all = (own) => [own.line, own.frusta, own.flying];
-    const home = looking(unit(BEFORE.map((value, axis) => value * side(axis))));
+    const home = looking(unit([0.562 * (aside(0) < -0.25 ? -1 : 1), 0.719 * (aside(1) > 0.05 ? 1 : -1), 0.407]));
     const axis = (at) => ({ visible: false, autorange: false, range: limits[at] });
     const layout = {
       margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, hoverlabel: { font: { size: 12 } },
@@ -297,12 +296,10 @@
       return { eye: named(plus(center, towards, more * far)), center: named(center), up: { x: 0, y: 0, z: 1 } };
     }
 
-    // The side from which the first path is flown: the sign of the eye's x or y.
-    function side(axis) {
-      if (!tracks.length || axis === 2) return axis === 1 ? -1 : 1;
-      const [low, high] = bounds(vertices)[axis], mean = lines[0].reduce((sum, place) => sum + place[axis], 0) / lines[0].length;
-      const offset = (mean - (low + high) / 2) / Math.max(high - low, 1e-9);
-      return axis ? (offset > 0.05 ? 1 : -1) : offset < -0.25 ? -1 : 1;
+    // How far the first path is flown beside the middle of the structure, as a share of its extent.
+    function aside(axis) {
+      const [low, high] = bounds(vertices)[axis], path = lines[0] || [];
+      return path.reduce((sum, place) => sum + (place[axis] - (low + high) / 2) / path.length, 0) / Math.max(high - low, 1e-9);
     }
   };
 

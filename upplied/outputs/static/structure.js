@@ -1,4 +1,4 @@
-// A structure's page: picture, facts, required zones, plans, flights, findings and history.
+// The pages of a structure (facts, zones, plans, flights, findings, history) and of a demonstration (its import, in a picture and figures).
 "use strict";
 
 (function () {
@@ -35,7 +35,7 @@
       data.findings.length ? section("Model checks", list(data.findings)) : null,
       own(section("Required zones", data.zones.length ? upplied.zones(data.zones) : note("No zones are required."))),
       heatMap(app, data),
-      table("Findings", ["Finding", "Class", "Severity", "State", "Place, m", "Error", "Length", "Photo", "By"], data.marks || [],
+      table("Findings", ["Finding", "Class", "Severity", "State", "Place (m)", "Error", "Length", "Photo", "By"], data.marks || [],
         (row) => [row.finding, row.class, row.severity, row.state, row.place, format(row.error, 2, " m"), format(row.length, 0, " mm"), row.photo, row.by]),
       own(table("Plans", ["Demonstration", "Result", "Decision", "Inspected", "mm/px", "Clearance", "Time", "Planned (UTC)"], data.plans, (plan) => [
         element("a", { href: upplied.link("transfers", plan.pair) }, plan.demonstration + (plan.preset === "recommended" ? "" : ", " + plan.preset)), badge(plan.status), plan.state,
@@ -43,5 +43,18 @@
       own(table("Flights", ["Flown (UTC)", "Plan", "Operator", "Share of the plan", "Clearance", "Findings"], data.flights,
         (row) => [row.when, row.plan, row.operator, format(row.share, 0, " %"), format(row.clearance, 1, " m"), row.findings], "No flight was imported yet.")),
       table("Decisions", ["Time (UTC)", "Decision", "Note"], data.history, (row) => [row.when, row.what, row.note]));
+  };
+
+  upplied.pages.about = function (app, data) {
+    document.title = data.id;
+    upplied.fill(app,
+      element("header", { class: "page" }, element("a", { href: upplied.home }, "All plans"), element("h1", {}, data.id),
+        element("p", { class: "sub" }, "Flown round " + data.structure + (data.operator ? " by " + data.operator : "") + ", " + data.poses + " poses." + (data.notes ? " Notes: " + data.notes : ""))),
+      data.verdict
+        ? element("section", { class: "verdict " + (data.verdict === "refused" ? "refused" : "ok") }, element("h2", {}, "Import checks: " + data.verdict),
+          list(data.findings.map((one) => [element("strong", {}, one.rule), one.overruled ? " (overruled)" : "", ": " + one.found + " ", element("i", {}, one.remedy)])) || element("p", {}, "No findings."))
+        : element("p", {}, "This log was imported without checks. Import it again to have it checked."),
+      element("div", { class: "beside" }, element("img", { class: "shown", src: data.picture, alt: "The path of " + data.id + " round " + data.structure }),
+        data.figures.length ? element("section", { class: "measured" }, element("h2", {}, "Measured at import"), facts(data.figures)) : null));
   };
 })();

@@ -1,9 +1,8 @@
 // The studio: one plan, changed viewpoint by viewpoint, checked by the program at every change. All text enters as text.
 "use strict";
 
-(async function () {
+upplied.pages.studio = async function (app, id) {
   const { button, element, entry, field, fill, format, list: listed, note, unpack, COLOURS, STATES } = upplied;
-  const app = document.getElementById("app");
   const STEPS = [0.1, 0.25, 0.5, 1, 2], TURNS = [1, 2, 5, 10];
   const [MOVES, FIELDS, QUALITY] = ["moves", "pose", "zone_limits"].map((table) => Object.entries(upplied.labels[table]).map(([name, row]) => [name, ...row]));
   const PLACE = ["x_m", "y_m", "z_m"];
@@ -11,14 +10,14 @@
   const EDGES = [0, 1, 3, 2, 0, 4, 5, 7, 6, 4, null, 1, 5, null, 3, 7, null, 2, 6, null]; // of a box; a bit of each corner for each axis
   const ZONE = "#b000b0";
 
-  const id = JSON.parse(document.getElementById("data").textContent).plan;
   const ask = (what, request) => upplied.ask("/studio/" + id + "/" + what, request);
-  const stage = document.getElementById("stage"), began = performance.now();
+  const stage = element("p", { role: "status" }, "Opening the plan"), began = performance.now();
+  app.append(stage);
   const watching = setInterval(async () => {
     const answer = await ask("progress");
     stage.textContent = (answer.stage || "Opening the plan") + " … " + ((performance.now() - began) / 1000).toFixed(0) + " s";
   }, 700);
-  const plan = await ask("plan");
+  const [plan] = await Promise.all([ask("plan"), upplied.load("plotly.min.js")]);
   clearInterval(watching);
   if (plan.refused) { app.replaceChildren(element("p", { class: "verdict failed", role: "alert" }, plan.refused)); return; }
   const compass = Number.isFinite(plan.heading_deg);
@@ -32,31 +31,27 @@
 
   // The changes so far; every step can be undone.
   let state = { base: 0, viewpoints: plan.viewpoints.map((each) => ({ ...each })), deleted: [], fixed: [], boxes: [], clearance_m: plan.usual_m };
-  let chosen = 0, busy = false, stored = true, draft = plan.id, number = 0, asking = false, following = null, again = false, held = null;
-  const past = [], future = [];
-  const changes = () => JSON.stringify(state);
-  function remember(before) {
-    past.push(before);
-    future.length = 0;
+  let chosen = 0, busy = false, stored = true, draft = plan.id, number = 0, version = 0;
+  const versions = [JSON.stringify(state)];
+  function remember() {
+    versions.splice(++version, Infinity, JSON.stringify(state));
     stored = false;
   }
   function change(alter) {
-    const before = changes();
     if (busy) return;
     alter(state);
-    if (changes() === before) return;
-    remember(before);
+    if (JSON.stringify(state) === versions[version]) return;
+    remember();
     show(); judge();
   }
-  function back(from, to) {
-    if (busy || !from.length) return;
-    to.push(changes());
-    state = JSON.parse(from.pop());
+  function travel(by) {
+    if (busy || !(version + by in versions)) return;
+    state = JSON.parse(versions[version += by]);
     chosen = Math.min(chosen, state.viewpoints.length - 1);
     stored = false;
     show(); judge();
   }
-  const undo = () => back(past, future), redo = () => back(future, past);
+  const undo = () => travel(-1), redo = () => travel(1);
   const remaining = () => state.viewpoints.filter((_, at) => !state.deleted.includes(at));
   const changed = () => ({ base: state.base, viewpoints: remaining(), fixed: state.fixed,
     keep_out: state.boxes.map((box) => [box.slice(0, 3), box.slice(3)]), clearance_m: state.clearance_m });
@@ -66,7 +61,7 @@
   const signature = upplied.signature();
   const pane = upplied.pane("the plan round " + plan.target, "view");
   const picture = element("div", { class: "canvas", id: "picture", role: "img", "aria-label": "the picture of the camera at the selected viewpoint" });
-  const list = element("div", { class: "viewpoints", id: "viewpoints", role: "listbox", tabindex: 0, "aria-label": "Viewpoints in the order of flight", "aria-describedby": "keys" });
+  const list = element("select", { class: "viewpoints", id: "viewpoints", size: 10, "aria-label": "Viewpoints in the order of flight", "aria-describedby": "keys", onchange: () => choose(Number(list.value)) });
   // A field for a number; `set` takes each that is one.
   const numeric = (id, value, step, set) => element("input", { type: "number", id, step, value, onchange: ({ target }) => {
     if (set && target.value !== "" && Number.isFinite(Number(target.value))) change((now) => set(now, Number(target.value)));
@@ -91,7 +86,7 @@
 
   app.replaceChildren();
   fill(app,
-    element("nav", { "aria-label": "Pages" }, element("a", { href: "/index.html" }, "All plans"), " · ", element("a", { href: "/transfers/" + plan.pair + ".html" }, "Page of this plan")),
+    element("nav", { "aria-label": "Pages" }, element("a", { href: upplied.home }, "All plans"), " · ", element("a", { href: upplied.link("transfers", plan.pair) }, "Page of this plan")),
     element("h1", {}, plan.demonstration + " → " + plan.target), element("p", { class: "sub" }, "Plan " + plan.id + (plan.state ? ". Status: " + plan.state : "") + "."),
     verdict, signature.message,
     element("div", { class: "studio" },
@@ -103,22 +98,34 @@
           fields(field("step", step), field("turn", turn), field("view", looks)),
           buttons(MOVES.map(([key, label, by]) => keyed("move-" + key, label, () => move(by), key.toUpperCase()))),
           buttons(keyed("leave", "Remove or restore", () => toggle("deleted"), "Delete"), keyed("fix", "Fix or unfix", () => toggle("fixed"), "X"), keyed("undo", "Undo", undo, "Control+Z"), keyed("redo", "Redo", redo, "Control+Y"))),
-        group("Airspace", field("clearance limit, m", clearance), boxes, buttons(button("forbid", "Add a keep-out box here", forbid)), note("Each box has two corners, in metres, in the structure's frame.")),
+        group("Airspace", field("clearance limit (m)", clearance), boxes, buttons(button("forbid", "Add a keep-out box here", forbid)), note("Each box has two corners, in metres, in the structure's frame.")),
         group("Plan again", buttons(button("replan", "Plan the other viewpoints again", replan)), note("Changed and fixed viewpoints stay. The others are planned for the airspace above.")),
         group("Decide", signature.fields,
           buttons(button("keep", "Store as draft", keep), button("reviewed", "Mark as reviewed", () => decide("reviewed")), button("release", "Release", () => decide("released")), button("reject", "Reject", () => decide("rejected")))),
         group("Required zones", zones, element("details", {}, element("summary", {}, "Require another zone"),
           fields(field("name", zone.name), field("set", zone.set), quality.map(([, label, input]) => field(label, input))),
           field("place: landmarks, part_0, box X Y Z X Y Z or ball X Y Z R, separated by commas", zone.where),
-          fields(field("radius of the brush, m", zone.radius), element("label", { class: "check" }, paint, "paint by clicking on the surface")),
+          fields(field("radius of the brush (m)", zone.radius), element("label", { class: "check" }, paint, "paint by clicking on the surface")),
           buttons(keyed("brush", "Paint at the camera's aim", brush, "P"), button("preview", "Show", preview), button("require", "Require this zone", require)))))));
 
   const opened = upplied.path(plan.path);
   const tracks = [{ name: "as changed", colour: COLOURS.recommended, path: opened, viewpoints: remaining().map(pose), states: plan.states ? unpack(plan.states) : null },
     { name: "as opened", colour: COLOURS.baseline, path: opened, viewpoints: [], width: 2 }];
-  if (plan.in_force) tracks.push({ name: "in force", colour: COLOURS.demonstration, path: upplied.path(plan.in_force.path), viewpoints: [], width: 3 });
+  if (plan.in_force) tracks.push({ name: "in force", colour: COLOURS.demonstration, path: upplied.path(plan.in_force), viewpoints: [], width: 3 });
   const reach = Math.max(5, 0.15 * Math.max(...plan.structure.size_m));
   const [scene, eye] = upplied.draws3d() ? [[pane, tracks], [picture, []]].map(([root, drawn]) => upplied.scene(root, plan.structure, plan.camera, drawn, reach)) : [];
+  const follow = upplied.latest(async (dragged) => {
+    if (!scene) return;
+    const at = pose(dragged || state.viewpoints[chosen]);
+    await scene.point(0, at);
+    await scene.overlay("handle", [at.xyz], { mode: "markers", marker: { size: 6, color: upplied.colour("--red") } });
+    if (looks.value !== "free" && !dragged) await scene.face(at, false);
+    await eye.face(at, true);
+  });
+  const check = upplied.latest(async () => {
+    const own = number, answer = await ask("judge", changed());
+    if (own === number) await showVerdict(answer);
+  });
   if (scene) {
     await Promise.all([scene.ready, eye.ready]);
     for (let at = 1; at < tracks.length; at++) await scene.point(at, null);
@@ -178,10 +185,8 @@
     return "Pass " + (at + 1) + ": viewpoints " + own[0] + " to " + own[own.length - 1] + ", z " + (low === high ? low : low + " to " + high) + " m";
   }
   function show() {
-    const row = (at) => element("div", { role: "option", id: "viewpoint-" + at, "aria-selected": String(at === chosen), class: state.deleted.includes(at) ? "out" : "", onclick: () => { choose(at); list.focus(); } },
-      named(state.viewpoints[at], at));
-    list.replaceChildren(...passes().map((own, at) => element("div", { role: "group", "aria-label": "Pass " + (at + 1) },
-      element("div", { class: "pass", "aria-hidden": "true" }, passName(own, at)), own.map(row))));
+    list.replaceChildren(...passes().map((own, at) => element("optgroup", { label: passName(own, at) },
+      own.map((each) => element("option", { value: each, class: state.deleted.includes(each) ? "out" : null }, named(state.viewpoints[each], each))))));
     choose(chosen);
     clearance.value = state.clearance_m;
     boxes.replaceChildren(...state.boxes.map((box, at) => element("div", { class: "box" }, box.map((value, k) => corner(at, k, value)),
@@ -190,37 +195,17 @@
   }
   function corner(at, k, value) {
     const input = numeric("box-" + at + "-" + k, value, 0.1, (now, value) => { now.boxes[at][k] = value; });
-    input.setAttribute("aria-label", "box " + (at + 1) + ", " + (k < 3 ? "first" : "second") + " corner, " + "xyz"[k % 3] + ", m");
+    input.setAttribute("aria-label", "box " + (at + 1) + ", " + (k < 3 ? "first" : "second") + " corner, " + "xyz"[k % 3] + " (m)");
     return input;
   }
   function choose(at) {
     chosen = at;
-    for (const row of list.querySelectorAll("[role=option]")) row.setAttribute("aria-selected", String(row.id === "viewpoint-" + at));
-    list.setAttribute("aria-activedescendant", "viewpoint-" + at);
-    const row = document.getElementById("viewpoint-" + at);
-    if (row) list.scrollTop = Math.max(Math.min(list.scrollTop, row.offsetTop - list.offsetTop), row.offsetTop + row.offsetHeight - list.offsetTop - list.clientHeight);
+    list.value = at;
     for (const [name, , input] of coordinates) {
       const value = state.viewpoints[at][name];
       if (document.activeElement !== input) input.value = rounded(name === "yaw_deg" ? turned(value) : value, name.endsWith("deg") ? 2 : 3);
     }
     follow();
-  }
-  // One drawing at a time: the last viewpoint that was chosen counts.
-  function follow(dragged) {
-    if (!scene) return;
-    again = true; held = dragged;
-    if (following) return;
-    following = (async () => {
-      while (again) {
-        again = false;
-        const taken = held, at = pose(taken || state.viewpoints[chosen]);
-        await scene.point(0, at);
-        await scene.overlay("handle", [at.xyz], { mode: "markers", marker: { size: 6, color: upplied.colour("--red") } });
-        if (looks.value !== "free" && !taken) await scene.face(at, false);
-        await eye.face(at, true);
-      }
-      following = null;
-    })();
   }
   function drawBoxes() {
     if (!scene) return;
@@ -231,19 +216,10 @@
     scene.overlay("boxes", places.length ? places : [null], { mode: "lines", line: { color: upplied.colour("--red"), width: 4 } });
   }
 
-  // One question at a time, and only the answer to the last one counts.
-  async function judge() {
+  function judge() {
     number++;
     verdict.setAttribute("aria-busy", "true");
-    if (asking) return;
-    asking = true;
-    let own, answer;
-    do {
-      own = number;
-      answer = await ask("judge", changed());
-    } while (own !== number);
-    asking = false;
-    await showVerdict(answer);
+    check();
   }
   async function showVerdict(answer) {
     const { flyable, headline, look } = answer.verdict || { flyable: false, headline: answer.refused, look: [] };
@@ -260,7 +236,6 @@
       if (scene) await scene.redraw(0, upplied.path(answer.path), remaining().map(pose));
       if (scene && answer.states) await Promise.all([scene, eye].map((each) => each.coloured(unpack(answer.states))));
     }
-    verdict.setAttribute("data-judged", String(number));
   }
 
   function showZones(rows) {
@@ -270,10 +245,8 @@
   // --- what is done -----------------------------------------------------------------------------
   function pressed(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key, last = state.viewpoints.length - 1;
-    const go = (at) => () => choose(Math.min(Math.max(at, 0), last)), leave = () => toggle("deleted");
-    const acts = { ArrowDown: go(chosen + 1), ArrowUp: go(chosen - 1), Home: go(0), End: go(last), Delete: leave, Backspace: leave, x: () => toggle("fixed"), p: brush,
-      ...Object.fromEntries(MOVES.map(([each, , by]) => [each, () => move(by)])) };
+    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key, leave = () => toggle("deleted");
+    const acts = { Delete: leave, Backspace: leave, x: () => toggle("fixed"), p: brush, ...Object.fromEntries(MOVES.map(([each, , by]) => [each, () => move(by)])) };
     if (!(key in acts)) return;
     acts[key]();
     event.preventDefault();
@@ -309,8 +282,8 @@
   async function replan() {
     const answer = await working("Planning the other viewpoints; this takes as long as planning", "replan", changed());
     if (answer.refused !== undefined) return;
-    remember(changes());
     state = { ...state, base: answer.base, viewpoints: answer.viewpoints, deleted: answer.deleted, fixed: answer.fixed };
+    remember();
     chosen = 0; number++;
     signature.show("Planned again round " + answer.fixed.length + " fixed viewpoints.");
     show(); await showVerdict(answer);
@@ -344,4 +317,4 @@
     const answer = await working("Storing", "require", signature.sign({ set: zone.set.value.trim(), zone: required }));
     if (answer.message) judge();
   }
-})();
+};

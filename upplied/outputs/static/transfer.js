@@ -3,7 +3,7 @@
 
 (function () {
   const { element, entry, fill, badge, format, list, mark, note, section, table, unpack, COLOURS, STATES } = upplied;
-  const CHARTS = [["speed", "Speed, m/s"], ["clearance", "Clearance, m"], ["standoff", "Distance to the surface in the picture, m"]];
+  const CHARTS = [["speed", "Speed (m/s)"], ["clearance", "Clearance (m)"], ["standoff", "Distance to the surface in the picture (m)"]];
   const AXIS = { zeroline: false, automargin: true };
   const NEWER = "newer draft";
 
@@ -107,10 +107,8 @@
     });
     window.addEventListener("beforeprint", print);
 
-    let timer = null, busy = false, again = false;
-    async function fly() {
-      if (busy) { again = true; return; }
-      busy = true;
+    let timer = null;
+    const fly = upplied.latest(async () => {
       const share = slider.value / 1000;
       const first = Math.max(0, toggles.findIndex((toggle) => toggle.checked));
       const [one, many] = [await left.fly(share, aboard.checked, 0), await right.fly(share, aboard.checked, first)];
@@ -119,9 +117,7 @@
       clock.textContent = (100 * share).toFixed(0) + " %";
       await drawn;
       await Plotly.relayout(charts, { "shapes[0].x0": 100 * share, "shapes[0].x1": 100 * share });
-      busy = false;
-      if (again) { again = false; fly(); }
-    }
+    });
     function stop() { clearInterval(timer); timer = null; play.textContent = "Play"; }
     slider.addEventListener("input", fly);
     play.addEventListener("click", () => {
@@ -172,7 +168,7 @@
     const tops = CHARTS.map((_, row) => 1 - row * (height + gap));
     const layout = { height: 500, margin: { l: 50, r: 20, t: 56, b: 40 }, hovermode: "x unified", paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       font: { family: "system-ui, sans-serif", size: 12, color: ink }, legend: { orientation: "h", y: 1.06, yanchor: "bottom" },
-      xaxis: { ...axis, title: { text: "share of the flight, %" }, range: [0, 100], anchor: "y3" },
+      xaxis: { ...axis, title: { text: "share of the flight (%)" }, range: [0, 100], anchor: "y3" },
       ...Object.fromEntries(tops.map((top, row) => ["yaxis" + (row ? row + 1 : ""), { ...axis, domain: [Math.max(0, top - height), top], rangemode: "tozero" }])),
       shapes: [upright(0), ...(safety ? [level(safety)] : [])],
       annotations: [...tops.map((y, row) => ({ ...text, text: CHARTS[row][1], x: 0, y })),
