@@ -152,7 +152,7 @@ def chain_heads(catalog: Reading) -> dict[str, str]:
 
 def foreign_plans(catalog: Reading) -> list[str]:
     """The plans that were imported and not measured here."""
-    columns = ["transfer_id", "imported_from", "status", *ordering.SLOT, *ordering.NEWEST]
+    columns = [*ordering.ORDERED, "imported_from"]
     rows = ordering.in_order(catalog.tables["transfers"].read(None, columns), newest=False)
     return [row["transfer_id"] for row in rows.to_pylist() if plan_rows.is_foreign(row)]
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import hashlib
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, groupby, pairwise
 
 import numpy as np
 import pandas as pd
@@ -106,7 +106,7 @@ def rows_of(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[
 
 def _plans(catalog: Catalog, was: Before, files: Files) -> Iterator[tuple[str, pa.Table]]:
     table, whole = catalog.tables["transfers"], sum(map(len, files.values()))
-    for lot in _lots(files, {file: len(own) for file, own in files.items()}, _LOT):
+    for lot in _lots(files, map(len, files.values()), _LOT):
         old = {file: _before(was, file, TABLES["transfers"]) for file in lot}
         place = {file: _place(old[file], files[file]) for file in lot}
         lacking = pd.concat([files[file][place[file] < 0] for file in lot])
@@ -136,7 +136,7 @@ def _place(old: pa.Table, own: pd.DataFrame) -> Ints:
 
 def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:
     declared, key = TABLES[name], TABLES[name].names[0]
-    for lot in _lots(files, {file: own[f"n_{name}"].sum() for file, own in files.items()}, custody.CHUNK):
+    for lot in _lots(files, (own[f"n_{name}"].sum() for own in files.values()), custody.CHUNK):
         still, lacking = [], []
         for at, file in enumerate(lot):
             old, owners = _before(was, file, declared), custody.named(files[file], key)
@@ -157,18 +157,11 @@ def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[t
             yield file, new
 
 
-def _lots(files: Files, weight: Mapping[str, float], most: int) -> Iterator[list[str]]:
+def _lots(files: Files, weights: Iterable[float], most: int) -> Iterator[list[str]]:
     """Some files at a time, of about so much weight."""
-    lot: list[str] = []
-    held = 0.0
-    for file in files:
-        if lot and held + weight[file] > most:
-            yield lot
-            lot, held = [], 0.0
-        lot.append(file)
-        held += weight[file]
-    if lot:
-        yield lot
+    number = (held // most for held in accumulate(weights))
+    for _, lot in groupby(files, lambda file: next(number)):
+        yield list(lot)
 
 
 def _before(was: Before, file: str, declared: Table) -> pa.Table:
