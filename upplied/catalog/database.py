@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 from upplied.catalog.reading import OWNER
 from upplied.catalog.schema import plan_rows
 from upplied.catalog.schema.steps import POSE
-from upplied.catalog.store.contents import StoredLooks
+from upplied.catalog.store.contents import Samples, StoredLooks
 from upplied.catalog.verbs import custody, ordering, queries
 from upplied.catalog.verbs.decisions import Deciding
 from upplied.catalog.verbs.queries import PlannedTrajectory
@@ -206,7 +206,7 @@ class Catalog(Deciding):
         frontal look; `assumed` was seen besides if the correction of the log is right; `inspected` and
         `inspected_if_corrected`: looked at as the plan asks.
         """
-        samples = self.surfaces.put_samples(points, normals)
+        samples = self.surfaces.samples.put(Samples(points, normals))
         besides = np.zeros(len(seen), bool) if assumed is None else assumed
         patch = np.flatnonzero(seen | besides)
         small: dict[str, Any] = {name: value[patch].astype(np.float32) for name, value in values.items()}

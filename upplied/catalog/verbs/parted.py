@@ -69,7 +69,7 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, mo
     """Rows by file, so that each file has about so much weight; it is named by some columns of its rows."""
     rows.attrs.clear()  # which pandas copies with every choice of rows
     made_of = digest([SCHEMA_VERSION, TABLES[name].names])
-    texts = _texts(rows[columns])
+    texts = custody.named(rows, columns)
     files: dict[str, Ints] = {}
     for kind, at in rows.groupby("kind").indices.items():
         folder = f"{name}.parquet/{check_id(str(kind), 'kind')}"
@@ -87,16 +87,6 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, mo
             files[file] = at[order[first:end]]
     nothing = {f"{name}.parquet/none-{made_of[:16]}.parquet": np.empty(0, np.int64)}
     return Parted(rows, files or nothing)
-
-
-def _texts(rows: pd.DataFrame) -> pa.Array:
-    """Each row as one text."""
-    table = pa.Table.from_pandas(rows, preserve_index=False)
-    texts = []
-    for column in (table[name].combine_chunks() for name in rows):
-        plain = column.cast(pa.int64()) if pa.types.is_timestamp(column.type) else column
-        texts.append(plain.cast(pa.string()).fill_null(""))
-    return pc.binary_join_element_wise(*texts, "\x1f")
 
 
 def rows_of(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:
@@ -129,21 +119,20 @@ def _plans(catalog: Catalog, was: Before, files: Files) -> Iterator[tuple[str, p
 
 def _place(old: pa.Table, own: pd.DataFrame) -> Ints:
     """Where each row stands in the file of before, -1 where it does not."""
-    names = list(NAMED)
-    there = pd.MultiIndex.from_frame(old.select(names).to_pandas())
-    return there.get_indexer(pd.MultiIndex.from_frame(own[names])) if len(old) else np.full(len(own), -1)
+    return np.array(pc.index_in(custody.named(own, NAMED), custody.named(old, NAMED)).fill_null(-1))
 
 
 def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:
     declared, key = TABLES[name], TABLES[name].names[0]
+    owner = [key, "commit_id"]
     for lot in _lots(files, (own[f"n_{name}"].sum() for own in files.values()), custody.CHUNK):
         still, lacking = [], []
         for at, file in enumerate(lot):
-            old, owners = _before(was, file, declared), custody.named(files[file], key)
-            still.append(old.filter(pc.is_in(custody.named(old, key), owners)))
-            known = pc.is_in(owners, custody.named(still[at], key)).to_numpy(zero_copy_only=False)
+            old, owners = _before(was, file, declared), custody.named(files[file], owner)
+            still.append(old.filter(pc.is_in(custody.named(old, owner), owners)))
+            known = pc.is_in(owners, custody.named(still[at], owner)).to_numpy(zero_copy_only=False)
             lacking.append(files[file][~known].assign(file=at))
-        own = pd.concat(lacking).sort_values([key, "commit_id"])
+        own = pd.concat(lacking).sort_values(owner)
         steps = checked(name, custody.stored_steps(catalog, name, own), custody.stated(name, own))
         number = np.repeat(own["file"].to_numpy(), own[f"n_{name}"])
         steps = steps.take(pa.array(np.argsort(number, kind="stable")))
@@ -151,7 +140,7 @@ def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[t
         for file, old, first, end in zip(lot, still, [0, *ends], ends, strict=False):
             new = steps.slice(first, end - first)
             if len(old):
-                order = [(column, "ascending") for column in (key, "commit_id", "seq")]
+                order = [(column, "ascending") for column in (*owner, "seq")]
                 both = pa.concat_tables([old, new]).sort_by(order)
                 new = checked(name, both, custody.stated(name, files[file]))
             yield file, new
