@@ -62,7 +62,7 @@ FLOW = """
 import json, sys
 sys.path.insert(0, sys.argv[4])
 import scale
-from upplied.flows.transfer_fleet import transfer_fleet
+from upplied.flows.deployments import transfer_fleet
 if __name__ == "__main__":
     scale.clock()
     changes, workers = json.loads(sys.argv[2]), int(sys.argv[3])

@@ -49,8 +49,7 @@ def main() -> int:
 
 def run_flows() -> int:
     """The four flows, one after the other, and what came of them."""
-    from .ingest import ingest_demonstrations, ingest_structures
-    from .transfer_fleet import transfer_fleet
+    from .deployments import ingest_demonstrations, ingest_structures, transfer_fleet
 
     console = Console(highlight=False)
     console.print("[bold]2/4[/] Structures and demonstrations into the catalog")

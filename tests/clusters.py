@@ -28,7 +28,7 @@ KEPT = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearan
 
 RUN = """
 import json, sys
-from upplied.flows.transfer_fleet import transfer_fleet
+from upplied.flows.deployments import transfer_fleet
 if __name__ == "__main__":
     presets, resources = json.loads(sys.argv[2]), json.loads(sys.argv[3])
     state = transfer_fleet(sys.argv[1], "", presets=presets, resources=resources, return_state=True)

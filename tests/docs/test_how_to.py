@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.catalog import open_catalog
 from upplied.cli import main
-from upplied.flows.transfer_fleet import transfer_fleet
+from upplied.flows.deployments import transfer_fleet
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.outputs.logs import write_log as write_flight
 

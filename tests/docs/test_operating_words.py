@@ -19,8 +19,8 @@ from upplied.cli.serve import deploy
 from upplied.cli.serve import serve as serve_command
 from upplied.fleet import run as runs
 from upplied.flows import automations, environment, pool, states, tasks, watch
+from upplied.flows.deployments import transfer_fleet
 from upplied.flows.parameters import Resources
-from upplied.flows.transfer_fleet import transfer_fleet
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "operating.md"

@@ -168,7 +168,7 @@ def test_the_short_way_says_at_once_that_no_server_answers(monkeypatch, capsys):
 def test_no_server_is_told_at_once_and_in_words(tmp_path):
     variables = environment(tmp_path, "") | {"PREFECT_SERVER_ALLOW_EPHEMERAL_MODE": "false"}
     del variables["PREFECT_API_URL"]
-    code = "from upplied.flows.upkeep import publish_reports; publish_reports()"
+    code = "from upplied.flows.deployments import publish_reports; publish_reports()"
     done = subprocess.run(
         [sys.executable, "-c", code], env=variables, cwd=tmp_path, capture_output=True, text=True, check=False
     )

@@ -23,8 +23,8 @@ def test_the_whole_way_by_flows(server, place):
         server,
         place,
         """
-from upplied.flows.ingest import ingest_demonstrations
-from upplied.flows.transfer_fleet import transfer_fleet
+from upplied.flows.deployments import ingest_demonstrations
+from upplied.flows.deployments import transfer_fleet
 print(ingest_demonstrations(["flight.mcap"], return_state=True).message)
 print(transfer_fleet(presets=["paper"], targets=["box-random-1"], return_state=True).message)
 print(transfer_fleet(presets=["paper"], reports="", return_state=True).message)
@@ -47,8 +47,8 @@ CAMPAIGN = """
 from upplied.catalog import open_catalog
 from upplied.findings.adding import add_marks
 from upplied.findings.marks import Mark
-from upplied.flows.ingest import ingest_demonstrations
-from upplied.flows.transfer_fleet import transfer_fleet
+from upplied.flows.deployments import ingest_demonstrations
+from upplied.flows.deployments import transfer_fleet
 ingest_demonstrations(["flight.mcap"], return_state=True)
 cube = open_catalog("catalog").structure("cube-v1").vertices
 place = (float(cube[:, 0].max()), float(cube[:, 1].mean()), float(cube[:, 2].mean()))
@@ -61,7 +61,7 @@ for mm_px in (8.0, 8.0, 0.01, 0.01):
 
 def test_maintenance_checks_the_catalog_and_says_what_is_wrong_with_it(server, place):
     code = """
-from upplied.flows.upkeep import maintain_catalog
+from upplied.flows.deployments import maintain_catalog
 state = maintain_catalog(catalog="catalog", return_state=True)
 print(state.type.value, state.message)
 """
@@ -161,7 +161,7 @@ def test_a_shard_plans_what_it_is_named_and_nothing_twice(server, place):
     assert planner.read_shard(str(catalog.location), shard) == [jobs[0]]
     code = f"""
 from upplied.flows.engines import plan_shard
-from upplied.flows.transfer_fleet import transfer_fleet
+from upplied.flows.deployments import transfer_fleet
 for _ in range(2):
     print(plan_shard("catalog", "night", "{shard}", return_state=True).message)
 for name in ("night/00001.parquet", "../transfers/x.parquet"):
@@ -202,7 +202,7 @@ def test_wrong_parameters_are_refused_before_anything_runs(server, place):
     calls = "\n".join(f"attempt(lambda: transfer_fleet({wrong}))" for wrong in WRONG)
     code = f"""
 from prefect.exceptions import ParameterTypeError
-from upplied.flows.transfer_fleet import transfer_fleet
+from upplied.flows.deployments import transfer_fleet
 def attempt(call):
     try:
         call()
@@ -226,8 +226,8 @@ def test_failed_runs_say_so_and_name_what_failed(server, place):
         server,
         place,
         """
-from upplied.flows.ingest import ingest_demonstrations
-from upplied.flows.transfer_fleet import transfer_fleet
+from upplied.flows.deployments import ingest_demonstrations
+from upplied.flows.deployments import transfer_fleet
 def say(state):
     print(state.type.value, state.name, "|", state.message)
 say(ingest_demonstrations(["broken"], return_state=True))
@@ -263,7 +263,7 @@ def test_runs_keep_to_the_declared_roots(server, place, tmp_path):
     code = f"""
 import os
 from unittest.mock import patch
-from upplied.flows.upkeep import maintain_catalog, publish_reports
+from upplied.flows.deployments import maintain_catalog, publish_reports
 with patch.dict(os.environ, {{"{ROOTS}": "{place},s3://bucket/fleet"}}):
     for call in CALLS:
         state = eval(call)

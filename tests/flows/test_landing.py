@@ -22,8 +22,8 @@ def test_a_flight_that_lands_is_judged_and_what_it_left_out_is_planned(server, p
 from dataclasses import replace
 from upplied.catalog import open_catalog
 from upplied.outputs.logs import write_log
-from upplied.flows.ingest import ingest_flights
-from upplied.flows.transfer_fleet import transfer_fleet
+from upplied.flows.deployments import ingest_flights
+from upplied.flows.deployments import transfer_fleet
 from upplied.samples.fleet import member
 from random_members import random_member
 from upplied.samples.pilot import fly
@@ -67,7 +67,7 @@ from dataclasses import replace
 from upplied.catalog import open_catalog
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
-night = importlib.import_module("upplied.flows.transfer_fleet")
+night = importlib.import_module("upplied.flows.deployments")
 landing, flight, plan = ["first", "second"], fly(member("cube-v1").structure, "sides"), night.plan
 def while_planning(catalog, *given):
     made = plan(catalog, *given)

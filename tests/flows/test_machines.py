@@ -36,7 +36,7 @@ ROOT = Path(__file__).parents[2]
 
 RUN = """
 import sys
-from upplied.flows.transfer_fleet import transfer_fleet
+from upplied.flows.deployments import transfer_fleet
 if __name__ == "__main__":
     resources = {"engine": "pool", "workers": 1, "shard_targets": int(sys.argv[2])}
     presets = ["baseline", "paper"]

@@ -7,7 +7,7 @@ from prefect.exceptions import ParameterTypeError
 
 from upplied import fleet
 from upplied.catalog import open_catalog
-from upplied.flows.ingest import ingest_demonstrations, ingest_structures, log_options
+from upplied.flows.deployments import ingest_demonstrations, ingest_structures, log_options
 from upplied.flows.parameters import FlightBounds, bound_options
 from upplied.inputs.passport.settings import changed
 from upplied.outputs.logs import write_log
