@@ -18,7 +18,7 @@ import numpy as np
 from upplied.catalog import open_catalog
 from upplied.catalog.schema.rows import table_of
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.merging import merge
+from upplied.catalog.verbs.maintenance import merge
 
 _BATCH = 500  # structures whose flights are committed together
 _START = datetime(2024, 1, 1, tzinfo=UTC)

@@ -63,17 +63,13 @@ def tell(url: str, every_run: bool = False) -> str:
     A webhook, one of Slack, or one of Apprise's (else a `SettingsError`); empty tells nobody any more. With
     `every_run` also of runs that went well. Returns what was set up, in words.
     """
-    block = _block(url) if url else None
-    names = (*TROUBLE, "Completed") if every_run else TROUBLE
-    with get_client(sync_client=True) as client:
-        before = [older.id for older in client.read_automations_by_name(NAME)]
-        if block is not None:
-            document = block.save(f"upplied-{block.get_block_type_slug()}", overwrite=True)
-            Automation(**_automation(document, names).model_dump()).create()
-        for older in before:
-            client.delete_automation(older)
-    if block is None:
+    if not url:
+        with get_client(sync_client=True) as client:
+            for older in client.read_automations_by_name(NAME):
+                client.delete_automation(older.id)
         return "no notices are sent"
+    names, block = (*TROUBLE, "Completed") if every_run else TROUBLE, _block(url)
+    apply(_automation(block.save(f"upplied-{block.get_block_type_slug()}", overwrite=True), names))
     place = urlsplit(url).hostname or urlsplit(url).scheme
     return f"{place} receives notices of runs that end {', '.join(names)}"
 

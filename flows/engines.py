@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import httpx
-from prefect import Task, flow, get_run_logger, runtime
+from prefect import Task, flow, get_run_logger, runtime, task
 from prefect.artifacts import create_progress_artifact, update_progress_artifact
+from prefect.cache_policies import NO_CACHE
 from prefect.states import Completed, State
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
@@ -90,34 +91,32 @@ def here(
     limits = fleet.Limits(resources.timeout_s, resources.memory_gib)
     own = fleet.Resources(resources.workers, limits)
     run = fleet.Run(open_catalog(catalog), jobs, run_id, own, engine=engine, plan=campaign.plan_job)
-    tasks.RUNS[run_id] = run
-    named = [
-        {"name": fleet.shard_name(shard), "run_id": run_id, "shard": number}
-        for number, shard in enumerate(run.shards)
-    ]
-    try:
-        with ThreadPoolTaskRunner(max_workers=run.threads) as runner, run:
-            submitted = [runner.submit(tasks.plan_shard, shard) for shard in named]
-            for future in advancing(submitted):
-                future.result()
-    finally:
-        del tasks.RUNS[run_id]
+
+    @task(name="plan", task_run_name="{name}", cache_policy=NO_CACHE)
+    def plan_here(name: str, shard: int) -> None:
+        """Plan one shard of the run in its worker processes."""
+        run.plan(shard)
+
+    named = [{"name": fleet.shard_name(shard), "shard": at} for at, shard in enumerate(run.shards)]
+    with ThreadPoolTaskRunner(max_workers=run.threads) as runner, run:
+        for future in advancing([runner.submit(plan_here, shard) for shard in named]):
+            future.result()
     return run.result
 
 
 def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources, run_id: str) -> Planned:
     """Shards as tasks, written where all machines read them; what no engine kept is planned here."""
     runner: TaskRunner[Any]
-    task: Task[..., None]
+    planning: Task[..., None]
     given: dict[str, Any] = {"catalog": str(catalog.location), "run_id": run_id}
     if resources.engine == "pool":  # runs of a deployment on a work pool
         machines = pool.machines()
         size = resources.shard_targets or pool.shard_targets(len({job.target_id for job in jobs}), machines)
-        shards, task = fleet.shards(jobs, machines, size), pool.plan_on_pool
+        shards, planning = fleet.shards(jobs, machines, size), pool.plan_on_pool
         given["resources"] = resources.model_dump(include={"workers", "timeout_s", "memory_gib"})
         runner = ThreadPoolTaskRunner(max_workers=min(len(shards), pool.MOST))
     else:  # tasks on a cluster
-        shards, task = fleet.shards(jobs, resources.workers or ELSEWHERE), tasks.plan_elsewhere
+        shards, planning = fleet.shards(jobs, resources.workers or ELSEWHERE), tasks.plan_elsewhere
         limits = resources.model_dump(include={"timeout_s", "memory_gib"})
         given |= {"engine": resources.engine, "limits": limits}
         runner = _cluster(resources)
@@ -127,7 +126,7 @@ def _elsewhere(catalog: Catalog, jobs: Sequence[fleet.Job], resources: Resources
         named = dict(zip(names, shards, strict=True))
         with runner:
             submitted = [
-                runner.submit(task, {"name": fleet.shard_name(shard), "shard": name, "given": given})
+                runner.submit(planning, {"name": fleet.shard_name(shard), "shard": name, "given": given})
                 for name, shard in named.items()
             ]
             for shard, future in advancing(list(zip(shards, submitted, strict=True))):

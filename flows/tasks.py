@@ -30,7 +30,6 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 RECALLED = "upplied.plan.recalled"  # the event of a plan in force that is not safe any more
-RUNS: dict[str, fleet.Run] = {}  # of this process, by run id
 MEANING = {
     "structures": "The structures of a fleet, with their meshes.",
     "demonstrations": "The flights of experts.",
@@ -108,12 +107,6 @@ def publish(catalog: str, folder: str, of: str = "transfers") -> list[str]:
     return stored("publish-reports", publish_reports, asset(folder, "reports"), [asset(catalog, of)])(
         open_catalog(catalog)
     )
-
-
-@task(name="plan", task_run_name="{name}", cache_policy=NO_CACHE)
-def plan_shard(name: str, run_id: str, shard: int) -> None:
-    """Plan one shard of a run in its worker processes."""
-    RUNS[run_id].plan(shard)
 
 
 @task(name="plan-elsewhere", task_run_name="{name}", cache_policy=NO_CACHE)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from catalog_records import copied, demonstration, differences, key_of, plan, structure
 
-from upplied.catalog import changed_structures, diff, history, open_catalog, recipe, runs
+from upplied.catalog import diff, history, open_catalog, recipe, runs
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import PRESETS, settings_for
 from upplied.errors import CatalogError
@@ -84,12 +84,6 @@ def test_diff_of_versions(catalog):
         planned(catalog, seed)
     assert list(diff(catalog, 1, 2)["change"]) == ["replanned"]
     assert diff(catalog, 2, 2).empty
-
-
-def test_changed_structures(catalog):
-    before = datetime.now(UTC)
-    catalog.add_structures([structure("target", 5)])
-    assert changed_structures(catalog, before)["structure_id"].tolist() == ["target"]
 
 
 @pytest.mark.parametrize("preset", PRESETS)

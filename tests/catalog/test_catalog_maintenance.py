@@ -17,9 +17,9 @@ from catalog_records import copied, demonstration, key_of, plan, structure
 from upplied.catalog import compact, export_tables, history, open_catalog, vacuum, verify
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema.tables import SCHEMA_VERSION, STEPS, TABLES
-from upplied.catalog.store import delta, merging
+from upplied.catalog.store import delta
 from upplied.catalog.store.chain import decoded
-from upplied.catalog.verbs import verification
+from upplied.catalog.verbs import maintenance, verification
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Cloud
 
@@ -226,16 +226,16 @@ def test_two_merges_at_the_same_time_do_not_double_rows(catalog, monkeypatch):
     """The second one finds the files of the first gone, and leaves it at that."""
     other = open_catalog(catalog.location)
     before = snapshot(catalog)
-    merge_oldest, met = merging._oldest_small, []
+    merge_oldest, met = maintenance._oldest_small, []
 
     def meanwhile(table, delta, size_bytes):
         if table.uri not in met:
             met.append(table.uri)
-            merging.merge(other.tables[table.declared.name], size_bytes)  # `delta` does not know of it
+            maintenance.merge(other.tables[table.declared.name], size_bytes)  # `delta` does not know of it
         return merge_oldest(table, delta, size_bytes)
 
     with monkeypatch.context() as patched:
-        patched.setattr(merging, "_oldest_small", meanwhile)
+        patched.setattr(maintenance, "_oldest_small", meanwhile)
         compact(catalog)
     for left, right in zip(before, snapshot(open_catalog(catalog.location)), strict=True):
         pd.testing.assert_frame_equal(left, right)
@@ -246,7 +246,7 @@ def test_a_merge_holds_no_more_rows_in_memory_than_it_may(catalog, monkeypatch):
     """Rows that repeat are small in their file only."""
     table = catalog.tables["transfers"]
     per_file = table.read().nbytes / 3
-    monkeypatch.setattr(merging, "DECODED_BYTES", 2.5 * per_file)
+    monkeypatch.setattr(maintenance, "DECODED_BYTES", 2.5 * per_file)
     before = snapshot(catalog)
     assert compact(catalog)["transfers"] == 2
     assert compact(catalog)["transfers"] == 0, "what is large in memory is not merged again"

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.schema.rows import table_of
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.verbs import importing, ordering, queries
+from upplied.catalog.verbs import ordering, queries
 from upplied.catalog.verbs.ordering import standing_of
 from upplied.cli import main
 
@@ -131,7 +131,7 @@ def test_the_newest_version_of_a_structure_is_that_of_the_last_commit_whatever_c
             return pa.table(columns | {"added_at": when, "commit_id": ["last", "first"]})
 
     assert ordering.newest_rows(Table())["s"]["commit_id"] == "last" and ordering.retired(Table()) == []
-    assert importing._newest(Table.read())[-1]["commit_id"] == "last"  # as a dataset is read
+    assert ordering.by_commit(Table.read())[-1]["commit_id"] == "last"  # as a dataset is read
 
 
 # --- the command -----------------------------------------------------------------------------------

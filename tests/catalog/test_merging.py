@@ -11,7 +11,7 @@ from catalog_records import copied, demonstration, key_of, plan, structure
 
 from upplied.catalog import open_catalog, verify
 from upplied.catalog.database import Catalog
-from upplied.catalog.store import merging
+from upplied.catalog.verbs import maintenance
 
 
 @pytest.fixture(scope="module")
@@ -58,14 +58,14 @@ def test_a_row_is_written_again_as_often_as_its_file_grows_sixteenfold(catalog):
 
 def test_nobody_who_writes_waits_for_a_merge(catalog, monkeypatch):
     free, begun = threading.Event(), threading.Event()
-    merged = merging._merged
+    merged = maintenance._merged
 
     def slow(*given):
         begun.set()
         assert free.wait(60)
         return merged(*given)
 
-    monkeypatch.setattr(merging, "_merged", slow)
+    monkeypatch.setattr(maintenance, "_merged", slow)
     try:
         for number in range(20):
             catalog.set("kind", "box", {"route.clearance_m": 2.0 + number}, "me")
@@ -80,7 +80,7 @@ def test_nobody_who_writes_waits_for_a_merge(catalog, monkeypatch):
 
 
 def test_large_files_are_left_to_maintenance(catalog, monkeypatch):
-    monkeypatch.setattr(merging, "_TIDIED_BYTES", 1)
+    monkeypatch.setattr(maintenance, "_TIDIED_BYTES", 1)
     for number in range(20):
         catalog.set("kind", "box", {"route.clearance_m": 2.0 + number}, "me")
     settle()
@@ -91,7 +91,7 @@ def test_what_hinders_a_merge_hinders_nobody_who_writes(catalog, monkeypatch, ca
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(merging, "_merged", full)
+    monkeypatch.setattr(maintenance, "_merged", full)
     for number in range(20):
         catalog.set("kind", "box", {"route.clearance_m": 2.0 + number}, "me")
     settle()
@@ -104,7 +104,7 @@ def test_a_plan_that_others_added_is_known_at_once_and_merged_ones_too(catalog):
     assert catalog.add_plans([(key_of(1), plan("target", 1), {})]) == 1
     assert other.add_plans([(key_of(1), plan("target", 1), {})]) == 0
     assert other.add_plans([(key_of(2), plan("boxy", 2), {})]) == 1
-    assert merging.merge(other.tables["transfers"], 1 << 20) == 2
+    assert maintenance.merge(other.tables["transfers"], 1 << 20) == 2
     for again in (catalog, other, open_catalog(catalog.location)):
         assert again.add_plans([(key_of(at), plan(("", "target", "boxy")[at], at), {}) for at in (1, 2)]) == 0
     assert len(catalog.transfers(every=True)) == 2

@@ -16,7 +16,7 @@ from upplied.records import Measures, Structure, Surroundings, Trajectory
 
 def through(table: str, row: dict) -> dict:
     """A row as it comes back from Arrow."""
-    return rows.rows_of(rows.table_of(TABLES[table], [row]))[0]
+    return rows.table_of(TABLES[table], [row]).to_pylist()[0]
 
 
 @pytest.mark.parametrize("seed", range(3))

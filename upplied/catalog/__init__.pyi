@@ -10,7 +10,6 @@ from upplied.catalog.verbs.maintenance import vacuum as vacuum
 from upplied.catalog.verbs.published import export_tables as export_tables
 from upplied.catalog.verbs.published import published_tables as published_tables
 from upplied.catalog.verbs.queries import PlannedTrajectory as PlannedTrajectory
-from upplied.catalog.verbs.queries import changed_structures as changed_structures
 from upplied.catalog.verbs.queries import diff as diff
 from upplied.catalog.verbs.queries import history as history
 from upplied.catalog.verbs.queries import runs as runs

@@ -16,10 +16,9 @@ import pandas as pd
 import pyarrow.compute as pc
 
 from upplied.catalog.reading import OWNER
-from upplied.catalog.schema import plan_rows, rows
-from upplied.catalog.schema.rows import Row
-from upplied.catalog.schema.steps import PHOTO_COLUMNS, photo_columns
-from upplied.catalog.store.contents import StoredLooks
+from upplied.catalog.schema import plan_rows
+from upplied.catalog.schema.steps import POSE
+from upplied.catalog.store.contents import Samples, StoredLooks
 from upplied.catalog.verbs import custody, ordering, queries
 from upplied.catalog.verbs.decisions import Deciding
 from upplied.catalog.verbs.queries import PlannedTrajectory
@@ -28,6 +27,7 @@ from upplied.records import Bools, Floats, Ints, Plan, Structure, SupposedSurfac
 
 _FLIGHT = ["flight_id", "transfer_id", "kind", "flown_at", "operator"]
 _LOOK = ["distance_m", "incidence_deg", "speed_mps", "t_s"]
+_OF_PHOTO = ["patches", "gsd_mm", "blur_px", "overlap_pct"]
 #: Of a row of `transfers`, what tells whether it may leave.
 _JUDGED = ("transfer_id", "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
 
@@ -81,15 +81,8 @@ class Catalog(Deciding):
             If it is for comparison, falls short of its floors, was rejected or
             recalled, or another took its place.
         """
-        row = self.transfer(transfer_id, [*OWNER, *_JUDGED])
-        path = self.path_of(row)
-        self._check_leaves(row, force)
-        return path
-
-    def _check_leaves(self, row: Row, force: Collection[str]) -> None:
-        """Refuse a plan that is for comparison, falls short of its floors, or that another followed."""
-        # Its steps were compared with its hash when they were read: they are those that its verdict is of.
-        broken: dict[str, str] = {}
+        row, broken = self.transfer(transfer_id, [*OWNER, *_JUDGED]), dict[str, str]()
+        path = self.path_of(row)  # compared with its hash: it is the one that its verdict is of
         if row["preset"] != "recommended":
             broken["preset"] = f"the plan is of preset {row['preset']}, which is for comparison"
         if row["not_flyable"]:
@@ -111,6 +104,7 @@ class Catalog(Deciding):
             words = "; ".join(f"{rule}: {reason}" for rule, reason in left.items())
             what, rule = f"transfer {row['transfer_id']}", "only what may be flown leaves"
             raise RefusedError(what, words, rule, remedy)
+        return path
 
     def plan(self, transfer_id: str) -> Plan:
         """One plan as it was made, but for what it sees of the surface; see `surface`."""
@@ -145,8 +139,13 @@ class Catalog(Deciding):
         sharply, ``gsd_mm`` and ``blur_px``, medians over these, and ``overlap_pct`` with the one before.
         """
         sha256 = self._sha256(transfer_id, "photos_sha256")
-        columns = photo_columns(self.contents["photos"].get(sha256)) if sha256 else {}
-        return pd.DataFrame(columns, columns=list(PHOTO_COLUMNS))
+        if not sha256:
+            return pd.DataFrame(columns=["t_s", *POSE, *_OF_PHOTO])
+        photos = self.contents["photos"].get(sha256)
+        poses = dict(zip(POSE, (*photos.positions.T, *photos.quat_xyzw.T), strict=True))
+        return pd.DataFrame(
+            {"t_s": photos.t_s, **poses, **{name: getattr(photos, name) for name in _OF_PHOTO}}
+        )
 
     def supposed(self, transfer_id: str) -> SupposedSurface | None:
         """Surface of a plan's target that nobody scanned, where it is supposed to be; None where none is.
@@ -154,10 +153,8 @@ class Catalog(Deciding):
         As the plan was made, or of the target as it is since, where the plan was judged again on that.
         """
         where = (pc.field("transfer_id") == transfer_id) & (pc.field("state") == "rechecked")
-        again = rows.rows_of(self.tables["decisions"].read(where))
-        own = self._sha256(transfer_id, "supposed_sha256")
-        last = max(again, key=lambda row: row["commit_version"], default={"supposed_sha256": own})
-        sha256 = last["supposed_sha256"]
+        again = ordering.by_commit(self.tables["decisions"].read(where))
+        sha256 = again[-1]["supposed_sha256"] if again else self._sha256(transfer_id, "supposed_sha256")
         return self.contents["supposed"].get(sha256) if sha256 else None
 
     def _sha256(self, transfer_id: str, column: str) -> str:
@@ -172,11 +169,10 @@ class Catalog(Deciding):
         place = np.asarray(place_m, float)
         if place.shape != (3,) or not np.isfinite(place).all():
             raise SettingsError("place", f"is {place_m}", "three coordinates, m, structure frame")
-        columns = [*_FLIGHT, "looks_sha256", "commit_version"]
-        table = self.tables["flights"].read(pc.field("target_id") == structure_id, columns)
+        table = self.tables["flights"].read(pc.field("target_id") == structure_id)
         nearest: dict[str, tuple[int, float]] = {}
         flights = []
-        for row in sorted(rows.rows_of(table), key=lambda row: row["commit_version"]):
+        for row in ordering.by_commit(table):
             if not row["looks_sha256"] or kind not in ("", row["kind"]):
                 continue
             looks = self.looks.get(row["looks_sha256"]).certain
@@ -210,7 +206,7 @@ class Catalog(Deciding):
         frontal look; `assumed` was seen besides if the correction of the log is right; `inspected` and
         `inspected_if_corrected`: looked at as the plan asks.
         """
-        samples = self.surfaces.put_samples(points, normals)
+        samples = self.surfaces.samples.put(Samples(points, normals))
         besides = np.zeros(len(seen), bool) if assumed is None else assumed
         patch = np.flatnonzero(seen | besides)
         small: dict[str, Any] = {name: value[patch].astype(np.float32) for name, value in values.items()}

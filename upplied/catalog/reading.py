@@ -143,7 +143,7 @@ class Reading:
             {"kind": kind, "target_id": structure, "demonstration_id": demonstration, "preset": preset},
             {"target_id": there, "transfer_id": ids},
         )
-        few = {*queries.NAMED, *ordering.SLOT, "status", "added_at"}
+        few = {*queries.NAMED, *ordering.ORDERED, "added_at"}
         few |= set() if columns is None else {*wanted} - {*DERIVED}
         table = tables["transfers"].narrow([name for name in declared.names if name in few], where, version)
         if as_of is not None:
@@ -237,11 +237,11 @@ class Reading:
     def transfer(self, transfer_id: str, columns: Sequence[str] | None = None) -> Row:
         """The row of one plan; only the columns that are named."""
         check_id(transfer_id, "transfer id")
-        wanted = None if columns is None else list(dict.fromkeys([*columns, *ordering.STANDING]))
+        wanted = None if columns is None else list(dict.fromkeys([*columns, *ordering.ORDERED]))
         same_id = self.tables["transfers"].read(pc.field("transfer_id") == transfer_id, wanted)
         if not len(same_id):
             raise self._unknown(transfer_id)
-        return ordering.standing(rows.rows_of(same_id))
+        return dict(ordering.in_order(same_id, newest=False).to_pylist()[0])
 
     def find_transfer(self, start: str) -> str:
         """The id of the one plan whose id begins so; none, or more than one, is an error."""

@@ -12,7 +12,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,7 +20,7 @@ import pyarrow as pa
 
 from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.schema.plan_rows import settings_text, tuples
-from upplied.catalog.store.files import FileStore
+from upplied.catalog.store.files import FileStore, explained
 from upplied.catalog.verbs.belonging import zones_named
 from upplied.catalog.verbs.recipes import settings_of
 from upplied.checks import check_id
@@ -48,7 +48,7 @@ class Outcome:
     process: str = ""  # host/process that planned it
 
 
-_catalog: Catalog | None = None
+_catalog: Catalog  # of this process, once it is prepared
 _memo: Memo = no_memo
 
 
@@ -62,19 +62,16 @@ def prepare(location: str) -> None:
 
 @lru_cache(maxsize=8)
 def _structure(structure_id: str) -> Structure:
-    assert _catalog is not None
     return _catalog.structure(structure_id)
 
 
 @lru_cache(maxsize=16)
 def _demonstration(demonstration_id: str) -> Demonstration:
-    assert _catalog is not None
     return _catalog.demonstration(demonstration_id)
 
 
 @lru_cache(maxsize=4)
 def _required(target_id: str, sha256: str, name: str) -> tuple[RequiredSurface | None, tuple[str, ...]]:
-    assert _catalog is not None
     return required_surface(_catalog, _memo, _structure(target_id), name)
 
 
@@ -98,7 +95,6 @@ def superseded(job: Job) -> Plan:
 
 def plan_job(job: Job, plan_of: Callable[[Catalog, Job], Plan] = transferred) -> Outcome:
     """Plan one job in this process, which was prepared; errors become plans with a reason."""
-    assert _catalog is not None
     began = time.monotonic()
     detail = ""
     try:
@@ -182,15 +178,11 @@ def write_shards(catalog: Catalog, run_id: str, shards: Sequence[Shard]) -> list
     store = _store(catalog)
     names = [f"{check_id(run_id, 'run')}/{number:05}{_SUFFIX}" for number in range(len(shards))]
     others = [item.name for item in fields(Job) if item.name != "settings"]
-    try:
-        for name, shard in zip(names, shards, strict=True):
-            jobs = [{each: getattr(job, each) for each in others} for job in shard]
-            settings = {job.settings.sha256: job.settings for job in shard}
-            plain: dict[str, Any] = {"settings": {key: settings_text(one) for key, one in settings.items()}}
-            plain["jobs"] = [{**a, "settings": b.settings.sha256} for a, b in zip(jobs, shard, strict=True)]
-            store.write(name, json.dumps(plain).encode())
-    except (OSError, pa.ArrowException) as error:
-        raise CatalogError(store.path(run_id), f"cannot be written: {error}") from None
+    for name, shard in zip(names, shards, strict=True):
+        settings = {job.settings.sha256: job.settings for job in shard}
+        jobs = [{at: getattr(job, at) for at in others} | {"settings": job.settings.sha256} for job in shard]
+        plain = {"settings": {key: settings_text(one) for key, one in settings.items()}, "jobs": jobs}
+        explained(store.path(run_id), partial(store.write, name, json.dumps(plain).encode()), doing="written")
     return names
 
 

@@ -174,11 +174,6 @@ def table_of(table: Table, rows: list[Row]) -> pa.Table:
     return pa.table(columns, schema=table.schema)
 
 
-def rows_of(table: pa.Table) -> list[Row]:
-    """An Arrow table as rows."""
-    return table.to_pylist()
-
-
 def says_same(table: Table, stored: Row, given: Row) -> bool:
     """Whether a row says the same as a stored one, apart from when and by which commit it was added."""
     left, right = (table_of(table, [row]).drop_columns(list(ADDED)) for row in (stored, given))

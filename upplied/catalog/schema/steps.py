@@ -12,10 +12,9 @@ import pyarrow.compute as pc
 
 from upplied.catalog.schema.tables import TABLES, Table
 from upplied.errors import CatalogError
-from upplied.records import Bools, Demonstration, Floats, Ints, Photos, Trajectory
+from upplied.records import Bools, Demonstration, Floats, Ints, Trajectory
 
-_POSITION = ("x_m", "y_m", "z_m")
-_QUATERNION = ("qx", "qy", "qz", "qw")
+POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 _ZOOM = ("hfov_deg", "vfov_deg")
 
 
@@ -37,8 +36,7 @@ def step_table(
     values: dict[str, Any] = {name: np.concatenate(parts) for name, parts in columns.items()}
     positions = np.concatenate([path.positions for path in flown]).astype(float, copy=False)
     quats = stored_quats(np.concatenate([path.quat_xyzw for path in flown]))
-    for several, array in ((_POSITION, positions), (_QUATERNION, quats)):
-        values |= dict(zip(several, np.ascontiguousarray(array.T), strict=True))
+    values |= dict(zip(POSE, np.ascontiguousarray(np.column_stack([positions, quats]).T), strict=True))
     for name, angles in zip(_ZOOM, np.concatenate(zooms).T, strict=True):
         values[name] = pa.array(np.ascontiguousarray(angles), from_pandas=True)
     values["seq"] = np.concatenate([np.arange(count) for count in counts])
@@ -73,10 +71,8 @@ def stored_quats(quat_xyzw: Floats) -> Floats:
 
 def pose_arrays(steps: pa.Table) -> tuple[Floats, Floats]:
     """Positions (N, 3), m, and orientations (N, 4) of rows in order."""
-    return (
-        np.column_stack([steps[name].to_numpy() for name in _POSITION]),
-        np.column_stack([steps[name].to_numpy() for name in _QUATERNION]),
-    )
+    columns = [steps[name].to_numpy() for name in POSE]
+    return np.column_stack(columns[:3]), np.column_stack(columns[3:])
 
 
 def poses_sha256(
@@ -166,16 +162,3 @@ def run_starts(rows: pa.Table, names: tuple[str, ...]) -> Ints:
         column = rows[name]
         differs[1:] |= pc.not_equal(column.slice(1), column.slice(0, len(rows) - 1)).to_numpy()
     return np.flatnonzero(differs)
-
-
-#: Of the photos of a plan, `Catalog.photos`.
-PHOTO_COLUMNS = (
-    "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "patches", "gsd_mm", "blur_px", "overlap_pct",
-)  # fmt: skip
-
-
-def photo_columns(photos: Photos) -> dict[str, Any]:
-    """The columns of a plan's photos by name."""
-    poses = (*photos.positions.T, *photos.quat_xyzw.T)
-    shown = (photos.patches, photos.gsd_mm, photos.blur_px, photos.overlap_pct)
-    return dict(zip(PHOTO_COLUMNS, (photos.t_s, *poses, *shown), strict=True))

@@ -208,14 +208,10 @@ class SurfaceStore:
 
     def put(self, surface: SurfaceStates) -> str:
         """Keep a surface; returns the hash of its states, which name their samples."""
-        samples = self.put_samples(surface.points, surface.normals)
+        samples = self.samples.put(Samples(surface.points, surface.normals))
         state = np.asarray(surface.state)
         small: Any = state.astype(np.int8)
         return self.states.put(States(samples, small if np.array_equal(small, state) else state))
-
-    def put_samples(self, points: Floats, normals: Floats | None) -> str:
-        """Keep where a surface is sampled; returns the hash."""
-        return self.samples.put(Samples(points, normals))
 
     def points(self, samples_sha256: str) -> Floats:
         """Where samples are, (N, 3), m."""

@@ -80,26 +80,32 @@ class StoredTable(OpenTable):
 
     def batches(
         self,
-        columns: list[str],
+        columns: list[str] | None,
         where: ds.Expression | None = None,
         version: int | None = None,
         commits: Collection[str] | None = None,
     ) -> Iterator[pa.Table]:
-        """As `read`, some rows at a time; the first ones may be none."""
+        """As `read`, some rows at a time, the first none; of None, what only a newer program knows too."""
         dataset = self.dataset(version, commits)
         yield self._selected(None, columns)
         if dataset is not None:
             for batch in self._scanned(dataset, where, self._present(dataset, columns)):
                 yield self._selected(batch, columns)
 
-    def _present(self, dataset: ds.Dataset, columns: list[str]) -> list[str]:
-        return [name for name in needed(self.declared, columns) if name in dataset.schema.names]
+    def _present(self, dataset: ds.Dataset, columns: list[str] | None) -> list[str] | None:
+        names = None if columns is None else needed(self.declared, columns)
+        return names and [name for name in names if name in dataset.schema.names]
 
-    def _selected(self, rows: pa.Table | None, columns: list[str]) -> pa.Table:
-        """Some columns of rows of any schema in the declared types; of None, no rows."""
-        wanted = pa.schema([self.declared.schema.field(name) for name in needed(self.declared, columns)])
+    def _selected(self, rows: pa.Table | None, columns: list[str] | None) -> pa.Table:
+        """Some columns of rows of any schema in the declared types, or of None all; of None, no rows."""
+        names, declared = columns or self.declared.names, self.declared.schema
+        wanted = pa.schema([declared.field(name) for name in needed(self.declared, names)])
         known = wanted.empty_table() if rows is None else upgraded(self.declared, in_schema(rows, wanted))
-        return known.select(columns)
+        known = known.select(names)
+        if rows is not None and columns is None:
+            for field in (one for one in rows.schema if one.name not in names):
+                known = known.append_column(field, rows[field.name])
+        return known
 
     def _scanned(
         self, dataset: ds.Dataset, where: ds.Expression | None = None, columns: list[str] | None = None
@@ -122,22 +128,7 @@ class StoredTable(OpenTable):
 
     def whole(self, where: ds.Expression | None = None) -> pa.Table:
         """The rows that fit, with the columns that only a newer program knows as well."""
-        dataset = self.dataset()
-        if dataset is None:
-            return self.declared.schema.empty_table()
-        return self._complete(explained(self.uri, partial(dataset.to_table, filter=where)))
-
-    def whole_batches(self) -> Iterator[pa.Table]:
-        """All rows with all their columns, some at a time."""
-        dataset = self.dataset()
-        return iter(()) if dataset is None else map(self._complete, self._scanned(dataset))
-
-    def _complete(self, rows: pa.Table) -> pa.Table:
-        known = self._selected(rows, self.declared.names)
-        for field in rows.schema:
-            if field.name not in self.declared.names:
-                known = known.append_column(field, rows[field.name])
-        return known
+        return pa.concat_tables(self.batches(None, where), promote_options="default")
 
     def named(self, names: pa.Array) -> pa.Array:
         """Those of some names of rows, of the first column, that are stored; each data file is read once.
@@ -196,7 +187,7 @@ class StoredTable(OpenTable):
                 stored = self.rows_of(delta)
                 followed = stored.to_table([ROW_SHA256, BEFORE_SHA256, "commit_version"])
                 if not pc.any(pc.greater(followed[0], "")).as_py():
-                    followed = self._complete(stored.to_table())
+                    followed = self._selected(stored.to_table(), None)
             numbered = sealed(numbered, followed)
             added = new_file(self._files, numbered, self.declared.sought)
             properties = {"rows": str(len(rows)), STATED: self._unstated(delta.version())}

@@ -16,7 +16,7 @@ from datetime import UTC, datetime, timedelta
 
 import pyarrow as pa
 
-from upplied.catalog.store.files import FileStore, explained, remedy_of
+from upplied.catalog.store.files import FileStore, explained
 from upplied.errors import CatalogError
 
 _FILE = "catalog.json"
@@ -68,14 +68,16 @@ class Identity:
         return "sha256" not in about or content == _text(about).encode()
 
     def _read(self) -> str | None:
+        def content() -> bytes | str | None:
+            if self.files.has(_FILE):
+                return self.files.read(_FILE)
+            return "" if any(self.files.has_folder(f"{name}/_delta_log") for name in self._tables) else None
+
         what = self.files.path(_FILE)
         try:
-            if not self.files.has(_FILE):
-                older = any(self.files.has_folder(f"{name}/_delta_log") for name in self._tables)
-                return "" if older else None
-            about = json.loads(self.files.read(_FILE))
-        except _TRIED as error:
-            raise CatalogError(what, f"cannot be read: {error}", "", remedy_of(what, str(error))) from None
+            if not isinstance(stored := explained(what, content, doing="read"), bytes):
+                return stored
+            about = json.loads(stored)
         except ValueError as error:
             raise CatalogError(what, f"is damaged: {error}", "", "take it from a backup") from None
         if not isinstance(about, dict) or about.get("format") != _FORMAT or type(about.get("id")) is not str:

@@ -15,8 +15,8 @@ from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StepTable, StoredTable
-from upplied.catalog.store.merging import tidy
 from upplied.catalog.verbs import ordering
+from upplied.catalog.verbs.maintenance import tidy
 from upplied.catalog.verbs.ordering import DERIVED
 from upplied.checks import check_id
 from upplied.config import digest
@@ -196,8 +196,8 @@ class Adding(Reading):
 
     def newest_plans(self, columns: Sequence[str]) -> pa.Table:
         """Columns of the newest plan of each demonstration, target and preset, retired or not; and its id."""
-        read = ["transfer_id", *ordering.SLOT, *ordering.NEWEST, "status", *columns]
-        plans = ordering.in_order(self.tables["transfers"].narrow(list(dict.fromkeys(read))), newest=True)
+        read = list(dict.fromkeys([*ordering.ORDERED, *columns]))
+        plans = ordering.in_order(self.tables["transfers"].narrow(read), newest=True)
         return plans.filter(pc.equal(plans["purpose"], "")).select(["transfer_id", *columns])
 
     def _add_steps(self, name: str, *steps: pa.Table) -> str:
@@ -226,7 +226,7 @@ def _repeated(table: StoredTable, stored: Sequence[Row], changes: Mapping[str, A
     key = table.declared.names[0]
     wanted = {(row[key], row["commit_id"], row["commit_version"]) for row in stored}
     whole = table.whole(pc.field(key).isin([row[key] for row in stored]))
-    newer = {(row[key], row["commit_id"], row["commit_version"]): row for row in rows.rows_of(whole)}
+    newer = {(row[key], row["commit_id"], row["commit_version"]): row for row in whole.to_pylist()}
     again = [{**row, **changes} for name, row in newer.items() if name in wanted]
     return pa.Table.from_pylist(again, whole.schema)
 

@@ -15,9 +15,10 @@ import pandas as pd
 
 from upplied.catalog.reading import Reading
 from upplied.catalog.schema.plan_rows import tuples
-from upplied.catalog.schema.rows import Row, json_text, rows_of
+from upplied.catalog.schema.rows import Row, json_text
 from upplied.catalog.store.contents import labelled
 from upplied.catalog.verbs.findings import Finding
+from upplied.catalog.verbs.ordering import by_commit
 from upplied.catalog.verbs.roster import author
 from upplied.checks import check_id
 from upplied.config import PRESETS, digest, settings_for
@@ -223,8 +224,7 @@ _SCOPES = {apart: scope for scope, apart in APART.items()}
 def declared(catalog: Reading) -> dict[Owner, Changes]:
     """The settings of kinds and structures now."""
     owners: dict[Owner, Changes] = {}
-    table = rows_of(catalog.tables["settings"].read())
-    for row in sorted(table, key=lambda row: row["commit_version"]):
+    for row in by_commit(catalog.tables["settings"].read()):
         stage, _, name = row["setting"].rpartition(".")
         scope = str(row["scope"])
         if scope in _SCOPES:

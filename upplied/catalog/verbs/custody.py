@@ -6,7 +6,7 @@ import hashlib
 import io
 import json
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -74,7 +74,8 @@ def stored_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> pa.Table:
     else:  # of many rows few: some are decoded at a time
         stored = pa.concat_tables(table.batches(names, where, commits=commits))
     starts = run_starts(stored, (key, "commit_id"))
-    place = pc.index_in(named(stored.take(pa.array(starts)), key), named(owners, key)).fill_null(-1)
+    owner = [key, "commit_id"]
+    place = pc.index_in(named(stored.take(pa.array(starts)), owner), named(owners, owner)).fill_null(-1)
     place = np.repeat(place.to_numpy(), np.diff(starts, append=len(stored)))
     seq, next_owner = stored["seq"].to_numpy(), np.diff(place, prepend=-1)
     if ((next_owner > 0) | ((next_owner == 0) & (np.diff(seq, prepend=-1) > 0) & (place >= 0))).all():
@@ -82,12 +83,15 @@ def stored_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> pa.Table:
     return stored.take(pa.array(np.lexsort((seq, place))[np.count_nonzero(place < 0) :]))
 
 
-def named(rows: pa.Table | pd.DataFrame, key: str) -> pa.Array:
-    """What tells the owner of each step, or each owner: its id and commit."""
-    names = [key, "commit_id"]
-    table = rows if isinstance(rows, pa.Table) else pa.Table.from_pandas(rows[names], preserve_index=False)
-    texts = (table[name].cast(pa.string()).combine_chunks() for name in names)
-    return pc.binary_join_element_wise(*texts, "/")
+def named(rows: pa.Table | pd.DataFrame, names: Sequence[str]) -> pa.Array:
+    """Some columns of each row as one text."""
+    if not isinstance(rows, pa.Table):
+        rows = pa.Table.from_pandas(rows[[*names]], preserve_index=False)
+    texts = []
+    for column in (rows[name].combine_chunks() for name in names):
+        plain = column.cast(pa.int64()) if pa.types.is_timestamp(column.type) else column
+        texts.append(plain.cast(pa.string()).fill_null(""))
+    return pc.binary_join_element_wise(*texts, "\x1f")
 
 
 def stated(name: str, owners: pd.DataFrame) -> dict[tuple[str, str], tuple[int, str]]:
@@ -152,7 +156,7 @@ def chain_heads(catalog: Reading) -> dict[str, str]:
 
 def foreign_plans(catalog: Reading) -> list[str]:
     """The plans that were imported and not measured here."""
-    columns = ["transfer_id", "imported_from", "status", *ordering.SLOT, *ordering.NEWEST]
+    columns = [*ordering.ORDERED, "imported_from"]
     rows = ordering.in_order(catalog.tables["transfers"].read(None, columns), newest=False)
     return [row["transfer_id"] for row in rows.to_pylist() if plan_rows.is_foreign(row)]
 

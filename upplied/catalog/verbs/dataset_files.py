@@ -69,13 +69,18 @@ def describe(place: Path, about: dict[str, Any]) -> None:
     replace_file(place / DATASET, json.dumps({**about, "files": files}, indent=2).encode())
 
 
-def check_files(place: Path) -> set[str]:
-    """Compare the files with their hashes; their names. One missing, changed or unlisted is an error."""
-    about = _about(place)
+def check_files(place: Path) -> tuple[str, set[str]]:
+    """Compare the files with their hashes; the dataset's name (else the folder's), and the files' names.
+
+    One missing, changed or unlisted is an error.
+    """
     try:
+        if not (path := place / DATASET).is_file() or path.stat().st_size > _MAX_ABOUT_BYTES:
+            raise OSError("it is no file, or too large")
+        about = json.loads(path.read_text(encoding="utf-8"))
         version, files = int(about["schema_version"]), dict(about["files"])
-    except (ValueError, KeyError, TypeError) as error:
-        raise CatalogError(f"{place / DATASET}", f"cannot be read: {error}", "an exported folder") from None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise CatalogError(str(place / DATASET), f"cannot be read: {error}", "an exported folder") from None
     if version > SCHEMA_VERSION:
         fault = f"has schema version {version}"
         raise CatalogError(str(place), fault, f"at most {SCHEMA_VERSION}", "use a newer version")
@@ -86,25 +91,8 @@ def check_files(place: Path) -> set[str]:
             raise CatalogError(f"{place}: {name[:200]}", "is not listed, or lies outside the folder")
         if not path.is_file() or path.stat().st_size > _MAX_BYTES or _sha256(path) != files[name]:
             raise CatalogError(str(path), "is missing, too large, or not the file that was exported")
-    return set(files)
-
-
-def _about(place: Path) -> dict[str, Any]:
-    """What a dataset says of itself."""
-    path = place / DATASET
-    try:
-        if not path.is_file() or path.stat().st_size > _MAX_ABOUT_BYTES:
-            raise OSError("it is no file, or too large")
-        about = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise CatalogError(str(path), f"cannot be read: {error}", "an exported folder") from None
-    return about if isinstance(about, dict) else {}
-
-
-def name_of(place: Path) -> str:
-    """The name of a dataset whose files were checked; the folder's where it has none."""
-    name = str(_about(place).get("name", ""))
-    return name if re.fullmatch(r"[A-Za-z0-9_-]{1,64}", name) else place.resolve().name[:64]
+    named = re.fullmatch(r"[A-Za-z0-9_-]{1,64}", str(about.get("name", "")))
+    return named[0] if named else place.resolve().name[:64], set(files)
 
 
 def _relative(place: Path, path: Path) -> str:

@@ -19,7 +19,7 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import unlike
 from upplied.catalog.schema.tables import TABLES, in_schema, missing, upgraded
 from upplied.catalog.store.contents import CONTENTS, NAMED_CONTENTS, States, file_name
-from upplied.catalog.verbs.dataset_files import DATASET, EXCHANGED, check_files, name_of
+from upplied.catalog.verbs.dataset_files import DATASET, EXCHANGED, check_files
 from upplied.catalog.verbs.ordering import by_commit
 from upplied.catalog.verbs.recipes import Recipe, settings_of, siblings_of
 from upplied.catalog.verbs.verification import Values
@@ -62,7 +62,7 @@ def import_dataset(
         catalog. Nothing is added then.
     """
     place = Path(folder)
-    listed = check_files(place)
+    dataset, listed = check_files(place)
     tables = {name: _read(place, name) for name in EXCHANGED}
     for name in ("structures", "demonstrations", "transfers"):
         values = Values(name)
@@ -75,14 +75,13 @@ def import_dataset(
     steps = {name: _by_owner(tables[name]) for name in ("poses", "waypoints")}
     structures = [
         rows.structure_of(row, _stored(place, listed, "meshes", row["mesh_sha256"]))
-        for row in _newest(tables["structures"])
+        for row in by_commit(tables["structures"])
     ]
     demonstrations = [
         rows.demonstration_of(row, _steps(place, steps["poses"], "poses", row))
-        for row in _newest(tables["demonstrations"])
+        for row in by_commit(tables["demonstrations"])
     ]
-    plans = rows.rows_of(tables["transfers"])
-    dataset = name_of(place)
+    plans = tables["transfers"].to_pylist()
     for row in plans:
         if plan_rows.transfer_id(row["key"]) != row["transfer_id"]:
             raise CatalogError(f"{place}: plan {row['transfer_id']}", "does not match its key")
@@ -157,10 +156,6 @@ def _read(place: Path, name: str) -> pa.Table:
         return upgraded(TABLES[name], in_schema(exported, TABLES[name].schema))
     except (OSError, pa.ArrowException) as error:
         raise CatalogError(what, f"has not the declared columns: {error}") from None
-
-
-def _newest(table: pa.Table) -> list[Row]:
-    return sorted(rows.rows_of(table), key=by_commit)
 
 
 def _by_owner(steps: pa.Table) -> dict[tuple[str, str], pa.Table]:

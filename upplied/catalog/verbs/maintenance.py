@@ -1,25 +1,46 @@
-"""Keeping a catalog fast and small, while others read and write it."""
+"""Keeping a catalog fast and small, while others read and write it.
+
+Small data files become large ones, ordered so that what is read together lies together. Delta-rs's own
+compaction mixes the rows of its files: one trajectory then lies in many row groups.
+"""
 
 from __future__ import annotations
 
+import logging
+import math
+import threading
+import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Any
 
-from deltalake import DeltaTable
+import pyarrow as pa
+import pyarrow.compute as pc
+from deltalake import CommitProperties, DeltaTable, Transaction
+from deltalake.transaction import RemoveAction
 
-from upplied.catalog.database import Catalog
+from upplied.catalog.reading import Reading
 from upplied.catalog.schema.tables import STEPS
-from upplied.catalog.store.delta import StepTable
+from upplied.catalog.store.chain import decoded, encoded, new_file
+from upplied.catalog.store.delta import StepTable, StoredTable
 from upplied.catalog.store.files import FileStore
-from upplied.catalog.store.merging import TARGET_BYTES, merge
-from upplied.errors import SettingsError
+from upplied.errors import CatalogError, SettingsError
+
+log = logging.getLogger(__name__)
 
 KEEP_DAYS = 30.0  # of versions that `version` can still ask for
 SHORTEST_KEEP_HOURS = 1.0  # a writer that takes longer between points and row would lose its points
 CACHE_BYTES = 20 << 30
+TARGET_BYTES = 64 << 20  # of a data file
+DECODED_BYTES = 256 << 20  # of its rows in memory, where merging holds them some three times
+_ROWS_WEIGHED = 100
+_MANY = 16  # files that are merged while a table is written; their rows differ by less than so many times
+_TIDIED_BYTES = 16 << 20  # of rows in memory: a writer has little to spare; the rest is for `merge`
+
+File = dict[str, Any]  # path, size_bytes, modification_time, num_records
 
 
 @dataclass(frozen=True)
@@ -33,7 +54,7 @@ class Removed:
     cache_bytes_freed: int
 
 
-def compact(catalog: Catalog) -> dict[str, int]:
+def compact(catalog: Reading) -> dict[str, int]:
     """Merge small data files, in the order of commits; returns how many files were merged, by table.
 
     Readers and writers go on meanwhile, and older versions can still be asked for.
@@ -41,7 +62,7 @@ def compact(catalog: Catalog) -> dict[str, int]:
     return {name: merge(table, TARGET_BYTES) for name, table in catalog.tables.items()}
 
 
-def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CACHE_BYTES) -> Removed:
+def vacuum(catalog: Reading, keep_days: float = KEEP_DAYS, cache_bytes: int = CACHE_BYTES) -> Removed:
     """Remove what nobody can ask for any more.
 
     That is: data files that were merged or whose version is older than `keep_days`; points that
@@ -81,7 +102,7 @@ def vacuum(catalog: Catalog, keep_days: float = KEEP_DAYS, cache_bytes: int = CA
 
 
 def _drop_unnamed(
-    catalog: Catalog, files: FileStore, columns: Sequence[tuple[str, str]], before: datetime
+    catalog: Reading, files: FileStore, columns: Sequence[tuple[str, str]], before: datetime
 ) -> int:
     """Remove files older than a moment that no row names in these columns of tables; how many."""
     old = files.older(before)
@@ -105,3 +126,94 @@ def _remove_drafts(root: Path, before: datetime) -> int:
                     path.unlink()
                     removed += 1
     return removed
+
+
+def merge(table: StoredTable, size_bytes: int) -> int:
+    """Merge files of less than half of some size into ones of about that size; how many were merged."""
+    merged = 0
+    while done := table.change(lambda delta: _merged(table, delta, _oldest_small(table, delta, size_bytes))):
+        merged += done
+    return merged
+
+
+def tidy(table: StoredTable, version: int) -> None:
+    """Merge small files of a table now and then, beside those who write it; questions stay quick.
+
+    Every sixteenth commit does so, in a thread that only the end of the process waits for, and for files of
+    about one size, so that a row is written again only as its file grows sixteenfold. What hinders it is no
+    matter of the rows.
+    """
+    beside = table.beside() if version % _MANY == 0 else table
+
+    def act() -> None:
+        try:
+            while beside.change(lambda delta: _merged(beside, delta, _of_a_size(beside, delta))):
+                pa.default_memory_pool().release_unused()  # what this thread took would stay with the process
+        except CatalogError as error:
+            log.warning("small files of %s were not merged: %s", table.uri, error)
+
+    if beside is not table:
+        threading.Thread(target=act, name=f"tidy {table.declared.name}").start()
+
+
+def _merged(table: StoredTable, delta: DeltaTable, chosen: list[File]) -> int:
+    """Merge some files; how many.
+
+    Delta-rs does not see that two removals contradict each other, but that both advance one transaction:
+    one fails.
+    """
+    if len(chosen) < 2:
+        return 0
+    # One file after the other, with texts that repeat once: a row's settings alone take kilobytes.
+    files = (table.rows_in(delta, [file["path"]]) for file in chosen)
+    parts = [encoded(rows.to_table(use_threads=False)) for rows in files]
+    rows = pa.concat_tables(parts).unify_dictionaries()
+    order = [(name, "ascending") for name in table.declared.order]
+    rows = rows.take(pc.sort_indices(decoded(rows.select(table.declared.order)), sort_keys=order))
+    now = int(time.time() * 1000)
+    added = replace(new_file(FileStore(table.uri), rows, table.declared.sought), data_change=False)
+    removed = [RemoveAction(file["path"], False, now, file["size_bytes"], {}) for file in chosen]
+    turns, schema = [Transaction("upplied.maintenance", time.time_ns())], decoded(rows[:0]).schema
+    commit = CommitProperties({"doing": "maintenance"}, max_commit_retries=30, app_transactions=turns)
+    delta.create_write_transaction([added, *removed], "append", schema, commit_properties=commit)
+    return len(chosen)
+
+
+def _oldest_small(table: StoredTable, delta: DeltaTable, size_bytes: int) -> list[File]:
+    """The oldest files less than half of some size, or of what is decoded at once, that together make it."""
+    files, chosen, held = _files(delta), list[File](), 0.0
+    row_bytes = _row_bytes(table, delta, files)
+    for file in files:
+        share = max(file["size_bytes"] / size_bytes, (file["num_records"] or 0) * row_bytes / DECODED_BYTES)
+        if share >= 0.5:
+            continue
+        if len(chosen) > 1 and held + share > 1:
+            break
+        chosen.append(file)
+        held += share
+    return chosen
+
+
+def _of_a_size(table: StoredTable, delta: DeltaTable) -> list[File]:
+    """The oldest of the smallest files that are many and have about as many rows."""
+    classes: dict[int, list[File]] = {}
+    for file in _files(delta):
+        classes.setdefault(int(math.log(max(file["num_records"] or 1, 1), _MANY)), []).append(file)
+    many = next((files[:_MANY] for _, files in sorted(classes.items()) if len(files) >= _MANY), [])
+    rows = sum(file["num_records"] or 0 for file in many)
+    return [] if rows * _row_bytes(table, delta, many) > _TIDIED_BYTES else many
+
+
+def _files(delta: DeltaTable) -> list[File]:
+    """The data files, oldest first."""
+    names = ["path", "size_bytes", "modification_time", "num_records"]
+    files = pa.table(delta.get_add_actions()).select(names).to_pylist()
+    return sorted(files, key=lambda file: (file["modification_time"], file["path"]))
+
+
+def _row_bytes(table: StoredTable, delta: DeltaTable, files: list[File]) -> float:
+    """What a row takes in memory, bytes, estimated from some."""
+    if not files:
+        return 0.0
+    some = table.rows_in(delta, [files[0]["path"]]).head(_ROWS_WEIGHED, use_threads=False)
+    return some.nbytes / max(len(some), 1)

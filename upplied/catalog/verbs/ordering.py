@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
-from upplied.catalog.schema import plan_rows, rows
+from upplied.catalog.schema import plan_rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.store.files import explained
@@ -29,7 +30,7 @@ NEWEST = ["commit_version", "planned_at"]  # what orders plans; the time counts 
 _FEW_KEYS = 5000  # up to here their pairs are asked for alone
 _MOST_ROWS = 50_000  # of a table that is kept at hand, a kilobyte each
 _COMMIT = ("commit_version", "added_at", "commit_id")  # what orders rows of an id, whatever clocks say
-STANDING = ("status", *NEWEST, "commit_id")  # what tells which row stands for a plan
+ORDERED = ["transfer_id", *SLOT, "status", *NEWEST]  # what `in_order` goes by
 
 
 class Current:
@@ -46,27 +47,24 @@ class Current:
             return None
         if self._at_hand is None or self._at_hand[0] is not dataset:
             if explained(self._table.uri, dataset.count_rows) > _MOST_ROWS:
-                newest = newest_rows(self._table, pc.field(key) == name)
-                return newest.get(name)
+                return newest_rows(self._table, pc.field(key) == name).get(name)
             table, places = self._table.read(), dict[str, list[int]]()
             for place, each in enumerate(table[key].to_pylist()):
                 places.setdefault(each, []).append(place)
             self._at_hand = dataset, table, places
         _, table, places = self._at_hand
-        if name not in places:
-            return None
-        return sorted(rows.rows_of(table.take(places[name])), key=by_commit)[-1]
+        return by_commit(table.take(places[name]))[-1] if name in places else None
 
 
 def newest_rows(table: StoredTable, where: ds.Expression | None = None) -> dict[str, Row]:
     """The current version of each id, retired ones too; of those that came at once, the last."""
     name = table.declared.names[0]
-    return {row[name]: row for row in sorted(rows.rows_of(table.read(where)), key=by_commit)}
+    return {row[name]: row for row in by_commit(table.read(where))}
 
 
-def by_commit(row: Row) -> tuple[Any, ...]:
-    """Where a row of an id stands among its others."""
-    return tuple(row[name] for name in _COMMIT)
+def by_commit(table: pa.Table) -> list[Row]:
+    """Rows in the order of their commits."""
+    return sorted(table.to_pylist(), key=itemgetter(*_COMMIT))
 
 
 def retired(table: StoredTable, where: ds.Expression | None = None) -> list[str]:
@@ -79,15 +77,12 @@ def retired(table: StoredTable, where: ds.Expression | None = None) -> list[str]
 
 def rows_of_keys(table: StoredTable, keys: Iterable[str]) -> dict[str, Row]:
     """The row that stands for each of the keys that are known."""
-    wanted = set(keys)
-    ids = [plan_rows.transfer_id(key) for key in wanted]
-    by_key: dict[str, list[Row]] = {}
     # First whether there are any, of one narrow column: most often there are none.
-    known = table.named(pa.array(ids, pa.string()))
-    if len(known):
-        for row in rows.rows_of(table.read(pc.field("transfer_id").isin(known))):
-            by_key.setdefault(row["key"], []).append(row)
-    return {key: standing(same_plan) for key, same_plan in by_key.items() if key in wanted}
+    known = table.named(ids_of(list(keys)))
+    if not len(known):
+        return {}
+    rows = in_order(table.read(pc.field("transfer_id").isin(known)), newest=False)
+    return {row["key"]: row for row in rows.to_pylist()}
 
 
 def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
@@ -96,8 +91,7 @@ def superseded(table: StoredTable, plans: list[Row]) -> list[Row]:
         return []
     where = pc.field("demonstration_id").isin(list({row["demonstration_id"] for row in plans}))
     where &= pc.field("target_id").isin(list({row["target_id"] for row in plans}))
-    columns = ["transfer_id", *SLOT, "status", *NEWEST]
-    newest = in_order(table.read(where, columns), newest=True)
+    newest = in_order(table.read(where, ORDERED), newest=True)
     current = set(newest["transfer_id"].to_pylist())
     return [row for row in plans if row["transfer_id"] not in current]
 
@@ -118,23 +112,13 @@ def settled_plans(
         first, second = (pc.field(name).isin(known[name].unique()) for name in PAIR[:2])
         where = first & second
     ours = ["run_id"] if retry_failed and run_id else []
-    columns = ["transfer_id", *SLOT, *NEWEST, "status", "imported_from", *ours, *more]
-    plans = in_order(table.narrow(columns, where), newest=True)
+    plans = in_order(table.narrow([*ORDERED, "imported_from", *ours, *more], where), newest=True)
     foreign = pc.ends_with(plans["imported_from"].cast(pa.string()), plan_rows.AS_IT_SAYS)
     held = pc.and_(pc.is_in(plans["transfer_id"], ids), pc.invert(foreign))
     if retry_failed:
         done = pc.not_equal(plans["status"], "failed")
         held = pc.and_(held, pc.or_(done, pc.equal(plans["run_id"], run_id)) if ours else done)
     return plans.filter(held)
-
-
-def standing(same_plan: list[Row]) -> Row:
-    """The row that stands for a plan: one that is not a failure, and of those the newest."""
-
-    def order(row: Row) -> tuple[Any, ...]:
-        return row["status"] != "failed", *(row[name] for name in NEWEST), row["commit_id"]
-
-    return max(same_plan, key=order)
 
 
 def in_order(table: pa.Table, newest: bool) -> pa.Table:

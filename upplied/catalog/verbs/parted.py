@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import hashlib
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, groupby, pairwise
 
 import numpy as np
 import pandas as pd
@@ -69,7 +69,7 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, mo
     """Rows by file, so that each file has about so much weight; it is named by some columns of its rows."""
     rows.attrs.clear()  # which pandas copies with every choice of rows
     made_of = digest([SCHEMA_VERSION, TABLES[name].names])
-    texts = _texts(rows[columns])
+    texts = custody.named(rows, columns)
     files: dict[str, Ints] = {}
     for kind, at in rows.groupby("kind").indices.items():
         folder = f"{name}.parquet/{check_id(str(kind), 'kind')}"
@@ -89,16 +89,6 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, mo
     return Parted(rows, files or nothing)
 
 
-def _texts(rows: pd.DataFrame) -> pa.Array:
-    """Each row as one text."""
-    table = pa.Table.from_pandas(rows, preserve_index=False)
-    texts = []
-    for column in (table[name].combine_chunks() for name in rows):
-        plain = column.cast(pa.int64()) if pa.types.is_timestamp(column.type) else column
-        texts.append(plain.cast(pa.string()).fill_null(""))
-    return pc.binary_join_element_wise(*texts, "\x1f")
-
-
 def rows_of(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:
     """All that each of some files holds, in its order."""
     return _plans(catalog, was, files) if name == "transfers" else _steps(catalog, was, name, files)
@@ -106,7 +96,7 @@ def rows_of(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[
 
 def _plans(catalog: Catalog, was: Before, files: Files) -> Iterator[tuple[str, pa.Table]]:
     table, whole = catalog.tables["transfers"], sum(map(len, files.values()))
-    for lot in _lots(files, {file: len(own) for file, own in files.items()}, _LOT):
+    for lot in _lots(files, map(len, files.values()), _LOT):
         old = {file: _before(was, file, TABLES["transfers"]) for file in lot}
         place = {file: _place(old[file], files[file]) for file in lot}
         lacking = pd.concat([files[file][place[file] < 0] for file in lot])
@@ -129,21 +119,20 @@ def _plans(catalog: Catalog, was: Before, files: Files) -> Iterator[tuple[str, p
 
 def _place(old: pa.Table, own: pd.DataFrame) -> Ints:
     """Where each row stands in the file of before, -1 where it does not."""
-    names = list(NAMED)
-    there = pd.MultiIndex.from_frame(old.select(names).to_pandas())
-    return there.get_indexer(pd.MultiIndex.from_frame(own[names])) if len(old) else np.full(len(own), -1)
+    return np.array(pc.index_in(custody.named(own, NAMED), custody.named(old, NAMED)).fill_null(-1))
 
 
 def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:
     declared, key = TABLES[name], TABLES[name].names[0]
-    for lot in _lots(files, {file: own[f"n_{name}"].sum() for file, own in files.items()}, custody.CHUNK):
+    owner = [key, "commit_id"]
+    for lot in _lots(files, (own[f"n_{name}"].sum() for own in files.values()), custody.CHUNK):
         still, lacking = [], []
         for at, file in enumerate(lot):
-            old, owners = _before(was, file, declared), custody.named(files[file], key)
-            still.append(old.filter(pc.is_in(custody.named(old, key), owners)))
-            known = pc.is_in(owners, custody.named(still[at], key)).to_numpy(zero_copy_only=False)
+            old, owners = _before(was, file, declared), custody.named(files[file], owner)
+            still.append(old.filter(pc.is_in(custody.named(old, owner), owners)))
+            known = pc.is_in(owners, custody.named(still[at], owner)).to_numpy(zero_copy_only=False)
             lacking.append(files[file][~known].assign(file=at))
-        own = pd.concat(lacking).sort_values([key, "commit_id"])
+        own = pd.concat(lacking).sort_values(owner)
         steps = checked(name, custody.stored_steps(catalog, name, own), custody.stated(name, own))
         number = np.repeat(own["file"].to_numpy(), own[f"n_{name}"])
         steps = steps.take(pa.array(np.argsort(number, kind="stable")))
@@ -151,24 +140,17 @@ def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[t
         for file, old, first, end in zip(lot, still, [0, *ends], ends, strict=False):
             new = steps.slice(first, end - first)
             if len(old):
-                order = [(column, "ascending") for column in (key, "commit_id", "seq")]
+                order = [(column, "ascending") for column in (*owner, "seq")]
                 both = pa.concat_tables([old, new]).sort_by(order)
                 new = checked(name, both, custody.stated(name, files[file]))
             yield file, new
 
 
-def _lots(files: Files, weight: Mapping[str, float], most: int) -> Iterator[list[str]]:
+def _lots(files: Files, weights: Iterable[float], most: int) -> Iterator[list[str]]:
     """Some files at a time, of about so much weight."""
-    lot: list[str] = []
-    held = 0.0
-    for file in files:
-        if lot and held + weight[file] > most:
-            yield lot
-            lot, held = [], 0.0
-        lot.append(file)
-        held += weight[file]
-    if lot:
-        yield lot
+    number = (held // most for held in accumulate(weights))
+    for _, lot in groupby(files, lambda file: next(number)):
+        yield list(lot)
 
 
 def _before(was: Before, file: str, declared: Table) -> pa.Table:

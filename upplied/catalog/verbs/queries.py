@@ -22,7 +22,7 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import checked
 from upplied.catalog.store.chain import decoded
 from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.verbs.ordering import NEWEST, PAIR
+from upplied.catalog.verbs.ordering import NEWEST, PAIR, by_commit
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Bools, Floats, Trajectory
 
@@ -116,8 +116,7 @@ def beginning(rows: pd.DataFrame, what: str, start: str) -> Row:
 
 def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
     """The decisions until a moment, in the order of commits."""
-    decisions = rows.rows_of(table.read(until("added_at", as_of)))
-    return sorted(decisions, key=lambda row: row["commit_version"])
+    return list(by_commit(table.read(until("added_at", as_of))))
 
 
 def steps(table: StoredTable, row: Row) -> pa.Table:
@@ -242,12 +241,6 @@ def diff(catalog: Catalog, before: When | int, after: When | int | None = None) 
         if name != "status":
             changes[f"{name}_change"] = joined[f"{name}_after"] - joined[f"{name}_before"]
     return changes.sort_values(["coverage_seen_pct_change", *PAIR], kind="stable").reset_index(drop=True)
-
-
-def changed_structures(catalog: Catalog, since: When) -> pd.DataFrame:
-    """Versions of structures that were added, changed or retired after a moment."""
-    every = catalog.structures(every=True)
-    return every[every["added_at"] > moment(since)].reset_index(drop=True)
 
 
 def _current(catalog: Catalog, when: When | int | None) -> pd.DataFrame:

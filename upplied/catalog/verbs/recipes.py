@@ -47,7 +47,7 @@ class Recipe:
             "status", "reason", "n_viewpoints", "n_waypoints", "waypoints_sha256", "registration_json",
             "counterpart_summary", "parts_told_by", "warnings", *rows.same_named(Measures, "transfers"),
         ]  # fmt: skip
-        stored, given = rows.rows_of(rows.table_of(TABLES["transfers"], [self.row, again]))
+        stored, given = rows.table_of(TABLES["transfers"], [self.row, again]).to_pylist()
         return [name for name in names if stored[name] != given[name]]
 
 

@@ -132,7 +132,7 @@ def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[F
 
     def parts() -> Iterator[pa.Table]:
         nonlocal count
-        for rows in _together(table.whole_batches()):
+        for rows in _together(table.batches(None)):
             count += len(rows)
             held.append(encoded(rows.select(columns)))
             values.look_at(rows)
@@ -154,7 +154,7 @@ def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[F
 def _together(parts: Iterator[pa.Table]) -> Iterator[pa.Table]:
     """Rows of several small files at a time: a look at a hundred columns costs as much for one row."""
     waiting, count = list[pa.Table](), 0
-    for part in parts:
+    for part in filter(len, parts):
         waiting.append(part)
         count += len(part)
         if count >= _ROWS:
