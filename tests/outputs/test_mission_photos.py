@@ -223,7 +223,7 @@ def test_overlap_across_is_measured_and_refused_where_passes_lie_too_far_apart()
         overlap="80/70", trigger_s=0.7, home_m=(0.0, -40.0, 0.0), force=("acceleration",)
     )
     plan = made_plan(path, surface=None)
-    with pytest.raises(RefusedError, match=r"overlap by \d\d % across.*limit 70 %"):
+    with pytest.raises(RefusedError, match=r"overlap across is \d\d %.*limit 70 %"):
         missions_of(plan, box, options, camera=camera)
     assert missions_of(plan, box, replace(options, force=("overlap", "acceleration")), camera=camera)
 
