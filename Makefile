@@ -62,9 +62,11 @@ PLAINLY := .venv/.compiled-plainly
 JITTED := $(shell grep -rl --include=*.py njit upplied)
 
 $(COMPILED): $(READY) $(JITTED)
+	@echo "Once: functions are compiled for this processor, in about a minute."
 	@$(BIN)/python tests/compiled.py && touch $@
 
 $(PLAINLY): $(READY) $(JITTED)
+	@echo "Once: functions are compiled for the plainest processor, in about a minute."
 	@$(BIN)/python tests/plainly.py tests/compiled.py && touch $@
 
 test: $(COMPILED) ## the tests of a developer, on every core or CORES=...; ROOM=catalog, or more, are those of a room
