@@ -48,7 +48,7 @@ class Outcome:
     process: str = ""  # host/process that planned it
 
 
-_catalog: Catalog  # of this process, once it is prepared
+_catalog: Catalog | None = None
 _memo: Memo = no_memo
 
 
@@ -62,16 +62,19 @@ def prepare(location: str) -> None:
 
 @lru_cache(maxsize=8)
 def _structure(structure_id: str) -> Structure:
+    assert _catalog is not None
     return _catalog.structure(structure_id)
 
 
 @lru_cache(maxsize=16)
 def _demonstration(demonstration_id: str) -> Demonstration:
+    assert _catalog is not None
     return _catalog.demonstration(demonstration_id)
 
 
 @lru_cache(maxsize=4)
 def _required(target_id: str, sha256: str, name: str) -> tuple[RequiredSurface | None, tuple[str, ...]]:
+    assert _catalog is not None
     return required_surface(_catalog, _memo, _structure(target_id), name)
 
 
@@ -95,6 +98,7 @@ def superseded(job: Job) -> Plan:
 
 def plan_job(job: Job, plan_of: Callable[[Catalog, Job], Plan] = transferred) -> Outcome:
     """Plan one job in this process, which was prepared; errors become plans with a reason."""
+    assert _catalog is not None
     began = time.monotonic()
     detail = ""
     try:
