@@ -66,7 +66,7 @@ def write_project(folder: Path) -> None:
     tower(5, 16).export(folder / "odm_meshing" / "odm_mesh.ply")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_project_becomes_released_missions_of_two_sisters(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

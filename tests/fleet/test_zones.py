@@ -145,7 +145,7 @@ def test_a_zone_of_one_structure_is_asked_of_all_of_its_kind(catalog):
         catalog.require("kind", cube.kind, "monthly", [{**asked, "on": 3}], "Ada")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_run_plans_for_what_is_required_and_the_same_comes_of_it_again(catalog, capsys):
     cuboid = member("cuboid-v1").structure
     catalog.add_structures([cuboid])

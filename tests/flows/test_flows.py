@@ -15,9 +15,10 @@ from upplied.catalog import open_catalog
 from upplied.fleet import planner
 from upplied.flows.environment import ROOTS
 
-pytestmark = [pytest.mark.ci, pytest.mark.server, pytest.mark.filterwarnings("default")]
+pytestmark = [pytest.mark.slow, pytest.mark.server, pytest.mark.filterwarnings("default")]
 
 
+@pytest.mark.ci
 def test_the_whole_way_by_flows(server, place):
     done = python(
         server,
@@ -59,6 +60,7 @@ for mm_px in (8.0, 8.0, 0.01, 0.01):
 """
 
 
+@pytest.mark.ci
 def test_maintenance_checks_the_catalog_and_says_what_is_wrong_with_it(server, place):
     code = """
 from upplied.flows.upkeep import maintain_catalog
@@ -78,6 +80,7 @@ print(state.type.value, state.message)
         mesh.write_bytes(whole)
 
 
+@pytest.mark.ci
 def test_runs_say_what_they_do_and_leave_something_to_read(server, place):
     names = {run["name"] for run in listed(server, "flow_runs")}
     assert {"demonstrations of flight.mcap", "every demonstration to box-random-1"} <= names
@@ -93,6 +96,7 @@ def test_runs_say_what_they_do_and_leave_something_to_read(server, place):
     assert (place / "reports" / "index.html").as_uri() in left["transfer-fleet-report"]["data"]
 
 
+@pytest.mark.ci
 def test_assets_say_what_was_made_of_what(server, place):
     said = {"filter": {"event": {"prefix": ["prefect.asset."]}}, "limit": 50}
     here, deadline = place.resolve().as_uri(), time.monotonic() + 600
@@ -113,6 +117,7 @@ def test_assets_say_what_was_made_of_what(server, place):
     }
 
 
+@pytest.mark.ci
 def test_a_store_that_was_away_is_asked_again_and_a_wrong_input_is_not(server, place):
     done = python(
         server,
@@ -137,6 +142,7 @@ print(tried.count("input"))
     assert done.stdout.split() == ["done", "FAILED", "FAILED", "1"], done.stdout + done.stderr
 
 
+@pytest.mark.ci
 def test_a_plan_is_followed_from_its_log_to_its_page(server, place):
     tables = [item for item in listed(server, "artifacts") if item["key"] == "transfer-fleet-result"]
     rows = [row for item in tables for row in json.loads(item["data"])]
@@ -151,6 +157,7 @@ def test_a_plan_is_followed_from_its_log_to_its_page(server, place):
     assert page.is_file()
 
 
+@pytest.mark.ci
 def test_a_shard_plans_what_it_is_named_and_nothing_twice(server, place):
     """What a machine of the work pool does; two machines do it in test_machines.py."""
     changes = {"viewpoints": {"shared": 0.5}}
@@ -183,6 +190,7 @@ print(transfer_fleet(reports="", resources={{"engine": "pool"}}, **asked, return
     assert (result.ok, missing) == (1, jobs[1:])
 
 
+@pytest.mark.ci
 def test_prefect_keeps_no_results(server, place):
     home = Path(server.environment["PREFECT_HOME"])
     assert not [path for path in home.rglob("storage/*") if path.is_file()]
@@ -198,6 +206,7 @@ WRONG = (
 )
 
 
+@pytest.mark.ci
 def test_wrong_parameters_are_refused_before_anything_runs(server, place):
     calls = "\n".join(f"attempt(lambda: transfer_fleet({wrong}))" for wrong in WRONG)
     code = f"""
@@ -215,6 +224,7 @@ def attempt(call):
     assert len(told) == len(WRONG), done.stdout + done.stderr
 
 
+@pytest.mark.ci
 def test_failed_runs_say_so_and_name_what_failed(server, place):
     """A state of a type or a name of its own is what an alert can match."""
     (place / "broken").mkdir()
@@ -259,6 +269,7 @@ say(transfer_fleet("not-yet", manifest="wrong.toml", return_state=True))
     assert "2 ok" in told[4][1], "what could be planned was not"
 
 
+@pytest.mark.ci
 def test_runs_keep_to_the_declared_roots(server, place, tmp_path):
     code = f"""
 import os

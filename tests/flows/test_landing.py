@@ -14,7 +14,6 @@ from upplied.samples.pilot import fly
 pytestmark = [pytest.mark.slow, pytest.mark.server, pytest.mark.filterwarnings("default")]
 
 
-@pytest.mark.ci
 def test_a_flight_that_lands_is_judged_and_what_it_left_out_is_planned(server, place):
     done = python(
         server,

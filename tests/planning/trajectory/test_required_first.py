@@ -115,7 +115,7 @@ def planned(engines, zone: np.ndarray | None):
     return plan_transfer(flight, source, target, settings, required=asked)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_plan_shows_more_of_a_zone_that_it_is_asked_for_and_no_less_of_what_was_inspected(engines):
     flight, _, _, surface, scene = engines
     low, size = surface.points.min(axis=0), np.ptp(surface.points, axis=0)
