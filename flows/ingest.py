@@ -16,10 +16,9 @@ from upplied.inputs.passport import settings as passport
 from upplied.inputs.rules import changed as changed_bounds
 from upplied.inputs.sidecar import LogOptions
 
-from . import parameters, states
 from .environment import check_roots
-from .parameters import Location
-from .states import ended, errors_in_words
+from .parameters import FlightBounds, FlightRule, Location, StructureBounds, StructureRule, bound_options
+from .states import ended, errors_in_words, ingested, ingested_artifacts
 from .tasks import asset, publish, source, stored
 
 
@@ -36,9 +35,9 @@ def ingest_structures(
     catalog: Location = "catalog",
     workers: int = 0,
     prune: bool = False,
-    allow: list[parameters.StructureRule] = [],  # type: ignore[valid-type] # noqa: B006 - nobody changes it
+    allow: list[StructureRule] = [],  # type: ignore[valid-type] # noqa: B006 - nobody changes it
     strict: bool = False,
-    bounds: parameters.StructureBounds = parameters.StructureBounds(),  # type: ignore[valid-type] # noqa: B008
+    bounds: StructureBounds = StructureBounds(),  # type: ignore[valid-type] # noqa: B008
 ) -> State:
     """Read the meshes that a manifest names; what is new or changed is kept.
 
@@ -52,11 +51,11 @@ def ingest_structures(
         bounds: Of the rules, where they differ from the defaults.
     """
     check_roots(catalog=catalog, manifest=manifest)
-    rules = fleet.RuleOptions(tuple(allow), strict, changed_bounds(parameters.bound_options(bounds)))
+    rules = fleet.RuleOptions(tuple(allow), strict, changed_bounds(bound_options(bounds)))
     makes = asset(catalog, "structures"), [source(manifest)]
     read = stored("ingest-structures", fleet.ingest_structures, *makes)
     files = read(open_catalog(catalog), manifest, workers, prune=prune, rules=rules)
-    return states.ingested(*states.ingested_artifacts("ingest-structures", files))
+    return ingested(*ingested_artifacts("ingest-structures", files))
 
 
 @flow(name="ingest-demonstrations", flow_run_name=run_name)
@@ -65,9 +64,9 @@ def ingest_demonstrations(
     logs: list[Location],
     catalog: Location = "catalog",
     workers: int = 0,
-    allow: list[parameters.FlightRule] = [],  # type: ignore[valid-type] # noqa: B006 - nobody changes it
+    allow: list[FlightRule] = [],  # type: ignore[valid-type] # noqa: B006 - nobody changes it
     strict: bool = False,
-    bounds: parameters.FlightBounds = parameters.FlightBounds(),  # type: ignore[valid-type] # noqa: B008
+    bounds: FlightBounds = FlightBounds(),  # type: ignore[valid-type] # noqa: B008
 ) -> State:
     """Read flights of any kind, or folders of them; what is new or changed is kept.
 
@@ -80,11 +79,11 @@ def ingest_demonstrations(
         bounds: Of the rules, where they differ from the defaults.
     """
     check_roots(catalog=catalog, logs=logs)
-    options = log_options(allow, strict, parameters.bound_options(bounds))
+    options = log_options(allow, strict, bound_options(bounds))
     makes = asset(catalog, "demonstrations"), [*map(source, logs)]
     read = stored("ingest-demonstrations", fleet.ingest_demonstrations, *makes)
     files = read(open_catalog(catalog), logs, workers, options=options)
-    return states.ingested(*states.ingested_artifacts("ingest-demonstrations", [*files, *passed_over(logs)]))
+    return ingested(*ingested_artifacts("ingest-demonstrations", [*files, *passed_over(logs)]))
 
 
 def log_options(allow: Sequence[str], strict: bool, bounds: Sequence[str]) -> LogOptions:
@@ -107,7 +106,7 @@ def ingest_flights(
     """
     check_roots(catalog=catalog, logs=logs, reports=reports)
     store, makes = open_catalog(catalog), (asset(catalog, "flights"), [*map(source, logs)])
-    summary, files = states.ingested_artifacts(
+    summary, files = ingested_artifacts(
         "ingest-flights", stored("ingest-flights", add_flight_logs, *makes)(store, logs)
     )
     problems = [item["reason"] for item in files if item["status"] == "failed"]

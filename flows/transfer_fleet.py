@@ -14,16 +14,15 @@ from upplied.findings import campaign
 from upplied.fleet.edits import carry_edits
 from upplied.fleet.flights import fly_drafts
 
-from . import parameters, states, tasks
 from .engines import Planned, plan
 from .environment import check_roots
 from .ingest import ingest_demonstrations, ingest_structures
-from .parameters import Location
-from .states import ended, errors_in_words
-from .tasks import asset, publish, stored
+from .parameters import ALL_CORES, Changes, Id, Location, Millimetres, Presets, Resources
+from .states import ended, errors_in_words, planned, transfer_artifacts
+from .tasks import asset, publish, recheck_plans, record_plans, stored
 
-NO_CHANGES = parameters.Changes()
-BOTH: parameters.Presets = ["recommended", "baseline"]
+NO_CHANGES = Changes()
+BOTH: Presets = ["recommended", "baseline"]
 
 
 def run_name() -> str:
@@ -42,16 +41,16 @@ def transfer_fleet(
     manifest: str = "",
     prune: bool = False,
     logs: list[Location] | None = None,
-    demonstrations: list[parameters.Id] | None = None,
-    targets: list[parameters.Id] | None = None,
-    presets: parameters.Presets = BOTH,
-    changes: parameters.Changes = NO_CHANGES,  # type: ignore[valid-type]
+    demonstrations: list[Id] | None = None,
+    targets: list[Id] | None = None,
+    presets: Presets = BOTH,
+    changes: Changes = NO_CHANGES,  # type: ignore[valid-type]
     retry_failed: bool = False,
-    experiment: parameters.Id | None = None,
+    experiment: Id | None = None,
     fly: bool = False,
-    campaigns: list[parameters.Id] | None = None,
-    campaign_mm_px: parameters.Millimetres = 2.0,
-    resources: parameters.Resources = parameters.ALL_CORES,
+    campaigns: list[Id] | None = None,
+    campaign_mm_px: Millimetres = 2.0,
+    resources: Resources = ALL_CORES,
 ) -> State:
     """Plan every pair whose inputs changed since it was planned, and publish.
 
@@ -91,10 +90,10 @@ def transfer_fleet(
     structures, flights, plans = (
         asset(catalog, name) for name in ("structures", "demonstrations", "transfers")
     )
-    record = stored("record-plans", tasks.record_plans, plans, [structures, flights])
+    record = stored("record-plans", record_plans, plans, [structures, flights])
     decision, outcome = fleet.Decision([], 0), Planned()
     # A structure that was read just now may not be what the plan in force was judged on.
-    problems = [*stored("recheck-plans", tasks.recheck_plans)(store, resources.timeout_s), *unread]
+    problems = [*stored("recheck-plans", recheck_plans)(store, resources.timeout_s), *unread]
     # What lands while this run plans or publishes is planned by it as well: a run that is started
     # meanwhile is cancelled.
     for times in count():
@@ -114,5 +113,5 @@ def transfer_fleet(
             problems += [text for text in unplanned if text not in problems]
         if reports:
             problems += publish(catalog, reports)
-    summary = states.transfer_artifacts(store, decision, outcome.result, reports)
-    return states.planned(summary, outcome, problems, resources.most_lost)
+    summary = transfer_artifacts(store, decision, outcome.result, reports)
+    return planned(summary, outcome, problems, resources.most_lost)

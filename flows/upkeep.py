@@ -10,11 +10,10 @@ from pydantic import Field
 
 from upplied.catalog import compact, open_catalog, vacuum, verify
 
-from . import states
+from . import tasks
 from .environment import check_roots
 from .parameters import Location
-from .states import ended, errors_in_words
-from .tasks import publish, stored
+from .states import ended, errors_in_words, maintenance_artifact
 
 
 @flow(name="publish-reports", flow_run_name="publish to {folder}")
@@ -27,7 +26,7 @@ def publish_reports(folder: Location = "reports", catalog: Location = "catalog")
         catalog: Folder or object-store URI.
     """
     check_roots(catalog=catalog, folder=folder)
-    return ended(f"published to {folder}", publish(catalog, folder))
+    return ended(f"published to {folder}", tasks.publish(catalog, folder))
 
 
 @flow(name="maintain-catalog", flow_run_name="maintain {catalog}")
@@ -41,8 +40,8 @@ def maintain_catalog(catalog: Location = "catalog", keep_days: Annotated[float, 
     """
     check_roots(catalog=catalog)
     store = open_catalog(catalog)
-    merged = stored("compact", compact)(store)
-    stored("vacuum", vacuum)(store, keep_days)
-    findings = [str(finding) for finding in stored("verify", verify)(store)]
-    summary = states.maintenance_artifact(merged, findings)
+    merged = tasks.stored("compact", compact)(store)
+    tasks.stored("vacuum", vacuum)(store, keep_days)
+    findings = [str(finding) for finding in tasks.stored("verify", verify)(store)]
+    summary = maintenance_artifact(merged, findings)
     return Failed(message=summary) if findings else Completed(message=summary)
