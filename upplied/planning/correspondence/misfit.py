@@ -26,6 +26,7 @@ from upplied.records import Bools, Cloud, Floats, Record, Registration
 
 _CELLS = 16  # along each axis of the common box
 _SAMPLES = 1000  # of each structure, asked for their distance
+FACING = 0.05  # of the diagonal: what turning a normal by a right angle counts beside distance
 # Of missing overlap, gap and stretch; each alone reaches the gate at 1.
 _WEIGHTS = 1 / 0.45, 1 / 0.09, 1 / 6
 
@@ -102,9 +103,9 @@ def _occupied(points: Floats, low: Floats, size: Floats) -> Bools:
 def _distances(cloud: Cloud, other: Cloud, diagonal_m: float) -> Floats:
     """For some samples, (_SAMPLES,), how far the other surface is beyond its spacing, over the diagonal.
 
-    A surface that faces another way is farther: what turning a normal counts is more than nothing of a size.
+    A surface that faces another way is farther.
     """
-    weight = TOLERANCE * diagonal_m
+    weight = FACING * diagonal_m
     some = spread_over(cloud, _SAMPLES)
     tree = cKDTree(with_normals(other.points, other.outward, weight))
     away = tree.query(with_normals(cloud.points[some], cloud.outward[some], weight))[0]

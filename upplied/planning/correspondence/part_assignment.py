@@ -15,11 +15,12 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from upplied.planning.constants import CLEARLY_BETTER, COMPACT, LEAST_PART, MAJORITY, MOST_RATIO, TOLERANCE
+from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY, MOST_RATIO, TOLERANCE
 from upplied.planning.surface.parts import Parts, mirror_images, sides
 from upplied.records import Bools, Floats, Ints, Record
 
 _ALIKE = 1.8  # ratio of extents along an axis, boxes matched, up to which parts surely correspond
+_PART_OF = 0.2  # least share of the common surface, for each of two parts that make up one
 _NEIGHBOURS = 0.6  # weight of lost contact, and of changed places, of parts that touch
 _TRIES = 3
 
@@ -252,10 +253,10 @@ def with_named(
 
 
 def _unions_like(one: Parts, part: int, other: Parts, free: Ints, diagonal_m: float) -> list[list[int]]:
-    """Pairs of parts, neither nearly the whole, whose common box is like a part's, the most alike first."""
+    """Pairs of parts whose common box is like that of a part, the most alike first."""
     pairs = np.array(list(combinations(free.tolist(), 2)), np.int64).reshape(-1, 2)
     area = other.area[pairs]
-    pairs = pairs[area.max(axis=1) < CLEARLY_BETTER * area.sum(axis=1)]
+    pairs = pairs[area.min(axis=1) > _PART_OF * area.sum(axis=1)]
     low, high = other.low[pairs].min(axis=1), other.high[pairs].max(axis=1)
     mirrored = np.isfinite(other.side[pairs]).all(axis=1)
     side = np.where(mirrored, sides(low, high, other.low.min(axis=0), other.high.max(axis=0)), np.nan)
