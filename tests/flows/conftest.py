@@ -30,7 +30,7 @@ def database(tmp_path_factory) -> Path:
         if not path.exists():
             with private_server(tmp_path_factory.mktemp("first")) as server:
                 server.wait()
-            shutil.copyfile(server.log.parent / path.name, path.with_suffix(".new"))
+            shutil.copy(server.log.parent / path.name, path.with_suffix(".new"))  # with who may read it
             path.with_suffix(".new").rename(path)
     return path
 
@@ -39,7 +39,7 @@ def database(tmp_path_factory) -> Path:
 def server(tmp_path_factory, database) -> Iterator[Server]:
     """A server of one module's own: waiting for tests of others costs more than a start."""
     folder = tmp_path_factory.mktemp("prefect")
-    shutil.copyfile(database, folder / database.name)
+    shutil.copy(database, folder / database.name)
     with private_server(folder) as server:
         server.wait()
         yield server
