@@ -232,9 +232,9 @@ def test_leaving_counts_a_kink_more_than_a_shift(wall: View):
     assert still[0] == pytest.approx(3 / 36) and np.isfinite(still[1].positions).all()
 
 
-@pytest.mark.parametrize(("kept", "rounds"), [(True, 2), (False, 2 + optimisation._FURTHER)])
+@pytest.mark.parametrize(("clear", "rounds"), [(True, 2), (False, 2 + optimisation._FURTHER)])
 def test_a_path_that_still_comes_too_near_is_optimised_further_and_that_is_dearer_each_time(
-    wall: View, monkeypatch: pytest.MonkeyPatch, kept: bool, rounds: int
+    wall: View, monkeypatch: pytest.MonkeyPatch, clear: bool, rounds: int
 ):
     prices, search = [], optimisation._Search
 
@@ -242,7 +242,7 @@ def test_a_path_that_still_comes_too_near_is_optimised_further_and_that_is_deare
         prices.append(next(weight for weight, term in terms if isinstance(term, Clearance)))
         return start
 
-    monkeypatch.setattr(search, "kept", lambda *_: kept)
+    monkeypatch.setattr(search, "is_clear", lambda *_: clear)
     monkeypatch.setattr(search, "solved", solved)
     result(wall, problem(wall, along()), rounds=2, starts=1)
     assert len(prices) == rounds and prices[0] == prices[1]
@@ -256,7 +256,7 @@ def test_a_result_that_keeps_the_distance_comes_before_one_that_shows_more(
     monkeypatch.setattr(search, "shown", lambda self, variables: 1.0 - np.array_equal(variables, self.first))
     free = optimise(problem(wall, path), 0.3, OptimiseSettings())
     assert not np.array_equal(free.variables, free.search.first)
-    monkeypatch.setattr(search, "kept", lambda self, variables: np.array_equal(variables, self.first))
+    monkeypatch.setattr(search, "is_clear", lambda self, variables: np.array_equal(variables, self.first))
     near = optimise(problem(wall, path), 0.3, OptimiseSettings())
     assert np.array_equal(near.variables, near.search.first)
 

@@ -147,13 +147,13 @@ def test_clearance_asks_to_come_no_nearer_than_a_distance(wall: View):
 
 
 @pytest.mark.parametrize(
-    ("clearance_m", "floor_m", "kept"), [(2.49, 3.0, True), (2.53, 3.0, False), (2.49, 5.0, False)]
+    ("clearance_m", "floor_m", "clear"), [(2.49, 3.0, True), (2.53, 3.0, False), (2.49, 5.0, False)]
 )
-def test_a_path_keeps_its_distance_where_every_station_does(wall, clearance_m, floor_m, kept):
+def test_a_path_keeps_its_distance_where_every_station_does(wall, clearance_m, floor_m, clear):
     near = replace(flown(), positions=flown().positions * [1, 0, 1] - [0, 2.5, 0])
     assert near.positions[:, 2].min() > 3 and near.positions[:, 2].min() < 5
     airspace = Airspace(wall.scene, clearance_m, Surroundings(ground_z_m=floor_m - 1.0), 1.0)
-    assert Clearance.of(airspace, near).kept(near) == kept
+    assert Clearance.of(airspace, near).is_clear(near) == clear
 
 
 def test_clearance_holds_along_the_surface_past_its_nearest_point(wall: View):

@@ -116,7 +116,7 @@ def beginning(rows: pd.DataFrame, what: str, start: str) -> Row:
 
 def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
     """The decisions until a moment, in the order of commits."""
-    return list(by_commit(table.read(until("added_at", as_of))))
+    return by_commit(table.read(until("added_at", as_of)))
 
 
 def steps(table: StoredTable, row: Row) -> pa.Table:

@@ -128,7 +128,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     first = [search.value(search.first) for search in searches]
     ranked = np.argsort(-np.array(first), kind="stable")[: weights.starts].tolist()
     results, least = [], 0.0
-    if searches[0].kept(searches[0].first):
+    if searches[0].is_clear(searches[0].first):
         least = searches[0].shown(searches[0].first) - _LOST
     for number in sorted(ranked, reverse=True):
         worth, variables = searches[number].improved()
@@ -192,12 +192,12 @@ class _Search(Record):
 
     def worth(self, variables: Floats) -> float:
         """Its value, and 1 less where it comes too near: once pushed away it may show anything."""
-        return self.value(variables) - (not self.kept(variables))
+        return self.value(variables) - (not self.is_clear(variables))
 
-    def kept(self, variables: Floats) -> bool:
+    def is_clear(self, variables: Floats) -> bool:
         """Whether the path keeps the safety distance, the floor and the ceiling."""
         path = self.state.flown(variables)
-        return Clearance.of(self.problem.airspace, path).kept(path)
+        return Clearance.of(self.problem.airspace, path).is_clear(path)
 
     def improved(self) -> tuple[float, Floats]:
         """The best of the rounds, and what it is worth."""
@@ -206,7 +206,7 @@ class _Search(Record):
         widths = np.geomspace(_WIDEST, _NARROWEST, weights.rounds)
         for number, width in enumerate([*widths, *widths[-1:].repeat(_FURTHER)]):
             further, early = number - weights.rounds + 1, number < weights.rounds // 2
-            if further > 0 and self.kept(variables):
+            if further > 0 and self.is_clear(variables):
                 break
             terms = self.terms(state.flown(variables), float(width), early, _DEARER ** max(further, 0))
             variables = self.solved(variables, terms)

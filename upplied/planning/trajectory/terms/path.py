@@ -44,7 +44,7 @@ class Clearance(Record):
         """The same, for a distance that is wished for and not demanded, without ground and ceiling."""
         return replace(self, least_m=least_m, floor_m=-np.inf, ceiling_m=np.inf)
 
-    def kept(self, flown: Flown) -> bool:
+    def is_clear(self, flown: Flown) -> bool:
         """Whether each station keeps the distance, the floor and the ceiling, if not what is kept beyond."""
         lack, low, high = (values.max(initial=0) for values in self._lacks(flown))
         return bool(max(lack - _BEYOND_M, low, high) <= _HARMLESS_M)
