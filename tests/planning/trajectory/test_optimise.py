@@ -191,7 +191,8 @@ def test_early_rounds_stay_nearer_to_the_carried_flight(wall: View) -> None:
     """What leaves it costs more at first, and in the end what it costs alone."""
     path = along(height=3.0)
     search = optimise(problem(wall, path), 0.3, OptimiseSettings()).search
-    early, late = (search.terms(path, 0.1, first) for first in (True, False))
+    limits = [Clearance.of(search.problem.airspace, path)]
+    early, late = (search.terms(path, 0.1, first, limits) for first in (True, False))
     moved = replace(path, positions=path.positions + np.array([0.0, 0.0, 2.0]))
     cost = [sum(weight * term.value(moved)[0] for weight, term in terms) for terms in (early, late)]
     leaving = search.weights.leaving * search.leaving.value(moved)[0]
@@ -236,17 +237,31 @@ def test_leaving_counts_a_kink_more_than_a_shift(wall: View):
 def test_a_path_that_still_comes_too_near_is_optimised_further_and_that_is_dearer_each_time(
     wall: View, monkeypatch: pytest.MonkeyPatch, clear: bool, rounds: int
 ):
-    prices, search = [], optimisation._Search
+    prices, limits, search = [], [], optimisation._Search
 
     def solved(self, start, terms):
         prices.append(next(weight for weight, term in terms if isinstance(term, Clearance)))
+        limits.append(sum(isinstance(term, Clearance) for _, term in terms) - 1)  # one is only wished for
         return start
 
     monkeypatch.setattr(search, "is_clear", lambda *_: clear)
     monkeypatch.setattr(search, "solved", solved)
     result(wall, problem(wall, along()), rounds=2, starts=1)
     assert len(prices) == rounds and prices[0] == prices[1]
+    assert limits == [1, 1, 2, 3, 4][:rounds]  # what was nearest before holds in further rounds
     np.testing.assert_allclose(np.divide(prices[2:], prices[1:-1]), optimisation._DEARER)
+
+
+def test_under_a_roof_a_path_keeps_clear_of_wall_and_roof_at_once(wall: View):
+    """Away from what is nearest alone, it would come too near to the other, and so to and fro."""
+    eaves = [[-10.0, -8, 5], [10, -8, 5], [10, 0, 9], [-10, 0, 9]]
+    corners = np.array([[-10.0, 0, 0], [10, 0, 0], [10, 0, 12], [-10, 0, 12], *eaves])
+    scene = Scene(corners, np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]))
+    high = np.abs(wall.cloud.points[:, 2] - 7) < 1.5
+    need, farthest = np.where(high, 1 / high.sum(), 0.0), np.full(len(high), 4.5)
+    below = replace(wall, scene=scene, need=need, farthest_m=farthest, inspected=high)
+    done = optimise(problem(below, along(height=2.5)), 0.3, OptimiseSettings())
+    assert done.search.is_clear(done.variables) and done.search.shown(done.variables) == pytest.approx(1)
 
 
 def test_a_result_that_keeps_the_distance_comes_before_one_that_shows_more(

@@ -97,10 +97,11 @@ class Flyable(Record):
 
     def shown(self, result: Optimised, path: Waypoints) -> float:
         """Share of the need that a path as it is flown truly shows: what made it safe may hide some."""
-        search, view = result.search, result.search.problem.view
+        view = result.search.problem.view
+        needed = np.flatnonzero(view.need > 0)
         if view.fov_deg is not None:
             view = replace(view, fov_deg=fov_at(self.carried.take.inspection.flight, path.t_s))
-        return float(search.need @ view.shown(path.positions, path.quat_xyzw, search.samples))
+        return float(view.need[needed] @ view.shown(path.positions, path.quat_xyzw, needed))
 
     def allowed_s(self, view: View) -> float:
         """At most as much longer than the demonstration as what is to be shown is larger, and some more."""

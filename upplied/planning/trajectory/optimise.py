@@ -203,19 +203,25 @@ class _Search(Record):
         """The best of the rounds, and what it is worth."""
         weights, state = self.weights, self.state
         variables, results = self.first, []
+        limits: list[Clearance] = []
         widths = np.geomspace(_WIDEST, _NARROWEST, weights.rounds)
         for number, width in enumerate([*widths, *widths[-1:].repeat(_FURTHER)]):
             further, early = number - weights.rounds + 1, number < weights.rounds // 2
             if further > 0 and self.is_clear(variables):
                 break
-            terms = self.terms(state.flown(variables), float(width), early, _DEARER ** max(further, 0))
+            path = state.flown(variables)
+            # In further rounds, what was nearest before holds, too: out of a corner no other way leads.
+            limits = [*(limits if further > 0 else []), Clearance.of(self.problem.airspace, path)]
+            terms = self.terms(path, float(width), early, limits, _DEARER ** max(further, 0))
             variables = self.solved(variables, terms)
             if not early:
                 results.append((self.worth(variables), variables))
         return results[_last_of_best([worth for worth, _ in results])]
 
-    def terms(self, path: Flown, width: float, early: bool, dearer: float = 1.0) -> list[tuple[float, Term]]:
-        """The terms, with what stands in the way and what is near from this path.
+    def terms(
+        self, path: Flown, width: float, early: bool, limits: Sequence[Clearance], dearer: float = 1.0
+    ) -> list[tuple[float, Term]]:
+        """The terms, with what stands in the way and, last of the limits, what is near from this path.
 
         In early rounds it is dearer to leave the carried flight: of all the paths that show as much the
         search begins among those near to it, and so near to each other whatever the last bit says.
@@ -230,15 +236,14 @@ class _Search(Record):
         inspected = np.where(view.inspected[samples], self.need, 0.0)
         axis = axes(path.yaw[::stride], path.pitch[::stride])
         aim = aims(places, axis, view.cloud.points[samples], inspected, free)
-        clearance = Clearance.of(problem.airspace, path)
         nearest_m = float(problem.airspace.scene.distance(self.state.flown(self.first).positions).min())
         comfortable_m = min(nearest_m, _COMFORTABLE * problem.airspace.clearance_m)
         return [
             (1.0, Coverage.of(view, samples, self.need, free, width, stride)),
             (1.0, Hidden.of(view, problem.airspace, path, _standoff_m(problem))),
             (weights.axis, Axis(aim, problem.aside_rad[::stride], stride)),
-            (dearer * weights.clearance, clearance),
-            (weights.clearance, clearance.no_nearer(comfortable_m)),
+            *((dearer * weights.clearance, limit) for limit in limits),
+            (weights.clearance, limits[-1].no_nearer(comfortable_m)),
             *self.lasting,
             *([((_EARLY - 1) * weights.leaving, self.leaving)] if early else []),
         ]
