@@ -31,7 +31,10 @@ def pytest_configure() -> None:
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """What is for the continuous integration is slow."""
+    """What is for the continuous integration is slow; a case that is marked slow itself is not for it."""
+    case = getattr(item, "callspec", None)
+    if case and any(mark.name == "slow" for mark in case.marks):
+        item.own_markers[:] = [mark for mark in item.own_markers if mark.name != "ci"]
     if item.get_closest_marker("ci"):
         item.add_marker("slow")
 
