@@ -91,14 +91,14 @@ def test_from_a_clone_to_a_scheduled_worker(server, place, serving):
         assert "Failed, Crashed" in notified.stdout
         ran = prefect(server, "deployment", "run", "transfer-fleet/transfer-fleet", "--watch", *options)
         assert ran.returncode == 0, ran.stdout + ran.stderr
+        plans = open_catalog(place / "catalog").transfers(preset="baseline")
+        assert set(plans["target_id"]) == {"box-random-1", "box-random-2"}
+        assert (plans["status"] == "ok").all()
         fails(server, place, 0.2)
         told = received.get(timeout=600)
         assert "transfer-fleet: Failed" in told, "somebody was told of a run that went well"
         assert "took longer than 0.001 s" in told
         assert "no notices" in upplied(server, place, "fleet", "notify", "").stdout
-    plans = open_catalog(place / "catalog").transfers(preset="baseline")
-    assert set(plans["target_id"]) == {"box-random-1", "box-random-2"}
-    assert (plans["status"] == "ok").all()
     assert scheduled(server) >= 1
 
     for wrong in ('presets=["best"]', "presets=best", "nonsense", 'nonsense=""'):
