@@ -76,7 +76,7 @@ def rewritten(catalog: Catalog, name: str, change) -> Catalog:
 # --- every byte and every field ----------------------------------------------------------------
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_rewritten_bytes_and_fields_are_found(tmp_path):
     found, missed = bench.run(8, 1, tmp_path)
     assert missed == [] and found["bytes"] == found["fields"] == 4

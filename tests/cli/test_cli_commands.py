@@ -129,7 +129,7 @@ def test_a_refused_mission_is_code_1_and_says_why(planned, tmp_path, capsys):
     assert capsys.readouterr().err.startswith("refused: ")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_flight_in_wind_is_told_in_the_report(planned, tmp_path, capsys):
     reports = tmp_path / "reports"
     assert main(["report", str(reports)]) == 0
@@ -148,7 +148,7 @@ def test_a_flight_in_wind_is_told_in_the_report(planned, tmp_path, capsys):
     assert '"flown":{"summary":"In a wind of 7 m/s' in text
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_was_overruled_is_kept_listed_and_shown(planned, location, tmp_path, capsys):
     export = ["export", planned, "--to", "csv", "--output", str(tmp_path / "a.csv"), "--draft", *FORCED]
     before = len(open_catalog(location).overruled(planned))

@@ -60,7 +60,7 @@ def test_a_place_goes_over_the_map_to_where_the_generator_has_it_and_back(boxes)
     )
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_questions_after_a_night_read_what_is_stored_and_no_mesh(boxes, monkeypatch):
     catalog, members = boxes
     name = members[2].structure.structure_id

@@ -102,7 +102,7 @@ def test_a_change_is_carried_over_to_the_next_draft_once(catalog, tmp_path):
     assert list(catalog.edits()["base_id"]) == [first, second]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_change_that_a_kill_left_without_its_plan_is_carried_over(catalog, tmp_path, monkeypatch):
     plan = newest(catalog)["transfer_id"]
 

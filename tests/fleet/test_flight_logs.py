@@ -308,7 +308,7 @@ def test_a_flight_of_no_possible_day_is_refused(catalog, made, tmp_path, start_n
         judged(catalog, written(tmp_path, path, start_ns=start_ns + 10**9))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_flight_of_another_mission_is_told_by_its_fit(catalog, made, tmp_path):
     """Both lie round the same structure, a metre and a half apart."""
     path = made.trajectory

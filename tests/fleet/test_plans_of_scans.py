@@ -235,7 +235,7 @@ def for_the_whole(catalog: Catalog, height: float) -> str:
     return plan
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_a_new_file_lacks_is_found_when_a_plan_is_judged_again(catalog, planned) -> None:
     plan = for_the_whole(catalog, 8.0)
     (found,) = recheck(catalog)

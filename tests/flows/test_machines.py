@@ -133,7 +133,6 @@ def with_store(server: Server) -> dict[str, str]:
     return server.environment | {k: v for k, v in os.environ.items() if k.startswith("AWS_")}
 
 
-@pytest.mark.ci
 def test_two_machines_and_an_object_store_give_the_same_bytes_as_one(tmp_path, bucket, server):
     here = boxes(tmp_path / "here", tmp_path / "cache-here", (1, 2))
     fleet.transfer(here, fleet.decide(here, fleet.PlanRequest(PRESETS)).jobs, "here", fleet.Resources(2))

@@ -304,7 +304,7 @@ def test_a_phone_needs_no_sideways_scrolling(visit, reports, name):
     assert wide[0] <= wide[1]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_verdict_stands_in_the_first_screen_and_warnings_on_the_fleet_page(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
     drawn(page)

@@ -205,14 +205,11 @@ PAIRS = [
     ("bridge-1-v1", "piers", "bridge-2-v1"),
 ]
 RATES, NOISE = ("twice the rate", "half the rate"), "5 cm of noise"
-DOUBLED = [
-    pytest.param(*PLAIN, NOISE, marks=pytest.mark.ci),
-    *(pytest.param(*pair, how, marks=pytest.mark.slow) for pair in (PLAIN, *PAIRS) for how in RATES),
-    *(pytest.param(*pair, NOISE, marks=pytest.mark.slow) for pair in PAIRS),
-]
+DOUBLED = [(*pair, how) for pair in (PLAIN, *PAIRS) for how in (NOISE, *RATES)]
 
 
-@pytest.mark.parametrize(("source", "inspection", "target", "how"), DOUBLED)
+@pytest.mark.ci
+@pytest.mark.parametrize(("source", "inspection", "target", "how"), slow_after(1, DOUBLED))
 def test_doubling(source: str, inspection: str, target: str, how: str) -> None:
     """A flight logged at another rate, or with noise, gives the same plan."""
     plain = flown(source, inspection, 0)

@@ -152,7 +152,7 @@ def test_a_zone_is_painted_asked_for_and_judged(session, catalog):
 # --- in a browser --------------------------------------------------------------------------------
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine; apt-get install chromium")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_drag_and_the_keyboard_alone_change_store_and_release_a_plan(server, catalog, capsys):

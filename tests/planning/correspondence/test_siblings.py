@@ -216,7 +216,7 @@ def test_the_key_of_a_plan_holds_the_siblings() -> None:
     assert len({transfer_key(*asked, each) for each in ((), some[:1], some[1:], some)}) == 4
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_flight_round_a_scanned_engine_is_planned_on_another_scan() -> None:
     flight = replace(fly(A320, "engine_left", seed=2), structure_id=ANOTHER.structure_id)
     each = settings_for("recommended", correspondence={"repeat": "each"})

@@ -48,7 +48,7 @@ def test_the_engine_is_what_the_flight_round_it_is_about(fleet, engine):
     assert 4 < part[1] < 8 and part[2] < 3  # under the left wing of an A320
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_each_engine_of_a_747_is_inspected(fleet, engine):
     settings = settings_for("recommended", correspondence={"repeat": "each"})
     plan = plan_transfer(engine, fleet["a320-v1"], fleet["b747-v1"], settings)
