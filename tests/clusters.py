@@ -34,6 +34,7 @@ if __name__ == "__main__":
     state = transfer_fleet(sys.argv[1], "", presets=presets, resources=resources, return_state=True)
     print(state.type.value, state.message, flush=True)
 """
+PRESETS = ("baseline", "paper")
 LONGEST_S = 1800.0  # that anything may take on a machine that is busy with other work
 
 
@@ -57,7 +58,7 @@ def start_run(
     address: str,
     environment: dict[str, str],
     resources: Mapping[str, float] | None = None,
-    presets: Sequence[str] = ("baseline", "paper"),
+    presets: Sequence[str] = PRESETS,
 ) -> subprocess.Popen[str]:
     """A run over the fleet in a process of its own."""
     given = {"engine": engine, "workers": 2, "address": address, "most_lost": 1.0, **(resources or {})}

@@ -31,7 +31,10 @@ def pytest_configure() -> None:
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """What is for the continuous integration is slow."""
+    """What is for the continuous integration is slow; a case that is marked slow itself is not for it."""
+    case = getattr(item, "callspec", None)
+    if case and any(mark.name == "slow" for mark in case.marks):
+        item.own_markers[:] = [mark for mark in item.own_markers if mark.name != "ci"]
     if item.get_closest_marker("ci"):
         item.add_marker("slow")
 
@@ -48,13 +51,14 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files of tests that start servers begin among the first half of the others: they mostly wait."""
+    """Files with many tests of whole plans begin, those of servers soon among them: these mostly wait."""
     files: dict[Path, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.path, []).append(item)
     waiting = [own for own in files.values() if any(item.get_closest_marker("server") for item in own)]
     order = [own for own in files.values() if own not in waiting]
-    apart = max(1, len(order) // (2 * len(waiting) or 1))
+    order.sort(key=lambda own: -sum(item.get_closest_marker("ci") is not None for item in own))
+    apart = max(1, len(order) // (8 * len(waiting) or 1))
     for number, own in enumerate(waiting):
         order.insert(number * (apart + 1), own)
     items[:] = [item for own in order for item in own]

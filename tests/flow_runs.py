@@ -67,6 +67,14 @@ class Session:
         self._process.communicate()
 
 
+# Workers of its fleets are forked from a process that has imported all that they need.
+FORKED = f"""
+import sys
+sys.path.append({str(Path(__file__).parent)!r})
+import forked
+forked.prepare()
+forked.workers._Context = forked.Context
+"""
 _sessions: dict[tuple[Path, tuple[tuple[str, str], ...]], Session] = {}
 
 
@@ -75,6 +83,7 @@ def _session(place: Path, environment: dict[str, str]) -> Session:
     name = place, tuple(sorted(environment.items()))
     if name not in _sessions:
         _sessions[name] = Session(environment, place)
+        assert _sessions[name].run(FORKED).returncode == 0
     return _sessions[name]
 
 

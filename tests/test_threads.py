@@ -24,6 +24,7 @@ def two_threads():
         yield
 
 
+@pytest.mark.ci
 def test_a_plan_computes_with_one_thread(two_threads):
     (cube,) = [one for one in sample_structures() if one.structure_id == "cube-v1"]
     found = []

@@ -180,7 +180,7 @@ def constants_page() -> str:
 
 
 def _page() -> Iterator[str]:
-    known, inner, count = table(), table(LITERALS), counts()
+    known, inner, within, count = table(), table(LITERALS), literals(), counts()
     yield "# The planner's numbers\n"
     yield "Plans depend on their inputs, on [settings](settings.md), that users may change, on numbers of the"
     yield "planner's modules, and on numbers within functions. `bench/sensitivity.py` halves and doubles each"
@@ -199,6 +199,6 @@ def _page() -> Iterator[str]:
                 value = ", ".join(f"{each.value:.4g}" for each in some)
                 about = (known[name]["reason"] or some[0].reason).replace("|", "\\|")
                 yield f"| `{name}` | {value} | {about} | {known[name]['evidence']} |"
-        for name, numbers in literals().items():
+        for name, numbers in within.items():
             if inner[name]["sort"] == sort:
                 yield f"| in `{name}` | {numbers.replace(' ', ', ')} | {inner[name]['reason']} | |"

@@ -75,7 +75,7 @@ def test_what_a_large_fleet_needs_on_several_machines() -> None:
     assert steps["count"][3:9] == ["24", "plans,", "0", "twice,", "0", "left;"], lines
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_writing_and_publishing_cost() -> None:
     printed = run("writing.py", "--plans", "400", "--writers", "2")
     figures = {line[:32].strip(): float(line[32:]) for line in printed.splitlines()[1:11]}
@@ -84,7 +84,7 @@ def test_what_writing_and_publishing_cost() -> None:
     assert [line.split()[1] for line in printed.splitlines()[11:]] == ["all", "nothing", "one"]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_questions_to_a_catalog_cost() -> None:
     printed = run("catalog.py", "--plans", "4000")
     assert "one trajectory: " in printed and "commit 3 of 256 plans" in printed
@@ -96,7 +96,7 @@ def test_what_visibility_costs_beside_the_rays_alone() -> None:
     assert last.split()[0] == "all" and int(last.split()[1]) > 0
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_the_history_of_a_patch_costs() -> None:
     printed = run("history.py", "--structures", "20", "--flights", "3", "--patches", "50")
     assert printed.count(" of 3 saw it") == 3

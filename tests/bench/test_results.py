@@ -46,6 +46,7 @@ def test_published_figures_are_those_of_this_version():
     assert f"version {METHOD_VERSION} of the method" in published, "the version was raised: make pictures"
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("title", FAST)
 def test_results_have_not_moved(results, title):
     check(results, title, "recommended")

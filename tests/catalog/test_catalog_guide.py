@@ -57,6 +57,7 @@ def answers(text: str) -> list[Any]:
     return found
 
 
+@pytest.mark.ci
 def test_every_question_of_the_guide_has_an_answer(place, monkeypatch):
     monkeypatch.chdir(place)
     text = GUIDE.read_text(encoding="utf-8")

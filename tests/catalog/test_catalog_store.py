@@ -76,6 +76,7 @@ def test_who_looked_before_another_wrote_takes_its_identity(store, monkeypatch):
     assert open_catalog(drawn).identity.id == first
 
 
+@pytest.mark.ci
 def test_everything_works_as_in_a_folder(store, tmp_path):
     catalog = open_catalog(f"s3://{BUCKET}/catalog")
     catalog.add_structures([structure("boxy"), structure("target", 1)])
@@ -96,6 +97,7 @@ def test_everything_works_as_in_a_folder(store, tmp_path):
     assert str(again.cache.folder).startswith(str(tmp_path / "cache"))
 
 
+@pytest.mark.ci
 def test_no_credential_is_stored_or_said(store, tmp_path, caplog):
     caplog.set_level("DEBUG")
     catalog = open_catalog(f"s3://{BUCKET}/catalog")

@@ -76,6 +76,7 @@ def rewritten(catalog: Catalog, name: str, change) -> Catalog:
 # --- every byte and every field ----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_rewritten_bytes_and_fields_are_found(tmp_path):
     found, missed = bench.run(8, 1, tmp_path)
     assert missed == [] and found["bytes"] == found["fields"] == 4
@@ -141,6 +142,7 @@ def test_a_head_that_was_noted_tells_that_the_end_was_taken_away(catalog):
         verify(catalog, ["0"])
 
 
+@pytest.mark.ci
 def test_chains_hold_with_many_writers_and_after_merging(catalog):
     for at in range(20):
         open_catalog(catalog.location).review(FIRST, f"Ada {at}")

@@ -54,6 +54,7 @@ def states(catalog: Catalog) -> dict[str, str]:
     return dict(zip(every["transfer_id"], every["state"], strict=True))
 
 
+@pytest.mark.ci
 def test_the_released_plan_stays_in_force_while_newer_ones_are_planned(catalog, tmp_path):
     assert states(catalog) == {key("first"): "draft"} and not len(catalog.in_force())
     catalog.review(key("first"), "Ada", "looks right")
@@ -237,6 +238,7 @@ def _plan_and_die(place: Path, moment: str) -> None:
     catalog.add_plans([(key_of("second"), replace(plan("target", 2), flyable=True), {})])
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("moment", ["before", "after"])
 def test_a_run_that_is_killed_leaves_the_released_plan_in_force(catalog, moment):
     catalog.release(key("first"), "Grace")

@@ -160,6 +160,7 @@ def flip(path: Path, at: int) -> None:
     path.write_bytes(bytes(content))
 
 
+@pytest.mark.ci
 def test_one_changed_bit_never_becomes_a_trajectory(catalog):
     """Wherever the bit lies and however it is read, the path is the one that was planned, or an error."""
     name, wanted = key_of(1)[:20], plan("target", 1).trajectory

@@ -59,6 +59,7 @@ def test_measures_of_a_dataset_are_marked_as_its_word(dataset, tmp_path):
     assert said == "boxes-v1, measures as it says"
 
 
+@pytest.mark.ci
 def test_forged_measures_are_told_when_they_are_computed_again(dataset, tmp_path, capsys):
     arguments = ["catalog", "import", "--verify", "--catalog", str(tmp_path / "to")]
     assert main([*arguments, str(forged(dataset, tmp_path / "forged"))]) == 2

@@ -170,6 +170,7 @@ def test_the_command_tells_what_is_in_force_with_all_its_columns_and_exits_with_
     assert [row["target_id"] for row in listed(catalog, capsys, "--structure", "other")[1]] == ["other"]
 
 
+@pytest.mark.ci
 def test_the_command_exits_with_1_while_a_recalled_plan_has_no_successor(catalog, capsys):
     row = catalog.transfer(key_of("first")[:20])
     catalog.recall(row, "a new mast", structure("target", 1).sha256, "the check")

@@ -43,6 +43,7 @@ def merges(catalog: Catalog) -> list[list[str]]:
     return found
 
 
+@pytest.mark.ci
 def test_a_row_is_written_again_as_often_as_its_file_grows_sixteenfold(catalog):
     for number in range(48):
         catalog.set("kind", "box", {"route.clearance_m": 2.0 + number}, "me")

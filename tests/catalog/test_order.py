@@ -85,7 +85,7 @@ STEPS = st.lists(
 
 
 @pytest.mark.ci
-@settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck))
 @given(steps=STEPS, merged=st.booleans())
 def test_order_is_that_of_commits_under_any_clocks(tmp_path_factory, steps, merged):
     place = tmp_path_factory.mktemp("skewed")
@@ -205,6 +205,7 @@ def numbered(place: str, seed: int, count: int) -> None:
         catalog.add_structures([structure("target", seed, notes=f"{seed}-{number}-{rng.random()}")])
 
 
+@pytest.mark.ci
 def test_writers_at_once_get_numbers_of_their_own(tmp_path):
     made = filled(tmp_path)
     context = multiprocessing.get_context("spawn")

@@ -213,7 +213,7 @@ def test_an_older_state_never_replaces_a_newer_one(catalog, tmp_path):
     assert whole(place) == 6
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_another_catalog_and_an_empty_one_replace_nothing(catalog, tmp_path, capsys):
     place = tmp_path / "out"
     publish(catalog, place, pictures=0)
@@ -273,7 +273,7 @@ def test_a_publisher_that_is_killed_leaves_one_generation_whole(catalog, tmp_pat
     place, rng = tmp_path / "out", random.Random(0)
     export_tables(catalog, place)
     seen = 6
-    for number in range(6):
+    for number in range(3):
         catalog.add_plans([(key_of("more", number), plan("boxy", number, preset="paper"), {})])
         catalog.add_plans([(key_of("next", number), plan(f"t{number % 6}", 50 + number), {})])
         run = [sys.executable, "-c", PUBLISHER, TESTS, catalog.location, str(place)]
@@ -291,6 +291,7 @@ def test_a_publisher_that_is_killed_leaves_one_generation_whole(catalog, tmp_pat
     assert len([path for path in (place / "tables").iterdir() if path.is_dir()]) <= 3
 
 
+@pytest.mark.ci
 def test_readers_and_publishers_at_once_see_one_generation(catalog, tmp_path):
     place = tmp_path / "out"
     export_tables(catalog, place)
@@ -309,6 +310,7 @@ def test_readers_and_publishers_at_once_see_one_generation(catalog, tmp_path):
             process.wait()
 
 
+@pytest.mark.ci
 def test_publishers_take_turns(catalog, tmp_path):
     place = tmp_path / "out"
     with ThreadPoolExecutor(4) as threads:

@@ -88,6 +88,7 @@ def test_wrong_use_is_one_line_and_code_2(arguments, tmp_path, monkeypatch, caps
     assert len(printed.err.strip().splitlines()) == 1
 
 
+@pytest.mark.ci
 def test_transfer_then_nothing_left_to_plan(location, capsys):
     arguments = (
         "--catalog",

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from cases import slow_after
 from random_members import random_member
 
 import upplied.planning.plan as planning
@@ -44,6 +45,7 @@ def planned(location, monkeypatch) -> str:
     return str(rows["transfer_id"].iloc[0])
 
 
+@pytest.mark.slow
 def test_choices_reach_the_plan_and_the_plan_that_was_asked_for_is_shown(planned, capsys):
     arguments = ["transfer", "cube-sides-v1", "--preset", "paper", "--workers", "1", "--json"]
     shown = []
@@ -55,12 +57,14 @@ def test_choices_reach_the_plan_and_the_plan_that_was_asked_for_is_shown(planned
     assert main([*arguments, "--counterpart", "nose"]) == 2
 
 
+@pytest.mark.ci
 def test_a_plan_is_made_again(planned, location, capsys):
     assert main(["transfer", "--reproduce", planned]) == 0
     assert "the result is the same" in capsys.readouterr().out
     assert main(["transfer", "--reproduce", "0" * 20]) == 2
 
 
+@pytest.mark.ci
 def test_a_plan_that_comes_out_otherwise_is_told_with_its_cause(planned, capsys, monkeypatch):
     """Another version of the method, and of a library; and nothing at all that is known to differ."""
     made = planning.plan_transfer
@@ -92,7 +96,8 @@ def test_pictures(what, planned, tmp_path):
     assert output.read_bytes().startswith(PNG)
 
 
-@pytest.mark.parametrize("format", FORMATS)
+@pytest.mark.ci
+@pytest.mark.parametrize("format", slow_after(3, FORMATS))
 def test_missions(format, planned, tmp_path, capsys):
     output = tmp_path / f"mission{FORMATS[format]}"
     arguments = ["export", planned, "--to", format, "--output", str(output), "--drone", "m30t"]
@@ -108,6 +113,7 @@ def test_missions(format, planned, tmp_path, capsys):
     assert main([*arguments, "--reserve-pct", "200"]) == 2
 
 
+@pytest.mark.ci
 def test_the_page_for_the_pilot_passes_the_same_gate(planned, tmp_path, capsys):
     output = tmp_path / "brief.html"
     assert main(["brief", planned, "--output", str(output)]) == 1 and not output.exists()
@@ -123,7 +129,7 @@ def test_a_refused_mission_is_code_1_and_says_why(planned, tmp_path, capsys):
     assert capsys.readouterr().err.startswith("refused: ")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_flight_in_wind_is_told_in_the_report(planned, tmp_path, capsys):
     reports = tmp_path / "reports"
     assert main(["report", str(reports)]) == 0
@@ -142,6 +148,7 @@ def test_a_flight_in_wind_is_told_in_the_report(planned, tmp_path, capsys):
     assert '"flown":{"summary":"In a wind of 7 m/s' in text
 
 
+@pytest.mark.slow
 def test_what_was_overruled_is_kept_listed_and_shown(planned, location, tmp_path, capsys):
     export = ["export", planned, "--to", "csv", "--output", str(tmp_path / "a.csv"), "--draft", *FORCED]
     before = len(open_catalog(location).overruled(planned))
@@ -177,6 +184,7 @@ def test_a_flight_that_is_blown_away_is_refused(planned, capsys):
     assert "fly slower" in capsys.readouterr().err.lower()
 
 
+@pytest.mark.ci
 def test_a_report_in_one_file(planned, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["report", "--self-contained", "one.html", "--target", "box-random-1"]) == 0
@@ -185,6 +193,7 @@ def test_a_report_in_one_file(planned, tmp_path, monkeypatch):
     assert main(["report", "--self-contained", "none.html", "--target", "nowhere"]) == 2
 
 
+@pytest.mark.ci
 def test_the_catalog_tells_and_is_kept(planned, capsys):
     def entries(*arguments: str) -> list[dict]:
         assert main(["catalog", *arguments, "--json"]) == 0

@@ -38,6 +38,7 @@ def table(capsys: pytest.CaptureFixture[str]) -> str:
     return "".join((printed.out + printed.err).split())
 
 
+@pytest.mark.ci
 def test_a_trial_shows_every_file_and_keeps_nothing(place: Path, capsys, monkeypatch) -> None:
     monkeypatch.setenv("COLUMNS", "400")
     (place / "flights" / "notes.md").write_text("fine weather")
@@ -58,6 +59,7 @@ def test_a_trial_shows_every_file_and_keeps_nothing(place: Path, capsys, monkeyp
     assert open_catalog(catalog).demonstrations().empty
 
 
+@pytest.mark.ci
 def test_what_looked_like_a_flight_and_was_not_taken_is_exit_code_1(place: Path, capsys, monkeypatch) -> None:
     monkeypatch.setenv("COLUMNS", "400")
     (place / "flights" / "cut.bag").write_bytes(b"#ROSBAG V2.0\n")
@@ -69,6 +71,7 @@ def test_what_looked_like_a_flight_and_was_not_taken_is_exit_code_1(place: Path,
     assert np.abs(flights[0].positions - flights[1].positions).max() < 0.01
 
 
+@pytest.mark.ci
 def test_a_structure_is_said_for_flights_without_side_cars(place: Path, capsys) -> None:
     for side in (place / "flights").rglob("*.toml"):
         side.unlink()

@@ -33,6 +33,7 @@ f 3 1 4
 """
 
 
+@pytest.mark.ci
 def test_a_mesh_is_checked_in_words_and_drawn(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("good.obj").write_text(TETRAHEDRON)
@@ -45,7 +46,7 @@ def test_a_mesh_is_checked_in_words_and_drawn(tmp_path, monkeypatch, capsys):
     assert not Path("bad-check.png").exists()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_scan_is_written_without_its_ground(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     ground = 40 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
@@ -63,6 +64,7 @@ def test_a_scan_is_written_without_its_ground(tmp_path, monkeypatch, capsys):
     assert "nothing to separate" in capsys.readouterr().out and not Path("alone-clean.ply").exists()
 
 
+@pytest.mark.ci
 def test_one_structure_of_a_manifest_is_checked_against_what_is_declared(tmp_path, capsys):
     (tmp_path / "mesh.obj").write_text(TETRAHEDRON)
     manifest, png = tmp_path / "structures.csv", tmp_path / "there.png"
@@ -106,7 +108,7 @@ def test_missions_are_written_for_the_vehicle_and_clearance_that_the_plan_was_ma
     assert as_settled({}, MissionOptions()) == as_settled({"settings_json": "{"}, MissionOptions())
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_user_says_which_engine_is_meant(tmp_path, monkeypatch):
     a320, b747 = member("a320-v1").structure, member("b747-v1").structure
     catalog = open_catalog(tmp_path / "catalog")

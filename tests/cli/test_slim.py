@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import trimesh
+from cases import slow_after
 from flow_runs import Session
 from random_members import random_member
 
@@ -93,18 +94,22 @@ def test_reading_asking_deciding_and_giving_away_need_no_ray_caster(slim, words,
     assert not {"open3d", "prefect"} & set(json.loads(done.stderr.splitlines()[-1]))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "words",
-    [
-        "transfer cube-sides-v1 --preset paper",
-        "transfer --reproduce PLAN",
-        "structures add structures.toml --workers 1",
-        "structures check structures.toml --workers 1",
-        "export PLAN --draft --to mcap -o plan.mcap",
-        "render transfer PLAN -o box.png",
-        "fly PLAN",
-        "samples write more",
-    ],
+    slow_after(
+        3,
+        [
+            "transfer cube-sides-v1 --preset paper",
+            "transfer --reproduce PLAN",
+            "structures add structures.toml --workers 1",
+            "structures check structures.toml --workers 1",
+            "export PLAN --draft --to mcap -o plan.mcap",
+            "render transfer PLAN -o box.png",
+            "fly PLAN",
+            "samples write more",
+        ],
+    ),
 )
 def test_what_casts_rays_names_the_extra_in_a_line(slim, place, words):
     before = sorted(open_catalog(place[0] / "catalog").structures()["structure_id"])

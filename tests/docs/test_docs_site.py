@@ -17,6 +17,8 @@ pytest.importorskip(
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+# What others prove, too: a fleet in README's Python; missions, wind, settings and pictures in commands.
+LONG = ("03_a_catalog", "04_a_mission_file", "05_flown_in_wind", "06_other_settings", "07_pictures")
 TUTORIAL = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 
 
@@ -103,8 +105,13 @@ def test_the_reference_tells_what_planning_returns(site):
     assert "Plan the demonstrated inspection of one structure on another" in planning
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "example",
+    [
+        pytest.param(path, id=path.stem, marks=pytest.mark.slow if path.stem in LONG else pytest.mark.ci)
+        for path in EXAMPLES
+    ],
+)
 def test_examples_run(example, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(example), run_name="__main__")

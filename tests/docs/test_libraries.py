@@ -99,6 +99,7 @@ def installed() -> Mapping[str, list[str]]:
     return packages_distributions()
 
 
+@pytest.mark.ci
 def test_what_is_declared_is_imported() -> None:
     used = {name for module in imported(*DEV) for name in distributions(module)}
     every = declared(PROJECT["dependencies"] + [text for texts in EXTRAS.values() for text in texts])

@@ -184,6 +184,7 @@ def files_of(place: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("what", WRITES)
 def test_a_full_disk_is_said_and_changes_nothing(tmp_path, what):
     filled(tmp_path / "catalog")
@@ -201,6 +202,7 @@ def test_a_full_disk_is_said_and_changes_nothing(tmp_path, what):
         assert rows(tmp_path / "catalog")["transfers"] == before["transfers"] + 20
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root to become somebody without rights")
 @pytest.mark.parametrize("what", WRITES)
 def test_a_read_only_folder_is_said_and_can_be_read(open_place, what):
@@ -214,6 +216,7 @@ def test_a_read_only_folder_is_said_and_can_be_read(open_place, what):
     assert read.returncode == 0, read.stderr
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root to become somebody without rights")
 def test_a_folder_that_may_not_be_read_is_not_taken_for_an_empty_one(open_place):
     filled(open_place / "catalog")

@@ -105,7 +105,6 @@ def planners_of(process: subprocess.Popen[str]) -> list[int]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("victim", ["run", "worker"])
-@pytest.mark.ci
 def test_a_killed_process_costs_little_and_the_next_run_goes_on(tmp_path, victim):
     catalog = boxes(tmp_path / "catalog", 10)
     script = tmp_path / "run.py"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import slow_after
 from made_flights import FAULTS, NAMED, Made, right
 
 from upplied.errors import UppliedError
@@ -36,7 +37,7 @@ REFUSED_BY_NAME = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("fault", sorted(FAULTS.keys() - REFUSED_BY_NAME))
+@pytest.mark.parametrize("fault", slow_after(7, sorted(FAULTS.keys() - REFUSED_BY_NAME)))
 def test_a_fault_is_refused_or_named(tmp_path: Path, fault: str) -> None:
     assert sum(caught(fault, number, tmp_path / "a.mcap") for number in (0, 4, 6)) >= 2
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import slow_after
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -56,7 +57,7 @@ def refused(verdicts: tuple) -> list[str]:
 # Among others ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", slow_after(1, KINDS))
 @pytest.mark.parametrize("mistake", bad_meshes.SIZES)
 def test_a_structure_in_another_unit_never_passes_in_silence(kind: str, mistake: str) -> None:
     wrong = bad_meshes.scaled(known()[KINDS[kind]], bad_meshes.SIZES[mistake])
@@ -73,7 +74,7 @@ def test_millimetres_are_named_with_the_figure() -> None:
     assert "times larger than every airliner here (b747-v1" in found.found
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", slow_after(1, KINDS))
 @pytest.mark.parametrize("side", bad_meshes.SIDES)
 def test_a_structure_on_its_side_is_refused_and_the_right_axes_named(kind: str, side: str) -> None:
     turn = bad_meshes.SIDES[side]
@@ -120,6 +121,7 @@ def test_the_first_of_its_kind_has_nothing_that_confirms_its_size_but_a_declared
     assert judged(*first, sized=True) == ()
 
 
+@pytest.mark.ci
 def test_a_size_within_a_mixed_kind_is_confirmed_by_its_like_alone() -> None:
     """A kind that holds small and large ones of several forms: what is neither is said to be unconfirmed."""
     hull, slab = known()["cruise-v1"], random_member("box", 1).structure
@@ -188,6 +190,7 @@ def test_units_and_odd_size_are_told_apart() -> None:
 # From the command to the catalog -----------------------------------------------------------------
 
 
+@pytest.mark.ci
 def test_wrong_ones_are_refused_right_ones_taken_and_what_is_overruled_is_stored(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

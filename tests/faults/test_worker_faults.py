@@ -13,6 +13,7 @@ from pathlib import Path
 
 import forked
 import pytest
+from cases import slow_after
 from processes import ended
 
 from upplied.fleet import workers as fleet_workers
@@ -72,7 +73,8 @@ def test_a_lost_process_costs_its_own_job_alone(culprit, timeout_s, reason):
             lost.result()
 
 
-@pytest.mark.parametrize("patience_s", [0.0, 0.002, 0.5])
+@pytest.mark.ci
+@pytest.mark.parametrize("patience_s", slow_after(2, [0.0, 0.002, 0.5]))
 def test_a_process_that_dies_between_two_jobs_costs_neither(patience_s):
     with Workers(1) as workers:
         pid = workers.run(os.getpid)
@@ -118,6 +120,7 @@ def fail_to_set_up() -> None:
     raise OSError("no such library")
 
 
+@pytest.mark.ci
 def test_where_no_worker_starts_the_run_ends_and_no_job_is_blamed():
     with Workers(1, fail_to_set_up) as workers, pytest.raises(WorkersBroken, match="do not start"):
         workers.run(slow_square, 2)

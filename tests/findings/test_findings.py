@@ -440,6 +440,7 @@ def test_crops_show_a_place_in_one_view_and_scale(filled, tmp_path, capsys):
     assert np.abs(np.array(bright) - np.array(crops[0].shape[:2]) / 2).max() < 3
 
 
+@pytest.mark.ci
 def test_the_same_place_elsewhere_is_where_the_samples_say(catalog):
     places = np.array([[HIGH[0], 1.0, 4.0], [0.0, HIGH[1], 6.0], [1.0, 1.0, HIGH[2]]])
     found, normals = on_surface(scene_of(CUBE), places)
@@ -463,6 +464,7 @@ def test_what_was_found_out_about_a_pair_serves_every_place(catalog, monkeypatch
     assert again.place[0] == pytest.approx(first.place[0], abs=1e-9) and not again.doubtful.any()
 
 
+@pytest.mark.slow
 def test_who_plans_for_a_structure_carries_the_source_there_as_well(filled, monkeypatch):
     catalog, _, name = filled
     other = open_catalog(f"{catalog.location}-planned")
@@ -474,6 +476,7 @@ def test_who_plans_for_a_structure_carries_the_source_there_as_well(filled, monk
     assert np.isfinite(Carrying(other).to([spot_of(row_of(catalog, name))], "cuboid-v1").place).all()
 
 
+@pytest.mark.ci
 def test_a_place_that_could_as_well_be_elsewhere_is_doubtful(tmp_path):
     # Below the overhang of their bows both hulls are shorter, each by its own share of its length.
     source, target = random_member("ship", 10016), random_member("ship", 10017)
@@ -528,6 +531,7 @@ def test_questions_over_the_fleet(filled):
     assert fleet_findings(catalog, [CUBE.kind])[0]["map"]
 
 
+@pytest.mark.slow
 def test_findings_of_several_structures_stand_in_their_order_on_one(catalog, tmp_path):
     other = open_catalog(tmp_path / "catalog")
     other.add_structures([CUBE, CUBOID])
@@ -547,6 +551,7 @@ def test_findings_of_several_structures_stand_in_their_order_on_one(catalog, tmp
     assert placed[[0, 2]] == pytest.approx(truth[::-1], abs=0.3)
 
 
+@pytest.mark.ci
 def test_the_findings_of_a_kind_have_a_page_that_the_fleet_leads_to(filled, tmp_path):
     catalog, _, name = filled
     reference, rows = kind_map(catalog, CUBE.kind)
@@ -594,6 +599,7 @@ def test_a_look_counts_on_the_side_that_it_saw_and_as_finely_as_asked(tmp_path):
     assert photographed(catalog, sides[0], "cube-v1", since="2100-01-01").iloc[0]["looks"] == 0
 
 
+@pytest.mark.ci
 def test_a_mission_shows_a_place_as_its_photo_did_and_as_finely_as_asked(filled):
     catalog, _, name = filled
     rows = selected_findings(catalog, "open", "cube-v1")

@@ -17,7 +17,7 @@ from upplied.cli import main
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "findings.md"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_every_block_of_the_page_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     catalog = open_catalog("catalog")

@@ -60,6 +60,7 @@ def test_a_place_goes_over_the_map_to_where_the_generator_has_it_and_back(boxes)
     )
 
 
+@pytest.mark.slow
 def test_questions_after_a_night_read_what_is_stored_and_no_mesh(boxes, monkeypatch):
     catalog, members = boxes
     name = members[2].structure.structure_id
@@ -90,6 +91,7 @@ def test_places_on_many_structures_are_those_on_each_alone(boxes, monkeypatch):
                 np.testing.assert_array_equal(getattr(there, field), values, err_msg=f"{name} {field}")
 
 
+@pytest.mark.slow
 def test_what_is_not_stored_is_studied_once_and_said(boxes, tmp_path):
     _, members = boxes
     catalog = open_catalog(tmp_path / "catalog")
@@ -101,6 +103,7 @@ def test_what_is_not_stored_is_studied_once_and_said(boxes, tmp_path):
     assert np.array_equal(first.place, again.place)
 
 
+@pytest.mark.ci
 def test_a_place_on_what_the_target_lacks_is_doubtful(tmp_path):
     # The one has plates at the ends of its stabiliser, the other has none: nothing there faces as they do.
     source, target = random_member("airliner", 321), random_member("airliner", 322)

@@ -75,6 +75,7 @@ def places(catalog: Catalog, plan: str) -> np.ndarray:
     return steps.loc[steps["is_viewpoint"], ["x_m", "y_m", "z_m"]].to_numpy()
 
 
+@pytest.mark.ci
 def test_a_change_is_carried_over_to_the_next_draft_once(catalog, tmp_path):
     first = newest(catalog)["transfer_id"]
     made = changed(catalog, tmp_path, first)
@@ -101,7 +102,7 @@ def test_a_change_is_carried_over_to_the_next_draft_once(catalog, tmp_path):
     assert list(catalog.edits()["base_id"]) == [first, second]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_change_that_a_kill_left_without_its_plan_is_carried_over(catalog, tmp_path, monkeypatch):
     plan = newest(catalog)["transfer_id"]
 
@@ -120,6 +121,7 @@ def test_a_change_that_a_kill_left_without_its_plan_is_carried_over(catalog, tmp
     assert "carried over" in newest(catalog)["warnings"] and len(catalog.edits()) == 2
 
 
+@pytest.mark.ci
 def test_what_has_no_place_in_the_next_draft_is_told_and_kept(catalog, tmp_path):
     changed(catalog, tmp_path, newest(catalog)["transfer_id"])
     away = replace(PATH, positions=PATH.positions + 400 * LITTLE)
@@ -130,6 +132,7 @@ def test_what_has_no_place_in_the_next_draft_is_told_and_kept(catalog, tmp_path)
     assert last["transfer_id"] == "" and last["lost"] and carry_edits(catalog) == []
 
 
+@pytest.mark.ci
 def test_a_rejected_change_is_not_carried_over(catalog, tmp_path):
     made = changed(catalog, tmp_path, newest(catalog)["transfer_id"])
     catalog.reject(made, "Ben")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,11 +25,11 @@ REQUEST = fleet.PlanRequest(("baseline", "paper"))
 PLANNED = ["transfer_id", "status", "coverage_paper_pct", "frechet_z", "min_clearance_m", "waypoints_sha256"]
 
 
-def boxes(location: Path) -> Catalog:
+def boxes(location: Path, seeds: Sequence[int] = (1, 2, 3)) -> Catalog:
     """A catalog with a demonstration round a cube and three boxes to carry it to."""
     catalog = open_catalog(location)
     cube = member("cube-v1").structure
-    catalog.add_structures([cube, *(random_member("box", seed).structure for seed in (1, 2, 3))])
+    catalog.add_structures([cube, *(random_member("box", seed).structure for seed in seeds)])
     catalog.add_demonstrations([fly(cube, "sides")])
     return catalog
 
@@ -77,6 +78,7 @@ def test_a_second_run_finds_nothing_to_do(planned):
     assert fleet.transfer(planned, decision.jobs, "second").total == 0
 
 
+@pytest.mark.ci
 def test_what_is_kept_does_not_depend_on_the_number_of_workers(planned, tmp_path):
     alone = boxes(tmp_path / "catalog")
     fleet.transfer(alone, fleet.decide(alone, REQUEST).jobs, "alone", fleet.Resources(1))
@@ -100,8 +102,9 @@ def test_a_decision_says_why(planned, plan_request, why, count):
     assert decision.reasons == {why: count}
 
 
+@pytest.mark.ci
 def test_a_changed_structure_is_planned_again_and_a_retired_one_no_more(tmp_path):
-    catalog = boxes(tmp_path / "catalog")
+    catalog = boxes(tmp_path / "catalog", (1,))
     fleet.transfer(
         catalog, fleet.decide(catalog, fleet.PlanRequest(("paper",))).jobs, "first", fleet.Resources(1)
     )
@@ -156,6 +159,7 @@ def test_a_fleet_is_a_few_tasks_a_worker_and_none_is_a_tenth_larger_than_another
         assert sum(sizes) == targets, "a target is in two shards, which would lay it out twice"
 
 
+@pytest.mark.ci
 def test_a_bad_file_stops_itself_alone(tmp_path):
     cube = member("cube-v1").structure
     trimesh.Trimesh(cube.vertices, cube.triangles).export(tmp_path / "good.stl")
@@ -187,6 +191,7 @@ def test_a_bad_file_stops_itself_alone(tmp_path):
     ]
 
 
+@pytest.mark.ci
 def test_two_logs_of_one_name_do_not_hide_each_other(tmp_path):
     cube = member("cube-v1").structure
     for name, seed in (("first", 0), ("second", 1)):
@@ -198,6 +203,7 @@ def test_two_logs_of_one_name_do_not_hide_each_other(tmp_path):
     assert "first.mcap" in second.reason
 
 
+@pytest.mark.ci
 def test_what_is_unchanged_is_known_by_its_bytes_and_not_parsed(tmp_path, monkeypatch):
     cube = member("cube-v1").structure
     entry = (

@@ -140,6 +140,7 @@ def test_the_plan_that_was_flown_is_found(catalog, log):
     assert judged(catalog, log, plan="").row["transfer_id"] == ID
 
 
+@pytest.mark.ci
 def test_a_log_that_names_no_structure_is_found_by_the_plan_that_it_lies_on(
     catalog, made, tmp_path, monkeypatch
 ):
@@ -176,6 +177,7 @@ def test_a_flight_is_of_the_plan_that_was_in_force_when_it_was_flown(catalog, ma
     )  # a clock from 1970
 
 
+@pytest.mark.ci
 def test_a_good_flight_becomes_a_demonstration_and_one_that_is_not_does_not(
     catalog, made, log, tmp_path, capsys
 ):
@@ -242,6 +244,7 @@ def written(folder, path: Trajectory, name: str = "back", start_ns: int = START_
     return write_log(folder / f"{name}.mcap", record, CUBE, heavy_topic=False, **more)
 
 
+@pytest.mark.ci
 def test_photos_after_a_hover_are_placed_by_the_clock_of_the_log(catalog, made, tmp_path):
     """A hover is shortened in demonstrations; here that would move every photo after it."""
     flown = noisy(interpolate(made.trajectory, np.arange(0.0, made.trajectory.t_s[-1], 0.1)))
@@ -270,6 +273,7 @@ def test_photos_after_a_hover_are_placed_by_the_clock_of_the_log(catalog, made, 
     assert (shown[0] != shown[1]).mean() > 0.2  # so the half that is shown does tell
 
 
+@pytest.mark.ci
 def test_an_export_of_a_plan_is_no_flight_of_it(catalog, made, tmp_path):
     path = tmp_path / "plan.mcap"
     path.write_bytes(mcap_bytes(made, CUBE))
@@ -284,6 +288,7 @@ def test_an_export_of_a_plan_is_no_flight_of_it(catalog, made, tmp_path):
     assert judged(catalog, written(tmp_path, noisy(every))).row["kind"] == "flown"
 
 
+@pytest.mark.ci
 def test_a_simulated_flight_is_never_a_flown_one(catalog, made, tmp_path):
     path = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
     marked = written(tmp_path, path, "marked", simulated=True)
@@ -303,6 +308,7 @@ def test_a_flight_of_no_possible_day_is_refused(catalog, made, tmp_path, start_n
         judged(catalog, written(tmp_path, path, start_ns=start_ns + 10**9))
 
 
+@pytest.mark.slow
 def test_a_flight_of_another_mission_is_told_by_its_fit(catalog, made, tmp_path):
     """Both lie round the same structure, a metre and a half apart."""
     path = made.trajectory
@@ -412,6 +418,7 @@ def test_new_drafts_are_flown_and_those_that_come_too_near_are_told(catalog, mad
     assert "comes within 1.25 m (limit 2 m)" in told[0] and "not in the catalog" in told[1]
 
 
+@pytest.mark.ci
 def test_a_plan_that_a_person_changed_is_judged_anew_and_is_a_draft(catalog, tmp_path, capsys):
     where, file = ["--catalog", catalog.location], tmp_path / "plan.json"
     assert main(["edit", ID[:8], "--out", str(file), *where]) == 0
@@ -453,6 +460,7 @@ def test_a_file_that_is_no_edit_of_the_plan_is_told(catalog, tmp_path, text):
         edit_plan(catalog, ID, path, "Ada")
 
 
+@pytest.mark.ci
 def test_the_wind_of_a_log_is_kept_and_told(catalog, made, tmp_path, capsys):
     flown = fly_trajectory(made.trajectory, wind=Wind(4.0), seed=2)
     t_ns = START_NS + np.round(flown.t_s * 1e9).astype(np.int64)

@@ -30,6 +30,7 @@ def run(place: Path, *words: str) -> int:
     return main(["demonstrations", *words, "--catalog", str(place / "catalog")])
 
 
+@pytest.mark.ci
 def test_findings_reach_the_person(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(place, "add", str(place / "right.mcap"), "--workers", "1") == 0
     assert "assumed: a camera of 75 x 75 deg" in capsys.readouterr().out
@@ -45,6 +46,7 @@ def test_findings_reach_the_person(place: Path, capsys: pytest.CaptureFixture[st
     assert kept["verdict"] == "warned" and kept["bounds"]["least_clearance_m"] == 0.3
 
 
+@pytest.mark.ci
 def test_a_wrong_log_is_refused_by_name_and_may_be_overruled(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

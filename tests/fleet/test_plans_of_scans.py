@@ -112,11 +112,13 @@ def test_the_ways_of_a_mission_lead_round_what_was_never_scanned(catalog, tmp_pa
     assert exported(catalog, only(catalog), tmp_path / "blind.csv")[1] < 1.5  # else nothing is tested
 
 
+@pytest.mark.slow
 def test_of_a_model_nothing_is_supposed(planned) -> None:
     whole = plan_transfer(ring(), SOURCE, WHOLE, SETTINGS)
     assert whole.status == "ok" and whole.supposed is None
 
 
+@pytest.mark.ci
 def test_it_is_kept_with_the_plan_whatever_becomes_of_the_cache(catalog, planned, tmp_path) -> None:
     plan, made = only(catalog), planned[1].supposed
     before, _ = exported(catalog, plan, tmp_path / "before.csv")
@@ -153,7 +155,7 @@ def test_it_goes_out_and_in_with_the_plan_and_stays_as_long_as_a_row_names_it(
         import_dataset(open_catalog(tmp_path / "third"), tmp_path / "set")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_page_tells_the_clearance_of_all_of_it(catalog, planned) -> None:
     (pair,) = pairs_of(catalog.transfers(), catalog.transfers(every=True))
     (plan,) = Reader(catalog).pair_data(pair)["plans"]
@@ -201,6 +203,7 @@ def flown_but(catalog: Catalog, plan: str, left_out: np.ndarray, name: str) -> s
     return name * 64
 
 
+@pytest.mark.ci
 def test_a_gap_is_closed_by_a_flight_round_what_was_never_scanned(catalog, monkeypatch) -> None:
     plan = only(catalog)
     x, y, _ = catalog.surface(plan).points.T
@@ -232,6 +235,7 @@ def for_the_whole(catalog: Catalog, height: float) -> str:
     return plan
 
 
+@pytest.mark.slow
 def test_what_a_new_file_lacks_is_found_when_a_plan_is_judged_again(catalog, planned) -> None:
     plan = for_the_whole(catalog, 8.0)
     (found,) = recheck(catalog)
@@ -244,6 +248,7 @@ def test_what_a_new_file_lacks_is_found_when_a_plan_is_judged_again(catalog, pla
     assert catalog.supposed(plan) is None
 
 
+@pytest.mark.ci
 def test_a_plan_that_comes_too_near_to_what_a_new_file_lacks_is_recalled(catalog) -> None:
     for_the_whole(catalog, 4.2)  # 0.6 m above the structure, 2.8 m from what was scanned
     (found,) = recheck(catalog)

@@ -42,6 +42,7 @@ def test_nothing_is_judged_again_while_nothing_changed(catalog):
     assert recheck(catalog) == [] and list(catalog.decisions()["state"]) == ["released"]
 
 
+@pytest.mark.ci
 def test_a_plan_that_comes_too_near_the_changed_structure_is_recalled_and_everybody_is_told(
     catalog, tmp_path, capsys
 ):
@@ -62,7 +63,7 @@ def test_a_plan_that_comes_too_near_the_changed_structure_is_recalled_and_everyb
         export_transfer(catalog, plan, "mcap", tmp_path / "x.mcap", MissionOptions(draft=True))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_plan_that_is_still_safe_stays_in_force_and_its_coverage_is_told(catalog):
     catalog.add_structures([changed((10, 8, 6.2))])
     (found,) = recheck(catalog)

@@ -46,6 +46,7 @@ def attempts(monkeypatch) -> list[str]:
     return planned
 
 
+@pytest.mark.slow
 def test_every_plan_says_where_it_was_made(catalog):
     fleet.transfer(catalog, fleet.decide(catalog, REQUEST).jobs, "night", fleet.Resources(2))
     found = {tuple(where.split("/")) for where in catalog.transfers()["planned_on"]}
@@ -53,6 +54,7 @@ def test_every_plan_says_where_it_was_made(catalog):
     assert str(os.getpid()) not in {process for _, process, _ in found}, "the run's own process planned"
 
 
+@pytest.mark.ci
 def test_a_shard_that_is_started_twice_is_planned_once(catalog, attempts):
     planner.prepare(str(catalog.location))
     jobs = fleet.decide(catalog, REQUEST).jobs
@@ -76,6 +78,7 @@ def test_a_failure_of_an_older_run_is_not_what_came_of_this_one(catalog):
     assert (result.failed, missing) == (3, [])
 
 
+@pytest.mark.slow
 def test_settings_that_are_back_are_planned_again_on_any_engine(catalog, attempts):
     """Their plans are there, and yet those of the settings between are current."""
     planner.prepare(str(catalog.location))
@@ -87,6 +90,7 @@ def test_settings_that_are_back_are_planned_again_on_any_engine(catalog, attempt
     assert len(fleet.decide(catalog, second).jobs) == 3
 
 
+@pytest.mark.ci
 def test_what_changed_since_the_decision_is_not_planned_as_what_it_was(catalog):
     jobs = fleet.decide(catalog, REQUEST).jobs
     old = catalog.structure("box-random-2")
@@ -97,6 +101,7 @@ def test_what_changed_since_the_decision_is_not_planned_as_what_it_was(catalog):
     assert fleet.decide(catalog, REQUEST).reasons == {"new pair": 1}
 
 
+@pytest.mark.ci
 def test_what_was_planned_is_kept_before_the_run_ends(catalog, monkeypatch):
     """A killed run loses no more than `EVERY_S` of work."""
     monkeypatch.setattr(run, "EVERY_S", 0.0)
@@ -108,6 +113,7 @@ def test_what_was_planned_is_kept_before_the_run_ends(catalog, monkeypatch):
     assert rows == [1, 2, 3]
 
 
+@pytest.mark.ci
 def test_what_was_read_is_kept_before_all_is_read(tmp_path, monkeypatch):
     """A batch that cannot be kept takes none of those before it along."""
     text = ""

@@ -60,6 +60,7 @@ def current(catalog: Catalog) -> set[str]:
     return set(catalog.transfers()["settings_sha256"])
 
 
+@pytest.mark.ci
 def test_earlier_settings_become_current_again(catalog, planned):
     for number, plan_request in enumerate((A, B, A, B, B, A)):
         result = night(catalog, plan_request, f"run-{number}")

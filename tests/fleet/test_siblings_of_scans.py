@@ -161,6 +161,7 @@ def test_a_worker_gives_the_siblings_and_the_catalog_keeps_who_they_were(
     assert planner.plan_job(job).plan.status == "superseded"
 
 
+@pytest.mark.ci
 def test_whether_pieces_tell_parts_is_found_out_when_a_structure_is_taken_in(tmp_path) -> None:
     for name, sample in (("model", "b777-v1"), ("scan", "cube-v1")):  # of many pieces, and of one
         structure = member(sample).structure

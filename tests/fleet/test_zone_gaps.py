@@ -147,6 +147,7 @@ def test_what_a_zone_asks_beyond_the_plan_is_added_to_what_the_flight_missed(cat
     assert plan_gap(catalog, "aaa") == before
 
 
+@pytest.mark.slow
 def test_more_than_a_camera_tells_is_said_to_be_unattainable(catalog, made):
     (plan,) = catalog.transfers()["transfer_id"]
     half = made.trajectory.take(made.trajectory.t_s <= 70.0)

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from cases import slow_after
 
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
@@ -127,6 +128,7 @@ def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     assert main(["zones", "cube-v1", *where]) == 0 and not len(catalog.requirements())
 
 
+@pytest.mark.ci
 def test_a_zone_of_one_structure_is_asked_of_all_of_its_kind(catalog):
     cube = catalog.structure("cube-v1")
     cuboid = member("cuboid-v1").structure
@@ -229,7 +231,8 @@ def written(path, labels: list[str]):
     return path
 
 
-@pytest.mark.parametrize("name", ["a.npy", "numbers.npy", "a.txt", "a.csv", "a.parquet"])
+@pytest.mark.ci
+@pytest.mark.parametrize("name", slow_after(2, ["a.npy", "numbers.npy", "a.txt", "a.csv", "a.parquet"]))
 def test_a_zone_is_labelled_face_by_face(catalog, tmp_path, capsys, name):
     cube = catalog.structure("cube-v1")
     written(tmp_path / name, labels_of(cube))
@@ -250,6 +253,7 @@ def test_a_zone_is_labelled_face_by_face(catalog, tmp_path, capsys, name):
     assert row["planned"] == "not judged" and "another mesh" in row["planned_why"]
 
 
+@pytest.mark.ci
 def test_labels_of_one_structure_are_carried_to_its_kind(catalog, tmp_path):
     cube, cuboid = catalog.structure("cube-v1"), member("cuboid-v1").structure
     catalog.add_structures([cuboid])

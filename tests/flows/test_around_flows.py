@@ -165,6 +165,7 @@ def test_the_short_way_says_at_once_that_no_server_answers(monkeypatch, capsys):
     assert "upplied serve" in " ".join(capsys.readouterr().err.split())
 
 
+@pytest.mark.slow
 def test_no_server_is_told_at_once_and_in_words(tmp_path):
     variables = environment(tmp_path, "") | {"PREFECT_SERVER_ALLOW_EPHEMERAL_MODE": "false"}
     del variables["PREFECT_API_URL"]

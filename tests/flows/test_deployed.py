@@ -21,9 +21,10 @@ from upplied.flows.server import Server, start, stop
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
 
-pytestmark = [pytest.mark.ci, pytest.mark.server, pytest.mark.filterwarnings("default")]
+pytestmark = [pytest.mark.server, pytest.mark.filterwarnings("default")]
 
 
+@pytest.mark.ci
 def test_an_automation_that_is_there_stays_with_what_it_has_heard(server, place):
     """In its place a new one would know nothing of the runs that died while nobody served."""
     done = python(
@@ -46,8 +47,9 @@ with get_client(sync_client=True) as client:
     assert int(changed[1]) == SILENCE_S
 
 
-def test_from_a_clone_to_a_scheduled_worker(server, place):
-    """The README's commands: pool, deployments, worker, a run on demand, and runs for the nights to come."""
+@pytest.fixture(scope="module")
+def serving(server, place) -> Iterator[None]:
+    """The README's commands: pools, deployments, and a worker."""
     open_catalog(place / "catalog").add_demonstrations([fly(member("cube-v1").structure, "sides")])
     for pool in ("local", "planners"):  # as `prefect work-pool create` does
         prefect_api.ask(server.api_url, "work_pools/", {"name": pool, "type": "process"}, server.password)
@@ -62,37 +64,41 @@ def test_from_a_clone_to_a_scheduled_worker(server, place):
         environment=server.environment | {ROOTS: str(place)},
         log=subprocess.DEVNULL,
     )
-    parameters = [f'catalog="{place}/catalog"', 'reports=""', 'presets=["baseline"]']
-    options = [word for parameter in parameters for word in ("--param", parameter)]
+    yield
+    stop(worker)
+
+
+def parameters(place) -> list[str]:
+    return [f'catalog="{place}/catalog"', 'reports=""', 'presets=["baseline"]']
+
+
+def fails(server, place, shared: float) -> None:
+    """A run that the short way starts, and says how it ended."""
+    hasty = 'resources={"timeout_s": 0.001, "workers": 1}'
+    changes = f'changes={{"viewpoints": {{"shared": {shared}}}}}'
+    failed = upplied(server, place, "fleet", "run", *parameters(place), hasty, changes)
+    assert failed.returncode == 1
+    assert "Failed: 0 ok, 0 refused, 2 failed" in failed.stdout, failed.stderr
+    assert "took longer than 0.001 s" in failed.stdout
+
+
+@pytest.mark.ci
+def test_from_a_clone_to_a_scheduled_worker(server, place, serving):
+    """A run on demand, one that fails and is told to whoever is named, and runs for the nights to come."""
+    options = [word for parameter in parameters(place) for word in ("--param", parameter)]
     with receiver() as (address, received):
-        try:
-            ran = prefect(server, "deployment", "run", "transfer-fleet/transfer-fleet", "--watch", *options)
-            assert ran.returncode == 0, ran.stdout + ran.stderr
-            # The short way says how it ended, and an alert reaches whoever is told, by either kind of block.
-            for number, url in enumerate((f"http://{address}/hook", f"json://{address}/apprise")):
-                assert "Failed, Crashed" in upplied(server, place, "fleet", "notify", url).stdout
-                hasty = 'resources={"timeout_s": 0.001, "workers": 1}'
-                shared = f'changes={{"viewpoints": {{"shared": 0.{number + 2}}}}}'
-                failed = upplied(server, place, "fleet", "run", *parameters, hasty, shared)
-                assert failed.returncode == 1
-                assert "Failed: 0 ok, 0 refused, 2 failed" in failed.stdout, failed.stderr
-                assert "took longer than 0.001 s" in failed.stdout
-                told = received.get(timeout=600)
-                assert "transfer-fleet: Failed" in told and "took longer than 0.001 s" in told
-            assert "no notices" in upplied(server, place, "fleet", "notify", "").stdout
-            again = upplied(server, place, "fleet", "run", *parameters, "retry_failed=true")
-            assert again.returncode == 0, again.stdout + again.stderr
-            assert "Completed: 0 ok" in again.stdout or "Completed: 2 ok" in again.stdout
-            outside = upplied(server, place, "fleet", "run", 'catalog="/srv/elsewhere"')
-            assert outside.returncode == 1 and "outside the roots" in outside.stdout
-        finally:
-            stop(worker)
-        # A message may come twice: Prefect sends it again where the answer took long.
-        while not received.empty():
-            assert "took longer than 0.001 s" in received.get(), "somebody was told of a run that went well"
-    plans = open_catalog(place / "catalog").transfers(preset="baseline")
-    assert set(plans["target_id"]) == {"box-random-1", "box-random-2"}
-    assert (plans["status"] == "ok").all()
+        notified = upplied(server, place, "fleet", "notify", f"http://{address}/hook")
+        assert "Failed, Crashed" in notified.stdout
+        ran = prefect(server, "deployment", "run", "transfer-fleet/transfer-fleet", "--watch", *options)
+        assert ran.returncode == 0, ran.stdout + ran.stderr
+        plans = open_catalog(place / "catalog").transfers(preset="baseline")
+        assert set(plans["target_id"]) == {"box-random-1", "box-random-2"}
+        assert (plans["status"] == "ok").all()
+        fails(server, place, 0.2)
+        told = received.get(timeout=600)
+        assert "transfer-fleet: Failed" in told, "somebody was told of a run that went well"
+        assert "took longer than 0.001 s" in told
+        assert "no notices" in upplied(server, place, "fleet", "notify", "").stdout
     assert scheduled(server) >= 1
 
     for wrong in ('presets=["best"]', "presets=best", "nonsense", 'nonsense=""'):
@@ -100,6 +106,27 @@ def test_from_a_clone_to_a_scheduled_worker(server, place):
         assert refused.returncode == 1
         assert wrong.partition("=")[0] in refused.stderr.replace("\n", " ")
         assert "Traceback" not in refused.stderr
+
+
+@pytest.mark.slow
+def test_a_run_that_fails_is_told_by_either_kind_of_block_and_planned_again(server, place, serving):
+    with receiver() as (address, received):
+        for number, url in enumerate((f"http://{address}/hook", f"json://{address}/apprise")):
+            assert "Failed, Crashed" in upplied(server, place, "fleet", "notify", url).stdout
+            fails(server, place, 0.3 + number / 10)
+            told = received.get(timeout=600)
+            assert "transfer-fleet: Failed" in told and "took longer than 0.001 s" in told
+        assert "no notices" in upplied(server, place, "fleet", "notify", "").stdout
+        again = upplied(server, place, "fleet", "run", *parameters(place), "retry_failed=true")
+        assert again.returncode == 0, again.stdout + again.stderr
+        assert "Completed: 0 ok" in again.stdout or "Completed: 2 ok" in again.stdout
+        outside = upplied(server, place, "fleet", "run", 'catalog="/srv/elsewhere"')
+        assert outside.returncode == 1 and "outside the roots" in outside.stdout
+        # A message may come twice: Prefect sends it again where the answer took long.
+        while not received.empty():
+            assert "took longer than 0.001 s" in received.get(), "somebody was told of a run that went well"
+    plans = open_catalog(place / "catalog").transfers(preset="baseline")
+    assert (plans["status"] == "ok").all()
 
 
 @contextmanager

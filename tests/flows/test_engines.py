@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 from clusters import (
+    PRESETS,
     boxes,
     dask_cluster,
     kept,
@@ -17,6 +19,7 @@ from clusters import (
 )
 from processes import cut_the_power
 
+from upplied import fleet
 from upplied.catalog import Catalog, verify
 from upplied.fleet import planner
 
@@ -27,7 +30,7 @@ ALL_PLANNED = "6 ok, 0 refused, 0 failed, 0 unchanged"
 pytestmark = [pytest.mark.slow, pytest.mark.server, pytest.mark.filterwarnings("default")]
 
 
-def planned(catalog: Catalog, engine: str, environment: dict[str, str], address: str = "") -> list[dict]:
+def planned(catalog: Catalog, engine: str, environment: dict[str, str], address: str) -> list[dict]:
     text = message(start_run(catalog, engine, address, environment))
     assert ALL_PLANNED in text, text
     # Dask loses its own as it closes.
@@ -37,14 +40,17 @@ def planned(catalog: Catalog, engine: str, environment: dict[str, str], address:
     assert rows["run_id"].nunique() == 1
     where = [place.split("/", 2)[2] for place in rows["planned_on"]]
     assert {place.split(":")[0] for place in where} == {engine}, where
-    assert engine == "local" or all(place.partition(":")[2] for place in where), "no worker is named"
+    assert all(place.partition(":")[2] for place in where), "no worker is named"
     return kept(catalog)
 
 
 @pytest.fixture(scope="module")
-def here(server, tmp_path_factory) -> list[dict]:
+def here(tmp_path_factory) -> list[dict]:
     """What this machine plans of the boxes."""
-    return planned(boxes(tmp_path_factory.mktemp("here")), "local", server.environment)
+    catalog = boxes(tmp_path_factory.mktemp("here"))
+    jobs = fleet.decide(catalog, fleet.PlanRequest(PRESETS)).jobs
+    fleet.transfer(catalog, jobs, "here", fleet.Resources(2))
+    return kept(catalog)
 
 
 @pytest.fixture(scope="module")
@@ -62,11 +68,11 @@ def running(tmp_path_factory) -> Iterator[str]:
         yield cluster.scheduler_address
 
 
-@pytest.mark.ci
-def test_a_worker_of_dask_that_is_killed_is_named_and_another_does_its_work(server, here, tmp_path):
+@pytest.mark.parametrize("whose", ["a running cluster", pytest.param("its own", marks=pytest.mark.ci)])
+def test_a_worker_of_dask_that_is_killed_is_named_and_another_does_its_work(server, here, tmp_path, whose):
     pytest.importorskip("prefect_dask")
     there = boxes(tmp_path / "there")
-    with dask_cluster(tmp_path) as (address, _):
+    with nullcontext(("", [])) if whose == "its own" else dask_cluster(tmp_path) as (address, _):
         night = start_run(there, "dask", address, server.environment)
         lost = stopped_at_work(there, night)
         cut_the_power(int(lost.worker.split("/")[1]))
@@ -95,7 +101,7 @@ def test_where_the_scheduler_of_dask_is_killed_the_run_plans_the_rest_itself(ser
     assert verify(catalog) == []
 
 
-@pytest.mark.parametrize("whose", ["a running cluster", pytest.param("its own", marks=pytest.mark.ci)])
+@pytest.mark.parametrize("whose", ["a running cluster", "its own"])
 def test_dask_gives_the_same_bytes(server, here, running, tmp_path, whose):
     address = "" if whose == "its own" else running
     assert planned(boxes(tmp_path / "there"), "dask", server.environment, address) == here

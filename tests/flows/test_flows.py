@@ -42,6 +42,7 @@ print(transfer_fleet(presets=["paper"], reports="", campaigns=["gone"], return_s
     ]
     assert (place / "reports" / "transfers.parquet").is_dir()
     assert (place / "reports" / "index.html").is_file()
+    assert set(open_catalog(place / "catalog").transfers()["planned_on"].str[-6:]) == {"/local"}
 
 
 CAMPAIGN = """
@@ -269,7 +270,7 @@ say(transfer_fleet("not-yet", manifest="wrong.toml", return_state=True))
     assert "2 ok" in told[4][1], "what could be planned was not"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_runs_keep_to_the_declared_roots(server, place, tmp_path):
     code = f"""
 import os

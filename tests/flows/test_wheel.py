@@ -58,7 +58,6 @@ def told(installed: Path) -> dict[str, str]:
     return kept | {"PYTHONPATH": str(installed)}
 
 
-@pytest.mark.ci
 def test_a_fleet_is_served_from_an_empty_folder(installed, tmp_path):
     assert "0.2" in upplied(installed, tmp_path, "--version").stdout
     log = tmp_path.with_name("serve.log")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import slow_after
 from random_members import random_member
 from scipy.spatial.transform import Rotation
 
@@ -150,6 +151,7 @@ def test_the_roughness_is_continuous_in_the_noise() -> None:
     assert errors[-1] > 10  # of what was moved by 1 cm, a centimetre
 
 
+@pytest.mark.ci
 def test_what_is_declared_decides_and_nothing_else() -> None:
     body, shell = solid("box"), scanned(solid("box"))
     for mesh in (body, shell):
@@ -160,7 +162,8 @@ def test_what_is_declared_decides_and_nothing_else() -> None:
     assert replace(body, triangles=np.empty((0, 3), np.int64)).is_scan
 
 
-@pytest.mark.parametrize("name", ["cylinder", "ball", "box", "torus"])
+@pytest.mark.ci
+@pytest.mark.parametrize("name", slow_after(1, ["cylinder", "ball", "box", "torus"]))
 def test_what_looks_like_a_scan_is_warned_of_until_it_is_declared(name: str) -> None:
     shell = replace(scanned(solid(name), noise_m=0.05), surface=None)
     assert len(solid(name).triangles) > 1000 and not shell.is_scan
@@ -172,7 +175,7 @@ def test_what_looks_like_a_scan_is_warned_of_until_it_is_declared(name: str) -> 
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.03])
-@pytest.mark.parametrize("depth", [6, 7, pytest.param(8, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("depth", [6, 7, pytest.param(8, marks=pytest.mark.slow)])
 def test_the_surface_is_no_nearer_than_its_reconstruction_promises(depth: int, noise_m: float) -> None:
     true = Scene(wedge().vertices, wedge().triangles, 1)
     found = scene_of(scanned(wedge(), 30_000, depth, noise_m), 1)
@@ -228,6 +231,7 @@ def test_how_triangles_are_wound_and_what_is_declared_of_what_is_thin(mast_cut_o
     np.testing.assert_allclose(stated.distance(places), np.maximum(stated.apart(places) - 0.1, 0))
 
 
+@pytest.mark.ci
 def test_a_coarser_reconstruction_knows_less_and_units_and_place_do_not_matter() -> None:
     fine, coarse = scanned(wedge(), depth=8), scanned(wedge(), depth=6)
     assert error_of(coarse) > 1.5 * error_of(fine) > 0

@@ -47,6 +47,7 @@ def test_an_entry_is_reported_as_it_would_be_ingested(tmp_path: Path) -> None:
     assert "mm (manifest)" in report.text and not report.warnings and not report.problems
 
 
+@pytest.mark.ci
 def test_the_report_says_how_far_the_surface_is_known(tmp_path: Path) -> None:
     path = tmp_path / "part.obj"
     path.write_bytes(mesh_files.write(*mesh_files.shape(), "obj"))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cases import slow_after
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_logs import ROS2, flight, message
@@ -74,6 +75,7 @@ def conversations(draw: st.DrawFn) -> tuple[str, list[dict[str, Any]]]:
     return text, messages
 
 
+@pytest.mark.ci
 @settings(max_examples=150, deadline=None)
 @given(conversations())
 def test_columns_equal_the_stock_decoder(conversation: tuple[str, list[dict[str, Any]]]) -> None:
@@ -116,8 +118,10 @@ def compare(
     return same
 
 
-@pytest.mark.parametrize("schema", sorted(name for name in ROS2 if "geometry_msgs" in name or "nav" in name))
 @pytest.mark.parametrize("end", ["little", "big"])
+@pytest.mark.parametrize(
+    "schema", slow_after(2, sorted(name for name in ROS2 if "geometry_msgs" in name or "nav" in name)[::-1])
+)
 def test_the_families_equal_the_stock_decoder(schema: str, end: str) -> None:
     """Also with frames of changing length, and in both orders of bytes."""
     flown = flight(60)

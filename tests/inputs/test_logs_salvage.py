@@ -206,6 +206,7 @@ def bomb(chunk_bytes: int, count: int, told: int | None = None, content: bool = 
     return MAGIC + header + (b"\x06" + struct.pack("<Q", len(body)) + body) * count
 
 
+@pytest.mark.ci
 def test_a_bomb_does_not_go_off(tmp_path: Path) -> None:
     """100 kB in which each chunk unpacks to 200 MB, or lies about it, in a process of 1.5 GB."""
     paths = []
@@ -265,6 +266,7 @@ WOUNDS = st.lists(
 )
 
 
+@pytest.mark.ci
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(WOUNDS)
 def test_any_damage_is_a_record_or_a_refusal(tmp_path: Path, sound_path: Path, wounds: list[tuple]) -> None:

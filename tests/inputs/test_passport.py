@@ -257,6 +257,7 @@ def test_a_long_gap_is_flown_as_a_transit(tmp_path: Path) -> None:
     assert "joined by transits" in found.notes
 
 
+@pytest.mark.ci
 def test_hovering_is_cut_to_the_cap_that_is_said(tmp_path: Path) -> None:
     log = made(*flights("box", 0), np.random.default_rng(4))
     wrong = FAULTS["hovering"](log, np.random.default_rng(6))
@@ -330,6 +331,7 @@ def test_mirrored_poses_turn_against_the_gyroscope(tmp_path: Path, mirrored: boo
     assert ("turns-otherwise" in {item["rule"] for item in passport["findings"]}) == mirrored
 
 
+@pytest.mark.ci
 def test_one_of_two_publishers_may_be_named(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     log = replace(made(*flights("box", 0), rng), schema="nav_msgs/msg/Odometry", hfov_deg=None)
@@ -387,6 +389,7 @@ def test_the_convention_that_fits_clearly_better_is_named_before_the_steadier_on
     assert ("stand-off: " in str(error.value)) is (rule == "stand-off")
 
 
+@pytest.mark.ci
 def test_a_right_log_is_taken(tmp_path: Path) -> None:
     for number in range(6):
         assert taken(right(number), tmp_path / "a.mcap").passport["verdict"] in ("good", "warned")

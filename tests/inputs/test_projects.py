@@ -77,6 +77,7 @@ def colmap(folder: Path, turn: Rotation = LEVEL, scale: float = 1.0) -> Path:
     return folder
 
 
+@pytest.mark.ci
 def test_a_project_is_a_structure_and_a_flight(tmp_path: Path) -> None:
     project = colmap(tmp_path / "water tower", Y_DOWN, 0.25)
     catalog = open_catalog(tmp_path / "catalog")

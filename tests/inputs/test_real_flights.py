@@ -93,7 +93,7 @@ def place_of(source: Source) -> dict[str, float | str]:
     return {}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_every_real_file_is_taken_right_or_refused_with_the_true_reason(own: Path) -> None:
     seen = {}
     for found in door.survey([own]):

@@ -165,6 +165,7 @@ def test_thousands_of_rows_are_drawn_a_screen_at_a_time(visit, tmp_path):
     assert spent < 1000 and page.locator(".count").inner_text().startswith("11 of 20000")
 
 
+@pytest.mark.ci
 def test_a_transfer_draws_in_colours_and_follows_the_slider(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
     drawn(page)
@@ -208,6 +209,7 @@ def test_a_figure_that_rounds_to_zero_has_no_sign(visit, reports):
     assert shown == ["0", "0.0", "-0.1", "-12"]
 
 
+@pytest.mark.slow
 def test_the_camera_preview_has_the_frame_of_the_picture_and_no_frusta(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
     drawn(page)
@@ -261,7 +263,7 @@ def test_a_transfer_flies_seen_through_the_camera(visit, reports):
     page.click("#play")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_planned_and_flown_are_drawn_together(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--cuboid-0.html").as_uri())
     drawn(page)
@@ -283,6 +285,7 @@ def test_a_refusal_is_explained_and_stays_text(visit, reports):
     assert page.locator("main img").count() == 0 and page.title() == "orbit-1 → odd"
 
 
+@pytest.mark.slow
 def test_the_mailed_file_shows_fleet_and_transfer(visit, reports):
     page = visit((reports / "mail.html").as_uri())
     page.click(".target a")
@@ -301,6 +304,7 @@ def test_a_phone_needs_no_sideways_scrolling(visit, reports, name):
     assert wide[0] <= wide[1]
 
 
+@pytest.mark.slow
 def test_the_verdict_stands_in_the_first_screen_and_warnings_on_the_fleet_page(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
     drawn(page)
@@ -314,6 +318,7 @@ def test_the_verdict_stands_in_the_first_screen_and_warnings_on_the_fleet_page(v
     assert "Mind the mast." in fleet.locator(".warned").get_attribute("aria-label")
 
 
+@pytest.mark.slow
 def test_keys_turn_the_view_and_home_brings_it_back(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
     drawn(page)
@@ -329,6 +334,7 @@ def test_keys_turn_the_view_and_home_brings_it_back(visit, reports):
     assert "arrow keys" in pane.get_attribute("aria-label").lower()
 
 
+@pytest.mark.slow
 def test_print_shows_what_the_views_show(visit, reports):
     page = visit((reports / "transfers" / "orbit-1--cuboid-1.html").as_uri())
     drawn(page)
@@ -341,6 +347,7 @@ def test_print_shows_what_the_views_show(visit, reports):
     assert not page.locator(".flight").is_visible()
 
 
+@pytest.mark.ci
 def test_without_webgl_the_picture_and_the_figures_remain(visit, reports, browser):
     context = browser.new_context()
     context.add_init_script(
@@ -380,7 +387,7 @@ def test_the_path_can_be_taken_along(visit, reports, tmp_path):
     assert "upplied export t0003" in page.locator(".downloads").text_content()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_findings_are_bright_where_they_are_on_the_structure(visit, tmp_path):
     catalog = FakeCatalog(targets=1)
     low, high = (getattr(catalog.structure("cuboid-0").vertices, end)(axis=0) for end in ("min", "max"))

@@ -200,6 +200,7 @@ def test_saving_leaves_one_file(tmp_path):
     assert [item.name for item in goal.parent.iterdir()] == ["cube.png"]
 
 
+@pytest.mark.ci
 def test_a_real_structure_is_drawn_by_arrays_and_not_triangle_by_triangle(real_data):
     import trimesh
 

@@ -47,6 +47,7 @@ def passing_near(distance_m, height_m=5.0):
     return Trajectory(np.arange(40) * 0.8, positions, look_at(positions, positions + np.array([0, 10.0, 0])))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("format", [*FILES, "mcap"])
 def test_no_format_lets_a_path_out_that_comes_too_near(tmp_path, format):
     options = MissionOptions(drone="m30")
@@ -162,6 +163,7 @@ def test_speed_acceleration_height_time_and_coverage_have_their_rules():
     assert "at [1.0, 2.0, 3.0] m" in str(Breach("ground", "z", "low", (1.0, 2.0, 3.0)))
 
 
+@pytest.mark.ci
 def test_a_keep_out_box_between_waypoints_that_were_left_out_is_seen(tmp_path):
     """A coarse tolerance cuts the corner through a box that the plan goes round."""
     corner = np.array([[-20.0, -8, 5], [-10, -8, 5], [-10, -14, 5], [10, -14, 5], [10, -8, 5], [20, -8, 5]])
@@ -181,7 +183,7 @@ def test_a_keep_out_box_between_waypoints_that_were_left_out_is_seen(tmp_path):
 
 
 @pytest.mark.ci
-@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     format=st.sampled_from(FILES),
     drone=st.sampled_from(sorted(DRONES)),
@@ -225,6 +227,7 @@ def test_no_mission_is_below_its_own_rules(
             assert not ((flown > keep_out[0] + 0.03) & (flown < keep_out[1] - 0.03)).all(axis=1).any()
 
 
+@pytest.mark.ci
 def test_what_is_read_back_is_what_was_written(tmp_path):
     for format in FILES:
         options = MissionOptions(drone="m4t")

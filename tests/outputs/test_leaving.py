@@ -9,6 +9,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from cases import slow_after
 from fake_catalog import FakeCatalog
 
 from upplied import fleet
@@ -56,9 +57,9 @@ def catalogs(tmp_path_factory) -> dict[str, Catalog]:
     return {name: open_catalog(catalog.location) for name, catalog in made.items()}
 
 
-# One gate asks every rule of every format: all rules of one, one rule of all, and all of all for CI.
+# One gate asks every rule of every format: all rules of one, one of all; all of all before a release.
 RULES = [("released", format) for format in FORMATS] + [
-    pytest.param(rule, format, marks=() if format == "qgc-plan" else pytest.mark.ci)
+    pytest.param(rule, format, marks=() if format == "qgc-plan" else pytest.mark.slow)
     for rule in ("altered", "foreign")
     for format in FORMATS
 ]
@@ -77,7 +78,7 @@ def test_it_leaves_in_no_format_unless_as_a_draft(catalogs, tmp_path, rule, form
     assert any(note.startswith("DRAFT, NOT RELEASED:") for note in written.notes)
 
 
-@pytest.mark.parametrize("format", FORMATS)
+@pytest.mark.parametrize("format", slow_after(2, FORMATS))
 def test_what_is_in_force_leaves_and_says_by_which_decision(catalogs, tmp_path, format):
     goal = tmp_path / f"plan{FORMATS[format]}"
     written = export_transfer(catalogs["sound"], PLAN[:20], format, goal, MissionOptions(drone="m30t"))

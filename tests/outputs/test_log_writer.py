@@ -132,7 +132,7 @@ def test_an_unknown_encoding_is_named(tmp_path: Path, flight: Demonstration) -> 
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_sample_fleet_reads_back(fleet: Path) -> None:
     entries = read_manifest(fleet / "structures.toml")
     samples = {structure.structure_id: structure for structure in sample_structures()}

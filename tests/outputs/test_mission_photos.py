@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import slow_after
 from made_missions import made_plan, placed_box, rounds
 
 from upplied.cameras import known_camera
@@ -87,6 +88,7 @@ def test_turns_on_the_spot_give_the_camera_its_time_too(tmp_path):
         assert mission.photo.sum() >= 4 and np.diff(reading.photo_s).min() >= 3.0 - 1e-3, name
 
 
+@pytest.mark.ci
 def test_a_camera_that_takes_longer_gets_fewer_photos_and_the_flight_waits_only_for_what_is_seen():
     plan = made_plan(rounds(speed=4.0))
     quick, slow = (
@@ -112,6 +114,7 @@ def seen_of_box(poses, camera, points, normals):
     return seen
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("trigger_s", [2.0, 9.0])
 def test_thinned_photos_show_all_that_the_plan_shows_and_say_so(trigger_s):
     rng = np.random.default_rng(2)
@@ -144,7 +147,8 @@ def test_thinned_photos_show_all_that_the_plan_shows_and_say_so(trigger_s):
         missions_of(plan, placed_box(), replace(by_distance, least_seen_pct=95.0), camera=camera)
 
 
-@pytest.mark.parametrize("along", [60, 80, 90])
+@pytest.mark.ci
+@pytest.mark.parametrize("along", slow_after(1, [60, 80, 90]))
 def test_overlap_asked_is_overlap_measured(along):
     """By other rays than those that chose the places."""
     plan, structure = made_plan(rounds(count=600)), placed_box()
@@ -207,6 +211,7 @@ def test_overlap_is_as_exact_where_a_picture_shows_little(share: float) -> None:
     assert frames.overlap(0, 1) == pytest.approx(share, abs=0.02)
 
 
+@pytest.mark.ci
 def test_overlap_across_is_measured_and_refused_where_passes_lie_too_far_apart():
     """Two passes along a wall, 4 m apart, seen from 6 m with a picture of 6.9 x 5 m."""
     x = np.linspace(-4, 4, 60)

@@ -132,6 +132,7 @@ def test_what_cannot_be_placed_is_refused():
         missions_of(made_plan(), replace(placed_box(), structure_id="other"), MissionOptions())
 
 
+@pytest.mark.ci
 def test_what_stands_in_the_way_is_gone_round_or_refused():
     lid = placed_box(ceiling_z_m=11.0)
     assert missions_of(made_plan(), lid, MissionOptions())[0].local[:, 2].max() <= 11.0

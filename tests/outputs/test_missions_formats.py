@@ -218,6 +218,7 @@ def test_dji_files_have_every_element_the_tables_require(tmp_path):
     assert folder.find(f"{WPML}executeHeightMode").text == "relativeToStartPoint"
 
 
+@pytest.mark.ci
 def test_dji_asks_which_drone_flies(tmp_path):
     for options in (MissionOptions(), MissionOptions(drone="m350"), MissionOptions(drone="paper plane")):
         with pytest.raises(SettingsError, match=r"option (drone|payload)"):

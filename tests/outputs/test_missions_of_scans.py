@@ -52,13 +52,18 @@ def side(until: float) -> Trajectory:
     return Trajectory(2 * (x - x[0]) / 2, at, from_yaw_pitch(np.full(len(x), -np.pi / 2), 0 * x))
 
 
+MORE_HOMES = ((12.0, -6.0, 0.0), (5.5, -12.0, 0.0))
+
+
 def plan_for(path: Trajectory, supposed: SupposedSurface | None) -> Plan:
     flags = np.arange(len(path)) % 4 == 0
     result = {"status": "ok", "trajectory": path, "is_viewpoint": flags, "flyable": True}
     return Plan("demo", "body", "body", "tank", "recommended", **result, supposed=supposed)
 
 
-@pytest.mark.parametrize("home", [(7.5, -9.0, 0.0), (12.0, -6.0, 0.0), (5.5, -12.0, 0.0)])
+@pytest.mark.parametrize(
+    "home", [(7.5, -9.0, 0.0), *(pytest.param(home, marks=pytest.mark.slow) for home in MORE_HOMES)]
+)
 def test_the_ways_keep_their_clearance_from_the_end_that_was_not_scanned(home) -> None:
     whole, scan, supposed = lost_end()
     options = MissionOptions(home_m=home)

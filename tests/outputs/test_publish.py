@@ -117,6 +117,7 @@ def test_what_a_page_draws_is_what_the_catalog_holds(folder, catalog):
     assert plan["measures"]["frechet_z"] is None and plan["measures"]["coverage_paper_pct"] == 94.0
 
 
+@pytest.mark.ci
 def test_a_flight_in_simulation_stands_beside_its_plan_until_another_takes_its_place(tmp_path):
     catalog = FakeCatalog(targets=1)
     publish_pages(catalog, tmp_path, pictures=0)
@@ -144,6 +145,7 @@ def test_no_text_of_a_log_becomes_markup(folder):
     assert page(folder / "transfers" / "orbit-1--odd.html").data["transfer"]["demonstration"]["notes"] == EVIL
 
 
+@pytest.mark.ci
 @pytest.mark.anew
 def test_publishing_again_writes_nothing_and_equal_catalogs_give_equal_bytes(folder, catalog, tmp_path):
     again = publish_pages(catalog, folder, pictures=1)
@@ -152,6 +154,7 @@ def test_publishing_again_writes_nothing_and_equal_catalogs_give_equal_bytes(fol
     assert contents(tmp_path) == contents(folder)
 
 
+@pytest.mark.ci
 def test_only_what_changed_is_written_and_what_is_gone_is_removed(tmp_path):
     catalog = FakeCatalog(targets=2)
     publish_pages(catalog, tmp_path, pictures=0)
@@ -224,6 +227,7 @@ def stored(tmp_path_factory) -> Catalog:
     return catalog
 
 
+@pytest.mark.ci
 def test_a_catalog_becomes_tables_that_pandas_reads_and_pages(stored, tmp_path):
     done = publish(stored, tmp_path, pictures=0)
     assert not done.problems and done.index == tmp_path / "index.html"
@@ -289,6 +293,7 @@ def test_a_fleet_beyond_what_a_browser_lists_says_so(catalog, tmp_path):
         publish_file(FakeCatalog(targets=60), tmp_path / "many.html")
 
 
+@pytest.mark.slow
 def test_pictures_and_missions_by_id(stored, tmp_path):
     row = stored.transfers(preset="recommended", status="ok").iloc[0]
     for png in (
@@ -331,6 +336,7 @@ def test_no_two_pairs_share_a_page():
     assert pair_name("cube-sides-v1", "cuboid-v1") == "cube-sides-v1--cuboid-v1"
 
 
+@pytest.mark.ci
 def test_a_plan_that_breaks_a_rule_of_the_gate_says_so_on_its_page_and_in_the_result(tmp_path):
     """Whatever its row says: its steps are judged again when its page is made."""
     catalog = FakeCatalog(targets=1)
@@ -346,6 +352,7 @@ def test_a_plan_that_breaks_a_rule_of_the_gate_says_so_on_its_page_and_in_the_re
     assert plan["status"] == "not flyable" and not plan["verdict"]["flyable"]
 
 
+@pytest.mark.ci
 def test_what_was_overruled_for_a_plan_stands_on_its_page(tmp_path):
     catalog = FakeCatalog(targets=1)
     (name,) = [row["transfer_id"] for row in catalog.rows if row["preset"] == "baseline"]
@@ -362,6 +369,7 @@ def test_what_was_overruled_for_a_plan_stands_on_its_page(tmp_path):
     assert f"transfers/{pair_name('orbit-1', 'cuboid-0')}.html" in written  # it says what it no longer should
 
 
+@pytest.mark.ci
 def test_a_released_plan_has_its_missions_beside_its_page_or_the_reason(tmp_path):
     catalog = FakeCatalog(targets=1)
     here = Placement(47.0, 8.0, 400.0, 0.0, "ellipsoid")
@@ -398,7 +406,8 @@ def test_a_mission_of_several_sorties_is_not_given_out_as_its_first(monkeypatch)
     assert publishing._mission(FakeCatalog(targets=1), "t0000", "qgc-plan") == b"1"
 
 
-@pytest.mark.parametrize("before", [1, *(pytest.param(at, marks=pytest.mark.ci) for at in (0, 3))])
+@pytest.mark.ci
+@pytest.mark.parametrize("before", [1, *(pytest.param(at, marks=pytest.mark.slow) for at in (0, 3))])
 def test_a_disk_that_fills_up_among_the_pages_is_said_and_each_file_is_whole(tmp_path, before):
     catalog = open_catalog(tmp_path / "catalog")
     catalog.add_structures([structure("boxy"), structure("target", 1)])

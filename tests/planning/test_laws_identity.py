@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from cases import slow_after
 from moved_scenes import ANY
 from planning_ruler import clearance
 
@@ -17,8 +18,9 @@ from upplied.records import Camera, Demonstration, Floats, Plan, Structure, Traj
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
 
-FAST = [("cube-v1", "sides", 0), pytest.param("a320-v1", "engine_left", 1, marks=pytest.mark.ci)]
-SLOW = [
+FAST = ("cube-v1", "sides", 0)
+LONG = [
+    ("a320-v1", "engine_left", 1),
     ("a320-v1", "fuselage", 0),
     ("a320-v1", "wings", 0),
     ("turbine-1-v1", "tower", 0),
@@ -27,7 +29,10 @@ SLOW = [
     ("cube-v1", "sides", 5),
     ("yacht-1-v1", "hull", 3),
 ]
-FLIGHTS = [*FAST, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)]
+FLIGHTS = [
+    pytest.param(*FAST, marks=pytest.mark.ci),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in LONG),
+]
 
 
 @cache
@@ -134,8 +139,9 @@ def close_up(depth_m: float, hover_s: float, second_look: bool, noise_m: float =
     return Demonstration("close-up", "hall", times, path, look_at(path, np.add(path, [0, 10, 0])), Camera())
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
-    ("depth", "hover", "second"), [(5.0, 6.0, False), (2.0, 8.0, True), (8.0, 4.0, True)]
+    ("depth", "hover", "second"), slow_after(1, [(5.0, 6.0, False), (2.0, 8.0, True), (8.0, 4.0, True)])
 )
 def test_close_ups_hovers_and_second_passes_are_kept(depth: float, hover: float, second: bool) -> None:
     demonstration, of = close_up(depth, hover, second), hall()
@@ -155,7 +161,7 @@ def test_close_ups_hovers_and_second_passes_are_kept(depth: float, hover: float,
     assert length[0] == pytest.approx(80 + 2 * depth + (30 if second else 0), rel=0.02)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_long_flight_in_close_rows_is_followed_as_well_as_a_short_one() -> None:
     of = hall()
     low, high = of.vertices.min(axis=0), of.vertices.max(axis=0)
@@ -199,14 +205,11 @@ PAIRS = [
     ("bridge-1-v1", "piers", "bridge-2-v1"),
 ]
 RATES, NOISE = ("twice the rate", "half the rate"), "5 cm of noise"
-DOUBLED = [
-    (*PLAIN, NOISE),
-    *(pytest.param(*PLAIN, how, marks=pytest.mark.ci) for how in RATES),
-    *(pytest.param(*pair, how, marks=pytest.mark.slow) for pair in PAIRS for how in (*RATES, NOISE)),
-]
+DOUBLED = [(*pair, how) for pair in (PLAIN, *PAIRS) for how in (NOISE, *RATES)]
 
 
-@pytest.mark.parametrize(("source", "inspection", "target", "how"), DOUBLED)
+@pytest.mark.ci
+@pytest.mark.parametrize(("source", "inspection", "target", "how"), slow_after(1, DOUBLED))
 def test_doubling(source: str, inspection: str, target: str, how: str) -> None:
     """A flight logged at another rate, or with noise, gives the same plan."""
     plain = flown(source, inspection, 0)

@@ -33,7 +33,7 @@ def assert_keeps_its_limits(number: int) -> bool:
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("first", [0, 6])
+@pytest.mark.parametrize("first", [0, pytest.param(6, marks=pytest.mark.slow)])
 def test_no_plan_breaks_its_own_limits(first: int) -> None:
     accepted = sum(assert_keeps_its_limits(number) for number in range(first, first + 6))
     assert accepted >= 3  # a planner that refuses everything breaks nothing either
@@ -46,6 +46,7 @@ def test_no_plan_breaks_its_own_limits_on_200_structures(first: int) -> None:
     assert accepted >= 4
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("preset", ["paper", "baseline"])
 @pytest.mark.parametrize("number", [0, 3, 5])
 def test_presets_that_enforce_nothing_tell_how_near_they_come(preset: str, number: int) -> None:

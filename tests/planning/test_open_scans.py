@@ -35,7 +35,7 @@ def ring(near: float) -> Demonstration:
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("first", [-1.0, 1.0])
+@pytest.mark.parametrize("first", [-1.0, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_what_was_never_scanned_is_said_not_shown_and_kept_clear_of(first: float) -> None:
     whole, scan = larger(body()), larger(cut(body(), first, first + 4))
     settings = settings_for("recommended", verdict={"enforce": False})

@@ -34,6 +34,7 @@ def same_plan(a, b, atol):
     assert angle_between(a.trajectory.quat_xyzw, b.trajectory.quat_xyzw).max() < max(atol, 1e-6)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("preset", ["paper", "recommended", "baseline"])
 def test_on_the_demonstrated_structure_itself_everything_is_seen_again(fleet, around_cube, preset):
     cube = fleet["cube-v1"]
@@ -62,6 +63,7 @@ def test_paper_gives_the_demonstrated_viewpoints_back_on_the_same_structure(flee
     assert angle_between(plan.trajectory.quat_xyzw, found.quat_xyzw).max() < 1e-6
 
 
+@pytest.mark.ci
 def test_stand_off_is_kept_where_geometry_says_so(fleet, around_cube):
     """On a cube of twice the size the box ratio doubles every distance: kept if scaled, lost if in metres."""
     cube = fleet["cube-v1"]
@@ -74,7 +76,8 @@ def test_stand_off_is_kept_where_geometry_says_so(fleet, around_cube):
     assert 0 < found.measures.standoff_kept_pct < 100  # before two faces as demonstrated, farther from two
 
 
-@pytest.mark.parametrize("preset", ["paper", "recommended", "baseline"])
+@pytest.mark.ci
+@pytest.mark.parametrize("preset", ["paper", pytest.param("recommended", marks=pytest.mark.slow), "baseline"])
 def test_shifting_both_structures_shifts_the_plan(fleet, around_cube, preset):
     cube, cuboid = fleet["cube-v1"], fleet["cuboid-v1"]
     shift_d, shift_t, turn = np.array([64.0, -32.0, 8.0]), np.array([-16.0, 48.0, 4.0]), np.eye(3)
@@ -97,6 +100,7 @@ def without_ground(structure):
     return replace(structure, surroundings=type(structure.surroundings)())
 
 
+@pytest.mark.ci
 @pytest.mark.anew
 def test_the_same_inputs_give_the_same_bytes(fleet, around_cube):
     first = plan_transfer(around_cube, fleet["cube-v1"], fleet["cuboid-v1"], settings_for("recommended"))
@@ -107,6 +111,7 @@ def test_the_same_inputs_give_the_same_bytes(fleet, around_cube):
     assert first.measures == again.measures or repr(first.measures) == repr(again.measures)
 
 
+@pytest.mark.slow
 def test_remembered_results_give_the_same_plan(fleet, around_cube):
     store = {}
 
@@ -125,6 +130,7 @@ def test_remembered_results_give_the_same_plan(fleet, around_cube):
     same_plan(cold, warm, atol=0)
 
 
+@pytest.mark.ci
 def test_another_kind_is_refused_with_a_reason(fleet, around_cube):
     plan = plan_transfer(around_cube, fleet["cube-v1"], fleet["turbine-1-v1"], settings_for("recommended"))
     assert plan.status == "refused" and plan.trajectory is None
@@ -144,6 +150,7 @@ def test_the_key_depends_on_all_that_goes_in(fleet, around_cube):
     assert len(keys) == 6
 
 
+@pytest.mark.ci
 def test_the_camera_keeps_within_its_gimbal(fleet, around_cube):
     limits = {"min_gimbal_pitch_deg": -20.0, "max_gimbal_pitch_deg": 5.0}
     settings = settings_for("recommended", retime=limits)
@@ -158,6 +165,7 @@ def test_settings_that_do_not_go_together_say_so(fleet, around_cube):
         plan_transfer(around_cube, fleet["cube-v1"], fleet["cuboid-v1"], settings)
 
 
+@pytest.mark.ci
 def test_a_roof_seen_from_straight_above_is_seen_with_the_same_heading(fleet):
     cube, cuboid = fleet["cube-v1"], fleet["cuboid-v1"]
     low, high = cube.vertices.min(axis=0), cube.vertices.max(axis=0)
@@ -188,6 +196,7 @@ def test_a_flight_that_looks_away_is_refused_with_the_reason(fleet, around_cube,
     assert "shows nothing of cube-v1" in plan.reason
 
 
+@pytest.mark.ci
 def test_a_camera_that_looked_higher_than_the_gimbal_may_is_told(fleet, around_cube):
     settings = settings_for("recommended")
     cube, cuboid = fleet["cube-v1"], fleet["cuboid-v1"]
@@ -198,7 +207,7 @@ def test_a_camera_that_looked_higher_than_the_gimbal_may_is_told(fleet, around_c
     assert not any("gimbal" in warning for warning in untold)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_stand_off_in_metres_is_kept_round_a_structure_twice_as_large(fleet):
     settings = settings_for("recommended")
     kept = replace(settings, transfer=replace(settings.transfer, standoff="kept"))
@@ -215,6 +224,7 @@ def test_a_stand_off_in_metres_is_kept_round_a_structure_twice_as_large(fleet):
     )
 
 
+@pytest.mark.ci
 def test_what_comes_too_near_is_said_though_the_surfaces_do_not_correspond(fleet, around_cube):
     """A baseline flight carried to another kind: no correspondence is measured, the distance is."""
     asked = settings_for("baseline", route={"clearance_m": 10.0})

@@ -19,6 +19,7 @@ CUBE, CUBOID = member("cube-v1").structure, member("cuboid-v1").structure
 FLIGHT = fly(CUBE, "sides", seed=3)
 
 
+@pytest.mark.slow
 def test_what_is_shared_is_what_planning_finds_out(monkeypatch):
     """The hash that a record says does not count: a changed copy that keeps it is planned as what it is."""
     higher = replace(CUBOID, vertices=CUBOID.vertices * [1.0, 1.0, 1.1])

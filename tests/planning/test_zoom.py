@@ -82,6 +82,7 @@ def test_a_plan_zooms_as_the_flight_did(planned) -> None:
     assert 0.2 < np.mean(demonstrated > 60) < 0.85
 
 
+@pytest.mark.slow
 def test_a_wide_look_does_not_stand_in_for_a_narrow_one_from_as_near() -> None:
     """What was resolved by a narrow camera is not resolved as well by a wide one from the same place."""
     source, flown = flights("box", 0)
@@ -140,7 +141,7 @@ def test_each_format_that_can_say_a_zoom_says_it_and_the_others_refuse(planned, 
     assert any(note.startswith("OVERRULED zoom") for note in notes)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_plan_that_does_not_zoom_is_told_nothing_of_it(tmp_path: Path) -> None:
     source, flown = flights("box", 0)
     source = replace(source, placement=ELSEWHERE)

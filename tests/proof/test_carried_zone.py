@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cases import slow_after
 
 from upplied.config import CloudSettings, settings_for
 from upplied.errors import SettingsError
@@ -46,7 +47,8 @@ def face(structure: Structure, axis: int, sign: int) -> str:
     return "box " + " ".join(map(str, corners.ravel()))
 
 
-@pytest.mark.parametrize(("axis", "sign"), [(0, 1), (1, -1), (2, 1)])
+@pytest.mark.ci
+@pytest.mark.parametrize(("axis", "sign"), slow_after(1, [(0, 1), (1, -1), (2, 1)]))
 def test_the_face_of_a_cube_is_the_same_face_of_a_cuboid(axis, sign):
     cube, cuboid = member("cube-v1").structure, member("cuboid-v1").structure
     for target in (cube, cuboid):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import slow_after
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -73,6 +74,7 @@ def test_a_log_that_is_right_is_left_as_it_is(plan, flown):
     assert nearest - stated - 0.08 < said.clearance_m <= nearest - stated and stated < 0.7
 
 
+@pytest.mark.ci
 @settings(max_examples=8, deadline=None)
 @given(
     st.floats(-40, 40),
@@ -345,7 +347,8 @@ def graph(plan):
     return roadmap(airspace, SURFACE, plan.positions[::4])
 
 
-@pytest.mark.parametrize("end", [0.5, 0.65])
+@pytest.mark.ci
+@pytest.mark.parametrize("end", slow_after(1, [0.5, 0.65]))
 def test_the_flight_that_closes_a_gap_shows_it_safely_and_is_short(plan, flown, graph, end):
     shown = looks_of(plan, SURFACE, CAMERA, SCENE).seen
     missing = shown & ~looks_of(at(flown, 0, end * flown.t_s[-1]), SURFACE, CAMERA, SCENE).seen
@@ -370,6 +373,7 @@ def test_the_flight_that_closes_a_gap_shows_it_safely_and_is_short(plan, flown, 
     assert found.is_viewpoint.any() and (np.diff(found.trajectory.t_s) > 0).all()
 
 
+@pytest.mark.ci
 def test_a_gap_is_flown_slowly_enough_for_sharp_pictures(plan, graph):
     """By an exposure of a fiftieth of a second the plan's own pace would blur them."""
     rule, limits = replace(InspectionSettings(), exposure_s=1 / 50), settings_for("recommended").retime
@@ -394,6 +398,7 @@ def test_nothing_missing_and_nothing_to_see_it_from_are_refused(plan, graph):
         gap_flight(plan, SURFACE, ~nothing, near_sighted, graph, settings_for("recommended").retime)
 
 
+@pytest.mark.ci
 def test_the_bound_is_never_above_the_best_way_by_brute_force():
     rng, shares = np.random.default_rng(0), []
     for _ in range(20):

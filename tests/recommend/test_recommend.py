@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from calls import calls
+from cases import slow_after
 from random_members import random_member
 
 from upplied.catalog import Catalog, open_catalog
@@ -165,9 +166,10 @@ def test_more_places_show_no_less(clouds):
     np.testing.assert_array_equal(many, np.any(each, axis=0))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("structure", "expected"),
-    [("b777-v1", "a320-v1"), ("turbine-2-v1", "turbine-1-v1"), ("cuboid-v1", "cube-v1")],
+    slow_after(1, [("b777-v1", "a320-v1"), ("turbine-2-v1", "turbine-1-v1"), ("cuboid-v1", "cube-v1")]),
 )
 def test_the_shape_decides_whatever_kind_is_declared(location, structure, expected):
     found = recommend(open_catalog(location), structure)
@@ -200,6 +202,7 @@ def test_declared_kinds_are_evidence_but_not_all(tmp_path):
     assert "another kind" not in by_shape[0].why
 
 
+@pytest.mark.ci
 def test_the_verdict_is_that_of_the_registration(clouds):
     rules = settings_for("recommended").registration
     for target in ("b777-v1", "turbine-1-v1", "cube-v1"):
@@ -219,6 +222,7 @@ def test_second_answer_comes_from_the_cache_and_is_the_same(location, monkeypatc
     assert not computed
 
 
+@pytest.mark.ci
 def test_what_was_taken_in_is_asked_about_without_its_mesh_or_log(tmp_path, monkeypatch):
     catalog, cube = open_catalog(tmp_path / "catalog"), member("cube-v1").structure
     place = str(catalog.location), catalog.cache.folder
@@ -279,6 +283,7 @@ def test_best_asks_for_one_way_only(location, capsys):
     assert "either --best" in capsys.readouterr().err
 
 
+@pytest.mark.ci
 def test_best_plans_the_first_but_only_within_a_kind(tmp_path, capsys):
     catalog = open_catalog(tmp_path / "catalog")
     cube, cuboid = member("cube-v1").structure, member("cuboid-v1").structure

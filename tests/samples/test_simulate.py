@@ -59,6 +59,7 @@ def test_it_hovers_in_a_steady_wind() -> None:
     assert strayed(flown, plan).max() < 0.01
 
 
+@pytest.mark.ci
 def test_gusts_push_it_about_and_more_so_in_more_wind() -> None:
     plan = hover(300.0)
     strays = [
@@ -109,6 +110,7 @@ def test_tilt_and_climb_are_limited() -> None:
     assert np.abs(flown.positions[-1] - leap.positions[-1]).max() < 0.5
 
 
+@pytest.mark.ci
 def test_the_error_of_the_estimate_is_flown() -> None:
     plan = hover(600.0)
     flown = fly_trajectory(plan, Vehicle(estimate_error_m=0.5), CALM, seed=2)
@@ -136,6 +138,7 @@ def test_one_waypoint_is_held() -> None:
     assert np.abs(flown.positions - one.positions).max() < 1.0
 
 
+@pytest.mark.ci
 def test_a_flight_is_measured_like_its_plan() -> None:
     cube, cuboid = (member(name).structure for name in ("cube-v1", "cuboid-v1"))
     flight = fly(cube, "sides", seed=1)

@@ -123,6 +123,7 @@ def test_nobody_reads_or_changes_anything_without_the_login(server):
     assert reply(server, "/decide", "POST", {}, Authorization=basic)[0] == 401, "a browser sends it by itself"
 
 
+@pytest.mark.ci
 def test_a_cookie_reads_and_changes_nothing_and_a_wrong_password_gives_none(server):
     for wrong in ("guess", "", None, 7, ["a-long-password"], PASSWORD + "x"):
         status, headers, _ = reply(server, "/login", "POST", {"password": wrong}, Authorization=None)
@@ -186,6 +187,7 @@ def test_every_answer_is_strict_and_no_page_holds_a_script_or_the_token(server):
     assert "unsafe-eval" not in refused["content-security-policy"]
 
 
+@pytest.mark.ci
 def test_pages_follow_the_catalog_and_a_decision_is_stored(server, catalog):
     fleet = reply(server, "/")[2].decode()
     assert "cube-sides-v1--cube-v1" in fleet and '"live":true' in fleet

@@ -61,6 +61,7 @@ def wanted(plan: dict[str, Any], **other: Any) -> dict[str, Any]:
 # --- what is answered ----------------------------------------------------------------------------
 
 
+@pytest.mark.ci
 def test_a_change_is_judged_as_every_plan_is_and_nothing_is_planned_for_it(session, monkeypatch):
     plan = session.answer("plan", {})
     monkeypatch.setattr("upplied.fleet.editing.plan_transfer", None)
@@ -80,6 +81,7 @@ def test_a_change_is_judged_as_every_plan_is_and_nothing_is_planned_for_it(sessi
     assert "viewpoint 4" in refused and "2 m are required" in refused
 
 
+@pytest.mark.ci
 def test_the_headline_tells_the_clearance_that_the_change_asks_for(session):
     plan = session.answer("plan", {})
     for asked_m, words in ((3.0, "(limit 3 m)"), (2.5, "(limit 2.5 m)"), (1.0, "(limit 2 m)")):
@@ -128,6 +130,7 @@ def test_two_who_decide_at_once_are_told_of_each_other(session, catalog):
         assert "refused" in session.answer("decide", {**released, **bad})
 
 
+@pytest.mark.ci
 def test_a_zone_is_painted_asked_for_and_judged(session, catalog):
     plan = session.answer("plan", {})
     aim = session.answer("aim", wanted(plan, viewpoint=3))
@@ -149,7 +152,7 @@ def test_a_zone_is_painted_asked_for_and_judged(session, catalog):
 # --- in a browser --------------------------------------------------------------------------------
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine; apt-get install chromium")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_drag_and_the_keyboard_alone_change_store_and_release_a_plan(server, catalog, capsys):

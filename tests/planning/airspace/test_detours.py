@@ -202,6 +202,7 @@ def test_reasons_are_in_words() -> None:
     assert airspace.allowed(np.array([[20.0, 0, 0]]))[0]
 
 
+@pytest.mark.ci
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**31))
 def test_boxes_and_fences_agree_with_dense_sampling(seed: int) -> None:

@@ -32,6 +32,7 @@ def carried(preset: str) -> Carried:
     return found
 
 
+@pytest.mark.ci
 def test_a_whole_flight_is_carried_with_what_it_is_to_show() -> None:
     found, flight = carried("recommended"), take("recommended").inspection.flight
     assert found.goal is not None and len(found.path) == len(flight) == len(found.goal.flown)

@@ -80,6 +80,7 @@ def test_every_engine_of_a_scan_is_found_and_flown(a320, engine, scan):
     ]  # fmt: skip
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("meant", "engine_meant"), [("engine_left_outer", "engine_left_outer"), ("inner", "engine_left")]
 )
@@ -101,6 +102,7 @@ def test_a_flight_round_a_scan_is_carried_to_a_model(scan, a320):
     assert (one.twins, one.found) == (1, 2) and "left" in one.flown[0]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "asked", [{}, {"repeat": "each"}, {"counterparts": (("engine_left", "engine_left_outer"),)}]
 )
@@ -163,6 +165,7 @@ def test_each_found_engine_is_told_and_counted(a320, engine, b747):
     assert "left" in one.flown[0]
 
 
+@pytest.mark.slow
 def test_another_number_than_expected_is_refused(a320, engine):
     refused = answers(engine, a320, member("b777-v1").structure, expect=4)[2]
     assert "2 parts like part_" in refused and "4 are expected" in refused
@@ -176,11 +179,13 @@ def test_how_many_are_expected_is_a_number():
         asked_for(expect=0)
 
 
+@pytest.mark.ci
 def test_both_wings_are_flown_and_none_is_left_out(a320):
     _, found, _ = answers(fly(a320, "wings", seed=2), a320, member("b777-v1").structure)
     assert [(one.found, len(one.flown), one.left_out) for one in found] == [(2, 1, ())] * 2
 
 
+@pytest.mark.ci
 def test_no_abutment_is_taken_for_a_pier():
     bridge = member("bridge-1-v1").structure
     assert not answers(fly(bridge, "piers", seed=2), bridge, member("bridge-2-v1").structure, expect=2)[2]
@@ -196,6 +201,7 @@ def test_engines_of_a_side_that_was_never_scanned_are_not_passed_over(a320, engi
     assert any(one.found == 0 and one.doubt for one in found)
 
 
+@pytest.mark.ci
 def test_a_flight_that_shows_every_pier_is_not_repeated_at_each():
     bridge = member("bridge-1-v1").structure
     flight = fly(bridge, "piers", seed=2)

@@ -43,27 +43,29 @@ def without(name: str, parts: tuple[str, ...]) -> Structure:
     return stamped(replace(made.structure, triangles=made.structure.triangles[kept]))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("source", "target", "inspection"),
     [
         ("a320-v1", "b777-v1", "engine_left"),
-        pytest.param("a320-v1", "b747-v1", "wings", marks=pytest.mark.ci),
+        pytest.param("a320-v1", "b747-v1", "wings", marks=pytest.mark.slow),
         ("turbine-1-v1", "turbine-3-v1", "tower"),
         ("cube-v1", "cuboid-v1", "sides"),
-        pytest.param("bridge-1-v1", "bridge-2-v1", "piers", marks=pytest.mark.ci),
+        pytest.param("bridge-1-v1", "bridge-2-v1", "piers", marks=pytest.mark.slow),
     ],
 )
 def test_structures_of_one_form_pass(source: str, target: str, inspection: str) -> None:
     assert likely(member(source).structure, member(target).structure, inspection) > 0.9
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("source", "target", "inspection"),
     [
         ("cube-v1", "yacht-1-v1", "sides"),
-        pytest.param("cruise-v1", "cuboid-v1", "hull", marks=pytest.mark.ci),
-        pytest.param("turbine-1-v1", "b777-v1", "tower", marks=pytest.mark.ci),
-        pytest.param("a320-v1", "cruise-v1", "engine_left", marks=pytest.mark.ci),
+        pytest.param("cruise-v1", "cuboid-v1", "hull", marks=pytest.mark.slow),
+        pytest.param("turbine-1-v1", "b777-v1", "tower", marks=pytest.mark.slow),
+        pytest.param("a320-v1", "cruise-v1", "engine_left", marks=pytest.mark.slow),
         ("bridge-1-v1", "a320-v1", "piers"),
     ],
 )
@@ -71,11 +73,13 @@ def test_strangers_do_not(source: str, target: str, inspection: str) -> None:
     assert likely(member(source).structure, member(target).structure, inspection) < 0.5
 
 
+@pytest.mark.ci
 def test_another_superstructure_does_not_refuse_a_hull() -> None:
     bare = without("cruise-v1", ("funnel", "mast", "deck_4", "lifeboat"))
     assert likely(ship(shape_of("cruise-v1"), "liner").structure, bare, "hull") > 0.9
 
 
+@pytest.mark.ci
 def test_an_engine_that_is_not_there_is_refused_in_words() -> None:
     source, target = member("a320-v1").structure, without("b777-v1", ("engine", "pylon"))
     plan = plan_transfer(fly(source, "engine_left", seed=4), source, target, SETTINGS)
@@ -84,6 +88,7 @@ def test_an_engine_that_is_not_there_is_refused_in_words() -> None:
     assert plan.inspected is not None  # the report still shows what it was about
 
 
+@pytest.mark.ci
 def test_every_preset_says_how_likely_it_is() -> None:
     source, target = member("cube-v1").structure, member("cuboid-v1").structure
     flight = fly(source, "sides", seed=4)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import slow_after
 
 from upplied.config import settings_for
 from upplied.planning.plan import plan_transfer
@@ -9,7 +10,8 @@ from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
 
 
-@pytest.mark.parametrize("standoff", ["scaled", "kept"])
+@pytest.mark.ci
+@pytest.mark.parametrize("standoff", slow_after(1, ["scaled", "kept"]))
 def test_a_demonstration_in_a_plane_stays_in_its_plane(standoff):
     fleet = {structure.structure_id: structure for structure in sample_structures()}
     cube, cuboid = fleet["cube-v1"], fleet["cuboid-v1"]

@@ -24,11 +24,12 @@ def fleet():
     return {structure.structure_id: structure for structure in sample_structures()}
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("kind", "part", "turn", "search"),
     [
         ("cruise-v1", "hull", about_z(29), "heading"),
-        ("cruise-v1", "hull", about_z(-12), "heading"),
+        pytest.param("cruise-v1", "hull", about_z(-12), "heading", marks=pytest.mark.slow),
         ("turbine-1-v1", "tower", Rotation.from_euler("x", 180, degrees=True).as_matrix(), "orientation"),
     ],
 )
@@ -44,7 +45,7 @@ def test_it_is_turned_as_the_target_is(fleet, kind, part, turn, search):
     np.testing.assert_allclose(standing(pair), turn.T, atol=0.02)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_shape_that_bounds_the_planner_is_the_one_it_is_measured_by(fleet, monkeypatch):
     ship, bounds = fleet["cruise-v1"], []
     bounded = flyable._within
@@ -67,7 +68,9 @@ def test_the_shape_that_bounds_the_planner_is_the_one_it_is_measured_by(fleet, m
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(("standoff", "wanted_m"), [("scaled", 4.31), ("kept", 15.65)])
+@pytest.mark.parametrize(
+    ("standoff", "wanted_m"), [pytest.param("scaled", 4.31, marks=pytest.mark.slow), ("kept", 15.65)]
+)
 def test_what_the_stand_off_bounds_is_carried_with_it(fleet, monkeypatch, standoff, wanted_m):
     """From the cruise ship to a yacht a quarter as large: what weighs a path follows the stand-off."""
     wishes, optimise = [], completing.optimise

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import slow_after
 
 from upplied.planning.correspondence.coherent_point_drift import Patch, _kernel, drift, farthest_points
 
@@ -90,7 +91,8 @@ def test_a_displacement_is_felt_in_its_own_part_alone():
     assert felt[:, 0] == pytest.approx([1, own, 0])
 
 
-@pytest.mark.parametrize("labelled", [False, True])
+@pytest.mark.ci
+@pytest.mark.parametrize("labelled", slow_after(1, [False, True]))
 def test_a_displacement_is_that_of_the_plain_system(labelled: bool) -> None:
     """All unknowns at once, one equation for each coordinate of each control point, and no modes."""
     rng = np.random.default_rng(1)

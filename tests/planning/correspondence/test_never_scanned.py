@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import slow_after
 from made_scans import END, as_cloud, body, cut
 
 from upplied.config import settings_for
@@ -45,7 +46,8 @@ def likely(found: NeverScanned) -> tuple[Floats, Floats]:
     return found.supposed.points[mine], found.supposed.normals[mine]
 
 
-@pytest.mark.parametrize("form", ["mesh", "cloud"])
+@pytest.mark.ci
+@pytest.mark.parametrize("form", slow_after(1, ["mesh", "cloud"]))
 def test_the_end_that_was_not_scanned_is_found_and_nothing_else(form: str) -> None:
     scan = cut(body()) if form == "mesh" else as_cloud(cut(body()))
     found, here = missing_of(body(), scan), samples(body())
@@ -61,6 +63,7 @@ def test_the_end_that_was_not_scanned_is_found_and_nothing_else(form: str) -> No
     assert opening[:, 0].max() > END - 0.5 and opening[:, 0].min() > -4  # it shows a long way in
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("form", ["mesh", "cloud"])
 def test_nothing_is_missing_of_what_is_closed(form: str) -> None:
     whole = body() if form == "mesh" else as_cloud(body())
@@ -69,6 +72,7 @@ def test_nothing_is_missing_of_what_is_closed(form: str) -> None:
     assert found.supposed is None and scene_for(whole, None) is scene_of(whole)
 
 
+@pytest.mark.ci
 def test_only_a_scan_is_asked_what_was_never_scanned_of_it() -> None:
     hull = cut(body())
     for surface in ("scanned", "drawn", None):
@@ -95,6 +99,7 @@ def likely_alone(found: NeverScanned) -> SupposedSurface | None:
     return replace(surface, **rows)
 
 
+@pytest.mark.ci
 def test_distances_are_from_what_may_be_there_and_rays_end_on_it() -> None:
     scan = cut(body())
     every = missing_of(body(), scan)
@@ -117,6 +122,7 @@ def test_distances_are_from_what_may_be_there_and_rays_end_on_it() -> None:
     assert scene.occluded(places, places[::-1]).sum() >= known.occluded(places, places[::-1]).sum()
 
 
+@pytest.mark.ci
 def test_where_a_scan_may_go_on_farther_than_was_found_is_kept_clear_of_and_hides_nothing() -> None:
     scan = cut(body())  # ends at 4 m, the body at 7 m
     stretched = Registration(
@@ -163,6 +169,7 @@ def test_what_was_never_scanned_has_no_counterpart_unless_a_part_corresponds_els
     assert without(match, NOTHING_MISSING, here, there, carried) is match
 
 
+@pytest.mark.ci
 def test_areas_and_normals_are_those_of_the_surface_once_it_was_stretched() -> None:
     size = np.array([2.0, 0.5, 3.0])
     stretched = replace(cut(body()), vertices=cut(body()).vertices * size)
@@ -176,6 +183,7 @@ def test_areas_and_normals_are_those_of_the_surface_once_it_was_stretched() -> N
     assert end.any() and normals[end, 0].max() > 0.999
 
 
+@pytest.mark.ci
 def test_where_nothing_lies_on_what_was_scanned_nothing_fails() -> None:
     scan = cut(body())
     far = replace(SAME, translation=np.array([200.0, 0, 0]))
@@ -189,6 +197,7 @@ def _area(structure: Structure, beyond: float) -> float:
     return float(np.linalg.norm(twice, axis=1)[corners[:, :, 0].mean(axis=1) > beyond].sum() / 2)
 
 
+@pytest.mark.ci
 def test_ways_round_lead_round_what_was_never_scanned() -> None:
     scan = cut(body())
     found, there = missing_of(body(), scan), samples(scan)
@@ -199,7 +208,8 @@ def test_ways_round_lead_round_what_was_never_scanned() -> None:
     assert obstacle(there, NOTHING_MISSING.supposed) is there
 
 
-@pytest.mark.parametrize("form", ["mesh", "cloud"])
+@pytest.mark.ci
+@pytest.mark.parametrize("form", slow_after(1, ["mesh", "cloud"]))
 def test_what_a_camera_looks_at_is_what_was_scanned(form: str) -> None:
     scan = cut(body()) if form == "mesh" else as_cloud(cut(body()))
     scene, known = scene_for(scan, missing_of(body(), scan).supposed), scene_of(scan)

@@ -71,7 +71,7 @@ def most_named(structure_id: str, points: Any) -> str:
     return str(each[count.argmax()])
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_of_two_scans_only_a_sibling_tells_parts() -> None:
     assert not has_parts(studied(ANOTHER, SCAN, ()).target)
     fit = studied(ANOTHER, SCAN, [B777])
@@ -87,6 +87,7 @@ def test_of_two_scans_only_a_sibling_tells_parts() -> None:
     assert certainty(fit, engines[0], [int(there)]) > SETTINGS.correspondence.least_probability
 
 
+@pytest.mark.ci
 def test_a_sibling_with_four_engines_tells_all_of_a_scan() -> None:
     fit = studied(A320, SCAN, [model("b747-v1", "another-747")])
     assert fit.labelling is not None and fit.labelling.by_source is not None
@@ -215,7 +216,7 @@ def test_the_key_of_a_plan_holds_the_siblings() -> None:
     assert len({transfer_key(*asked, each) for each in ((), some[:1], some[1:], some)}) == 4
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_flight_round_a_scanned_engine_is_planned_on_another_scan() -> None:
     flight = replace(fly(A320, "engine_left", seed=2), structure_id=ANOTHER.structure_id)
     each = settings_for("recommended", correspondence={"repeat": "each"})

@@ -201,6 +201,7 @@ def off_path(positions: Floats, path: Floats) -> float:
     return float(np.linalg.norm(positions[:, None] - foot, axis=2).min(axis=1).max())
 
 
+@pytest.mark.ci
 def test_a_flight_is_told_as_well_however_long_it_is() -> None:
     counts = {}
     for number in (6, 12, 24, 48):
@@ -271,6 +272,7 @@ def test_turning_of_circles_and_lines() -> None:
     assert turning_deg_per_m(np.zeros((1, 3)), 1.0) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["euroc_MH_01", "euroc_V2_02", "px4_posctl_indoor_ev_mavros", "uzhfpv_indoor_fwd5"]
 )

@@ -39,6 +39,7 @@ def test_mirroring_twice_gives_the_flight_back(fleet, engine):
     )
 
 
+@pytest.mark.ci
 def test_the_engine_is_what_the_flight_round_it_is_about(fleet, engine):
     settings = settings_for("recommended")
     pair = study_pair(fleet["a320-v1"], fleet["b747-v1"], settings)
@@ -47,7 +48,7 @@ def test_the_engine_is_what_the_flight_round_it_is_about(fleet, engine):
     assert 4 < part[1] < 8 and part[2] < 3  # under the left wing of an A320
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_each_engine_of_a_747_is_inspected(fleet, engine):
     settings = settings_for("recommended", correspondence={"repeat": "each"})
     plan = plan_transfer(engine, fleet["a320-v1"], fleet["b747-v1"], settings)
@@ -61,6 +62,7 @@ def test_each_engine_of_a_747_is_inspected(fleet, engine):
     assert once.trajectory.positions[:, 1].min() > 0
 
 
+@pytest.mark.ci
 def test_presets_that_know_no_parts_say_so(fleet, engine):
     settings = settings_for("paper", correspondence={"repeat": "mirror"})
     with pytest.raises(SettingsError, match="recommended"):
@@ -74,7 +76,7 @@ def test_joined_flights_follow_one_another(engine):
     np.testing.assert_array_equal(both.positions[len(flight) :], flight.positions + 1)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_between_the_takes_nothing_crawls_and_nobody_hovers(fleet, engine):
     """The flight closed to a loop: each take ends where it began, which is no hover of anybody."""
     share = np.linspace(0, 1, 41)[1:, None]
@@ -101,7 +103,7 @@ def test_between_the_takes_nothing_crawls_and_nobody_hovers(fleet, engine):
         assert step.sum() / spent.sum() > 1.0
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_each_engine_is_found_on_a_target_that_is_turned(fleet, engine):
     """Which parts lie on the demonstrated side is asked where the target lies on the source."""
     turn = about_z(180)
@@ -122,6 +124,7 @@ def test_each_engine_is_found_on_a_target_that_is_turned(fleet, engine):
     np.testing.assert_allclose(centres[0], centres[1], atol=0.5)
 
 
+@pytest.mark.slow
 def test_each_engine_is_flown_from_its_own_side(fleet, engine):
     """The flight at the left engine goes to the left engines, its mirror image to the right ones."""
     settings = settings_for("recommended", correspondence={"repeat": "each"})

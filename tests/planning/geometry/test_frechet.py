@@ -154,6 +154,7 @@ def test_curves_of_one_vertex_and_repeated_vertices() -> None:
 PATHS = st.integers(0, 2**31).map(lambda seed: np.random.default_rng(seed))
 
 
+@pytest.mark.ci
 @settings(max_examples=40, deadline=None)
 @given(PATHS, st.sampled_from([1e-2, 1e-4, 1e-5]))
 def test_a_share_asked_for_is_kept_and_never_below(rng: np.random.Generator, share: float) -> None:

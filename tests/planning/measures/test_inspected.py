@@ -101,6 +101,7 @@ def motion_by_difference(
     return np.linalg.norm(after - before, axis=1) / step
 
 
+@pytest.mark.ci
 def test_shown_as_well_is_what_brute_force_says(take: Take, plan: Trajectory) -> None:
     planned = views(plan, take.pair.surface.target, take.inspection.camera, TRULY, take.pair.target_scene)
     found = shown_of(planned, [take], SETTINGS)
@@ -127,6 +128,7 @@ def test_shown_as_well_is_what_brute_force_says(take: Take, plan: Trajectory) ->
     assert measures["coverage_inspected_pct"] < 100
 
 
+@pytest.mark.ci
 def test_what_is_asked_for_is_the_best_sharp_look_of_the_demonstration(take: Take) -> None:
     kept = replace(SETTINGS, transfer=replace(SETTINGS.transfer, standoff="kept"))
     asked = inspected_by(take, kept)
@@ -192,6 +194,7 @@ def compared(own: Take, path: Trajectory) -> dict[str, float]:
     return fidelity(steps, looks, patches_of([own], limits), inspected_by(own, SETTINGS), [own], SETTINGS)
 
 
+@pytest.mark.ci
 def test_flying_the_demonstration_itself_shows_all_of_it(take: Take) -> None:
     own = same_place(take)
     flown = own.inspection.logged

@@ -54,6 +54,7 @@ def test_a_flight_of_photos_becomes_one_and_a_film_stays_a_film(made) -> None:
     assert np.median(taken.gsd_mm[shows]) == pytest.approx(photos.measures.gsd_mm_p50, rel=0.3)
 
 
+@pytest.mark.ci
 def test_a_flight_waits_for_its_camera_on_the_planned_legs_and_brakes_no_harder(made) -> None:
     _, film, target = made
     path, surface = film.trajectory, Cloud(film.surface.points, film.surface.normals)
@@ -67,6 +68,7 @@ def test_a_flight_waits_for_its_camera_on_the_planned_legs_and_brakes_no_harder(
     assert taken.slower_s > 1.0  # the second camera is too slow for this flight
 
 
+@pytest.mark.ci
 def test_missions_take_the_photos_of_the_plan_where_the_camera_takes_them_in_time(made) -> None:
     photos, _, target = made
     placed = replace(target, placement=PLACE)

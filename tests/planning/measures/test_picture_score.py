@@ -61,6 +61,7 @@ def test_an_oblique_patch_is_coarser_and_what_is_hidden_or_aside_is_worth_nothin
     assert scored((-5.0, 5.0, 0)) == 0.0  # beyond 40 deg aside
 
 
+@pytest.mark.slow
 def test_a_plan_of_the_structure_itself_scores_near_one_and_a_blurred_camera_less() -> None:
     cube = box((12.0, 12.0, 12.0), "cube").structure
     flight = fly(cube, "sides", seed=3)

@@ -69,6 +69,7 @@ def test_the_same_seed_gives_the_same_samples_and_other_parts_another_key() -> N
     assert grained(structure, whole, meant, clouds).key != one.key
 
 
+@pytest.mark.ci
 def test_of_a_cloud_its_own_points_are_taken() -> None:
     structure, cloud = structure_and_cloud()
     rng = np.random.default_rng(0)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import slow_after
 from made_scans import as_cloud, body, cut
 
 from upplied.config import settings_for
@@ -31,7 +32,8 @@ def share(cloud: Cloud) -> float:
     return float(cloud.areas[cloud.open].sum() / cloud.areas.sum())
 
 
-@pytest.mark.parametrize(("noise_m", "least"), [(0.0, 0.3), (0.01, 0.1), (0.02, 0.015)])
+@pytest.mark.ci
+@pytest.mark.parametrize(("noise_m", "least"), slow_after(1, [(0.0, 0.3), (0.01, 0.1), (0.02, 0.015)]))
 def test_a_noisy_cloud_shows_its_inside_where_its_end_is_missing_and_not_where_it_is_whole(
     noise_m: float, least: float
 ) -> None:
@@ -40,6 +42,7 @@ def test_a_noisy_cloud_shows_its_inside_where_its_end_is_missing_and_not_where_i
     assert scan.open is not None and scan.points[scan.open, 0].max() > 3
 
 
+@pytest.mark.ci
 def test_what_is_no_scan_is_not_asked_however_open_it_is() -> None:
     assert samples(member("a320-v1").structure).open is None
     hull = replace(cut(body()), surface="drawn")

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cases import slow_after
 
 from upplied.config import FIDELITIES, settings_for
 from upplied.errors import RefusedError
@@ -28,7 +29,7 @@ def planned(inspection: str, target: str, fidelity: str) -> Plan:
     return plan_transfer(fly(source, inspection), source, fleet[target], settings)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_shape_that_departs_further_than_usual_is_a_warning_and_no_refusal():
     plans = {fidelity: planned("engine_left", "b747-v1", fidelity) for fidelity in FIDELITIES}
     for fidelity, plan in plans.items():
@@ -46,7 +47,8 @@ def test_a_shape_that_departs_further_than_usual_is_a_warning_and_no_refusal():
     assert odd_shape(beyond, settings_for("baseline", **STRICT)) == ()
 
 
-@pytest.mark.parametrize("bound", [0.05, 0.12])
+@pytest.mark.ci
+@pytest.mark.parametrize("bound", slow_after(1, [0.05, 0.12]))
 def test_a_bound_of_ones_own_is_kept_or_refused(bound: float):
     fleet = {structure.structure_id: structure for structure in sample_structures()}
     source = fleet["a320-v1"]
@@ -58,7 +60,7 @@ def test_a_bound_of_ones_own_is_kept_or_refused(bound: float):
         assert f"at most {bound:g} (refine.deviation)" in plan.reason
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_has_no_counterpart_is_not_planned_for():
     fleet = {structure.structure_id: structure for structure in sample_structures()}
     source = fleet["a320-v1"]
