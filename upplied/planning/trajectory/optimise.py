@@ -36,7 +36,7 @@ _CORRECTIONS = 12  # that L-BFGS keeps
 _FURTHER = 3  # rounds at most, while the path still comes too near
 _DEARER = 10.0  # times as dear to come too near, in each further round: so that it ends
 _EARLY = _WIDEST / _NARROWEST  # times as dear, in the first half of the rounds, to leave the carried flight
-_ALIKE = 3e-3  # of the need, by which one path is no better than another
+_ALIKE = 0.01  # of the need, by which one path is no better than another: as near as coverage is known
 _LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
 
 
