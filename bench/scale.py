@@ -35,7 +35,7 @@ from upplied.catalog import Catalog  # noqa: E402
 from upplied.config import Settings  # noqa: E402
 from upplied.fleet import planner, run  # noqa: E402
 from upplied.fleet.planner import Outcome  # noqa: E402
-from upplied.flows.server import private_server  # noqa: E402
+from upplied.flows.server import Server  # noqa: E402
 from upplied.planning.correspondence.memo import Memo  # noqa: E402
 from upplied.planning.surface.thinning import voxel_cloud  # noqa: E402
 from upplied.records import Cloud, Demonstration, Plan, Structure, Trajectory  # noqa: E402
@@ -178,7 +178,7 @@ def by_prefect(targets: int) -> Cost:
         catalog = fleet_of(Path(folder) / "catalog", targets)
         command = [sys.executable, "-c", FLOW, str(catalog.location), json.dumps(CHANGES), str(WORKERS)]
         command.append(str(Path(__file__).parent))
-        with private_server(Path(folder) / "prefect") as server:
+        with Server(Path(folder) / "prefect") as server:
             server.wait()
             wall, cpu = time.perf_counter(), cpu_s() + running_s(server.process.pid)
             subprocess.run(

@@ -69,7 +69,18 @@ def tell(url: str, every_run: bool = False) -> str:
                 client.delete_automation(older.id)
         return "no notices are sent"
     names, block = (*TROUBLE, "Completed") if every_run else TROUBLE, _block(url)
-    apply(_automation(block.save(f"upplied-{block.get_block_type_slug()}", overwrite=True), names))
+    document = block.save(f"upplied-{block.get_block_type_slug()}", overwrite=True)
+    match = {"prefect.resource.role": "deployment", "prefect.resource.name": list(DEPLOYMENTS)}
+    trigger = EventTrigger(
+        posture=Posture.Reactive,
+        expect={f"prefect.flow-run.{name}" for name in names},
+        match={"prefect.resource.id": "prefect.flow-run.*"},
+        match_related=match,
+        threshold=1,
+    )
+    actions = [SendNotification(block_document_id=document, subject=SUBJECT, body=BODY)]
+    about = "Set up by `upplied fleet notify`."
+    apply(AutomationCore(name=NAME, description=about, trigger=trigger, actions=actions))
     place = urlsplit(url).hostname or urlsplit(url).scheme
     return f"{place} receives notices of runs that end {', '.join(names)}"
 
@@ -92,21 +103,6 @@ def _block(url: str) -> NotificationBlock:
         )
         raise SettingsError(f"address {parts.scheme}:...", "no message can be sent to it", rule)
     return block
-
-
-def _automation(document: object, names: tuple[str, ...]) -> AutomationCore:
-    return AutomationCore(
-        name=NAME,
-        description="Set up by `upplied fleet notify`.",
-        trigger=EventTrigger(
-            posture=Posture.Reactive,
-            expect={f"prefect.flow-run.{name}" for name in names},
-            match={"prefect.resource.id": "prefect.flow-run.*"},
-            match_related={"prefect.resource.role": "deployment", "prefect.resource.name": list(DEPLOYMENTS)},
-            threshold=1,
-        ),
-        actions=[SendNotification(block_document_id=document, subject=SUBJECT, body=BODY)],
-    )
 
 
 def zombies(silence_s: int = SILENCE_S) -> AutomationCore:

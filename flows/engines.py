@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -18,6 +18,7 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from upplied import fleet
 from upplied.catalog import Catalog, open_catalog
+from upplied.checks import some
 from upplied.cli.terminal import progress
 from upplied.extras import extra
 from upplied.findings import campaign
@@ -27,7 +28,6 @@ from . import pool, states, tasks
 from .environment import check_roots
 from .parameters import ALL_CORES, Location, Resources
 
-FEW = 5  # of what was lost, in a state's message
 ELSEWHERE = 8  # processes of a cluster that shards are cut for, where nothing is said
 EVERY_S = 5.0  # progress is told
 KEY = "transfer-fleet-progress"
@@ -64,16 +64,11 @@ class Planned:
         """Which workers and shards were lost, why, and who did their work; empty where none was."""
         text = []
         if self.workers:
-            text.append(f"Lost workers: {_few(self.workers)}; done again: {_few(self.repeated)}")
+            text.append(f"Lost workers: {some(self.workers)}; done again: {some(self.repeated)}")
         if self.lost:
             lost = f"{len(self.lost)} of {self.shards} shards were lost by the engine and planned here"
-            text.append(f"{lost}: {_few(dict.fromkeys(self.lost))}")
+            text.append(f"{lost}: {some(self.lost)}")
         return ". ".join(text)
-
-
-def _few(texts: Collection[str]) -> str:
-    more = f" and {len(texts) - FEW} more" if len(texts) > FEW else ""
-    return ", ".join(list(texts)[:FEW]) + more
 
 
 def plan(catalog: str, jobs: Sequence[fleet.Job], resources: Resources, run_id: str = "") -> Planned:

@@ -47,7 +47,10 @@ def environment(folder: Path, api_url: str) -> dict[str, str]:
 def sign_in(folder: Path, api_url: str) -> str:
     """``name:password`` of this folder's server, made once, in a profile that only its owner can read."""
     path = folder / "profiles.toml"
-    private(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    folder.chmod(0o700)
+    for database in folder.glob("prefect.db*"):  # as earlier versions left it
+        database.chmod(0o600)
     profiles = _profiles(path)
     ours = profiles.setdefault(PROFILE, {})
     password = os.environ.get("PREFECT_SERVER_API_AUTH_STRING") or ours.get("PREFECT_SERVER_API_AUTH_STRING")
@@ -73,14 +76,6 @@ def _write_private(path: Path, text: str) -> None:
     with open(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
         file.write(text)
     new.replace(path)
-
-
-def private(folder: Path) -> None:
-    """A folder that its user alone can enter, with Prefect's database as it was left by earlier versions."""
-    folder.mkdir(parents=True, exist_ok=True)
-    folder.chmod(0o700)
-    for database in folder.glob("prefect.db*"):
-        database.chmod(0o600)
 
 
 def client(port: int) -> dict[str, str]:

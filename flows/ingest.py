@@ -18,7 +18,7 @@ from upplied.inputs.sidecar import LogOptions
 
 from .environment import check_roots
 from .parameters import FlightBounds, FlightRule, Location, StructureBounds, StructureRule, bound_options
-from .states import ended, errors_in_words, ingested, ingested_artifacts
+from .states import errors_in_words, ingested, ingested_artifacts
 from .tasks import asset, publish, source, stored
 
 
@@ -109,12 +109,10 @@ def ingest_flights(
     summary, files = ingested_artifacts(
         "ingest-flights", stored("ingest-flights", add_flight_logs, *makes)(store, logs)
     )
-    problems = [item["reason"] for item in files if item["status"] == "failed"]
-    lost = bool(problems) and len(problems) == len(files)
     short = [item for item in files if item["status"] == "added" and item["left_out"]]
-    problems += [f"{item['name']} left out {item['left_out']}" for item in short]
+    problems = [f"{item['name']} left out {item['left_out']}" for item in short]
     if gaps and short:
         problems += stored("plan-gaps", plan_gaps)(store, [item["flight"] for item in short])
     if reports:
         problems += publish(catalog, reports, "flights")
-    return ended(summary, problems, lost)
+    return ingested(summary, files, problems)

@@ -24,23 +24,17 @@ def _partial(name: str, settings: type, words: str | None, default: Any = None) 
     """A model of settings in which everything may be left out."""
     hints = get_type_hints(settings)
     values: dict[str, Any] = {item.name: (hints[item.name] | None, default) for item in fields(settings)}
-    model = create_model(name, __config__=ConfigDict(extra="forbid"), **values)
-    model.__doc__ = words
-    return model
+    return create_model(name, __config__=ConfigDict(extra="forbid"), __doc__=words, **values)
 
 
-def _changes() -> type[BaseModel]:
-    """A model of the settings: what is given replaces the preset's."""
-    stages: dict[str, Any] = {}
-    for name, stage in get_type_hints(Settings).items():
-        if name != "preset":
-            stages[name] = (_partial(stage.__name__, stage, stage.__doc__) | None, None)
-    model = create_model("Changes", __config__=ConfigDict(extra="forbid"), **stages)
-    model.__doc__ = "Settings that differ from the preset's, by stage."
-    return model
-
-
-Changes = _changes()
+_STAGES: dict[str, Any] = {
+    name: (_partial(stage.__name__, stage, stage.__doc__) | None, None)
+    for name, stage in get_type_hints(Settings).items()
+    if name != "preset"
+}
+_WORDS = "Settings that differ from the preset's, by stage."
+#: A model of the settings: what is given replaces the preset's.
+Changes = create_model("Changes", __config__=ConfigDict(extra="forbid"), __doc__=_WORDS, **_STAGES)
 
 
 def _bounds(settings: type, least: float) -> type[BaseModel]:

@@ -13,7 +13,7 @@ from upplied.cli.quickstart import PRESETS, show_results
 from upplied.cli.terminal import progress
 
 from .environment import home
-from .server import ServerError, private_server
+from .server import Server, ServerError
 
 if TYPE_CHECKING:
     from prefect.states import State
@@ -27,7 +27,7 @@ def main() -> int:
     console = Console(highlight=False)
     console.print("[bold]1/4[/] A sample fleet and a private Prefect server")
     try:
-        with private_server(home() / ".cache" / "quickstart-prefect") as server:
+        with Server(home() / ".cache" / "quickstart-prefect") as server:
             from upplied.outputs.sample_fleet import write_sample_fleet  # while the server starts
 
             with progress("meshes and logs", None) as advance:

@@ -20,7 +20,7 @@ import psutil
 
 from . import environment as env
 from . import server as service
-from .server import PRIVATE, ServerError, private_server, start, stop, waited_for
+from .server import PRIVATE, Server, ServerError, start, stop, waited_for
 
 Part = Literal["server", "worker", "reports"]
 # What whoever serves may say of Prefect himself; all else that the environment says is somebody else's.
@@ -40,7 +40,7 @@ def serve(port: int, roots: Sequence[str] = ()) -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by what a script started with &
     try:
         with ExitStack() as stack:
-            server = stack.enter_context(private_server(env.prefect_home(), port))
+            server = stack.enter_context(Server(env.prefect_home(), port))
             server.wait()
             deploy(server.environment)
             try:

@@ -11,8 +11,8 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
@@ -30,8 +30,11 @@ class ServerError(Exception):
     """The server did not come up; the text holds what it said last."""
 
 
-class Server:
-    """A running server and its clients' environment; refused where port or folder is another service's."""
+class Server(AbstractContextManager["Server"]):
+    """A server and its clients' environment, until the block ends; port 0 takes a free one of 127.0.0.1.
+
+    Refused where port or folder is another service's.
+    """
 
     def __init__(self, folder: Path, port: int = 0) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -60,10 +63,9 @@ class Server:
             what = f"did not answer in {START_UP_S:g} s" if not up else "ended at its start"
             raise ServerError(f"the Prefect server {what}:\n{last}")
 
-    def stop(self) -> None:
-        """End it, and let another work in the folder."""
+    def __exit__(self, *_: object) -> None:
         stop(self.process)
-        self._alone.close()
+        self._alone.close()  # lets another work in the folder
 
 
 def waited_for(act: Callable[[], T], every_s: float = 1.0) -> T:
@@ -119,16 +121,6 @@ def answers(api_url: str) -> bool:
         return True  # it wants a name first, which Prefect's settings may hold
     except (OSError, ValueError):
         return False
-
-
-@contextmanager
-def private_server(folder: Path, port: int = 0) -> Iterator[Server]:
-    """Run a server in a folder as long as the block lasts; port 0 takes a free one of 127.0.0.1."""
-    server = Server(folder, port)
-    try:
-        yield server
-    finally:
-        server.stop()
 
 
 def start(

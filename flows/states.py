@@ -66,10 +66,10 @@ def planned(summary: str, outcome: Planned, problems: Sequence[str], most_lost: 
     return ended(message, [*recalls, *failures, *others], every)
 
 
-def ingested(summary: str, files: Sequence[dict[str, str]]) -> State:
-    """The state of a run that read files: failed where none could be read."""
+def ingested(summary: str, files: Sequence[dict[str, str]], problems: Sequence[str] = ()) -> State:
+    """The state of a run that read files: failed where none could be read; `problems` went wrong besides."""
     failures = [item["reason"] for item in files if item["status"] == "failed"]
-    return ended(summary, failures, bool(failures) and len(failures) == len(files))
+    return ended(summary, [*failures, *problems], bool(failures) and len(failures) == len(files))
 
 
 def ended(summary: str, problems: Sequence[str], all_failed: bool = False) -> State:

@@ -44,7 +44,7 @@ def transfer_fleet(
     demonstrations: list[Id] | None = None,
     targets: list[Id] | None = None,
     presets: Presets = BOTH,
-    changes: Changes = NO_CHANGES,  # type: ignore[valid-type]
+    changes: Changes = NO_CHANGES,
     retry_failed: bool = False,
     experiment: Id | None = None,
     fly: bool = False,
@@ -79,7 +79,7 @@ def transfer_fleet(
     if logs:
         read.append(ingest_demonstrations(logs, catalog, resources.workers, return_state=True))
     flown, there = tuple(demonstrations or ()), tuple(targets or ())
-    given = changes.model_dump(exclude_unset=True)  # type: ignore[attr-defined]
+    given = changes.model_dump(exclude_unset=True)
     plan_request = fleet.PlanRequest(tuple(presets), given, flown, there, retry_failed, experiment or "")
     store = open_catalog(catalog)
     if unread := [run.message or run.name for run in read if run.name != "Completed"]:

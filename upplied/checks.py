@@ -52,10 +52,20 @@ def suggested(name: str, known: Iterable[str], most: int = 10) -> str:
     near = get_close_matches(name, names, n=3, cutoff=0.6)
     if near:
         return f"did you mean {' or '.join(near)}?"
-    if not most:
-        return ""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return f"known: {', '.join(names[:most]) or 'none'}{more}"
+    return f"known: {some(names, most) or 'none'}" if most else ""
+
+
+def some(names: Iterable[object], most: int = 5) -> str:
+    """The first of some names, each once, and how many more there are.
+
+    Examples
+    --------
+    >>> some(["a", "b", "a", "c"], most=2)
+    'a, b and 1 more'
+    """
+    listed = [str(name) for name in dict.fromkeys(names)]
+    more = f" and {len(listed) - most} more" if len(listed) > most else ""
+    return ", ".join(listed[:most]) + more
 
 
 def check_finite(values: Floats, shape: tuple[int | None, ...], what: str) -> Floats:

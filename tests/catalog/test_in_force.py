@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from upplied.catalog import Catalog, open_catalog
 from upplied.catalog.schema.rows import table_of
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.verbs import ordering, queries
+from upplied.catalog.verbs import ordering
 from upplied.catalog.verbs.ordering import standing_of
 from upplied.cli import main
 
@@ -85,13 +85,8 @@ def test_commits_order_decisions_and_no_clock_does(drawn, chance):
     rows = rows_of(drawn)
     stored = list(rows)
     chance.shuffle(stored)  # as files are read
-
-    class Table:
-        @staticmethod
-        def read(*_: object) -> pa.Table:
-            return table_of(TABLES["decisions"], stored)
-
-    assert [row["decision_id"] for row in queries.decided(Table())] == [row["decision_id"] for row in rows]
+    again = ordering.by_commit(table_of(TABLES["decisions"], stored))
+    assert [row["decision_id"] for row in again] == [row["decision_id"] for row in rows]
 
 
 @given(st.lists(one, max_size=14), one)

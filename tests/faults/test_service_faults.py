@@ -18,7 +18,7 @@ from random_members import random_member
 from served_fleet import BOXES, PLANS, finished, planners_in, run_now, service, state_of, unfinished
 
 from upplied.catalog import published_tables
-from upplied.flows.server import Server, end_with_parent, private_server
+from upplied.flows.server import Server, end_with_parent
 from upplied.outputs.logs import write_log
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -174,7 +174,7 @@ def test_runs_of_long_ago_are_forgotten_and_those_of_yesterday_are_not(tmp_path)
                     raise
                 time.sleep(1)
 
-    with private_server(tmp_path) as server:
+    with Server(tmp_path) as server:
         server.wait()
         flow = ask(server, "flows/", {"name": "transfer-fleet"})["id"]
         ended = {"flow_id": flow, "state": {"type": "COMPLETED"}}
@@ -185,7 +185,7 @@ def test_runs_of_long_ago_are_forgotten_and_those_of_yesterday_are_not(tmp_path)
             changed = database.execute("update flow_run set end_time = ? where id = ?", (then, run))
             assert changed.rowcount == 1
     database.close()
-    with private_server(tmp_path) as server:
+    with Server(tmp_path) as server:
         server.wait()
         deadline = time.monotonic() + 180
         while len(left := ask(server, "flow_runs/filter", {})) > 1 and time.monotonic() < deadline:

@@ -12,6 +12,7 @@ from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
 from upplied.catalog.verbs import ordering
+from upplied.config import settings_for
 from upplied.fleet import run
 from upplied.fleet.decisions import Job
 from upplied.fleet.planner import Outcome
@@ -64,7 +65,8 @@ def current(catalog: Catalog) -> set[str]:
 def test_earlier_settings_become_current_again(catalog, planned):
     for number, plan_request in enumerate((A, B, A, B, B, A)):
         result = night(catalog, plan_request, f"run-{number}")
-        assert current(catalog) == {plan_request.settings()[0].sha256}
+        settings = settings_for(*plan_request.presets, **plan_request.changes)
+        assert current(catalog) == {settings.sha256}
         assert (result.ok, result.failed) == ((3, 0) if number != 4 else (0, 0))
         assert fleet.decide(catalog, plan_request).jobs == []
     assert len(planned) == 5 * 3  # a shard that is started twice is planned once

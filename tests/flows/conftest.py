@@ -13,7 +13,7 @@ from flow_runs import close_sessions
 from random_members import random_member
 
 from upplied.catalog import open_catalog
-from upplied.flows.server import Server, private_server
+from upplied.flows.server import Server
 from upplied.outputs.logs import write_log
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -28,7 +28,7 @@ def database(tmp_path_factory) -> Path:
     with (path.parent / "making").open("w") as making:
         fcntl.flock(making, fcntl.LOCK_EX)
         if not path.exists():
-            with private_server(tmp_path_factory.mktemp("first")) as server:
+            with Server(tmp_path_factory.mktemp("first")) as server:
                 server.wait()
             shutil.copy(server.log.parent / path.name, path.with_suffix(".new"))  # with who may read it
             path.with_suffix(".new").rename(path)
@@ -40,7 +40,7 @@ def server(tmp_path_factory, database) -> Iterator[Server]:
     """A server of one module's own: waiting for tests of others costs more than a start."""
     folder = tmp_path_factory.mktemp("prefect")
     shutil.copy(database, folder / database.name)
-    with private_server(folder) as server:
+    with Server(folder) as server:
         server.wait()
         yield server
 

@@ -25,7 +25,7 @@ from upplied.errors import CatalogError, InputError, SettingsError
 from upplied.fleet import planner
 from upplied.flows import engines, pool, states, tasks, watch
 from upplied.flows.environment import ROOTS, SETTINGS, check_roots, environment, home, profile
-from upplied.flows.server import ServerError, offspring, private_server, stop
+from upplied.flows.server import Server, ServerError, offspring, stop
 from upplied.flows.states import errors_in_words
 
 ROOT = Path(__file__).parents[2]
@@ -94,7 +94,7 @@ def test_every_deployment_names_a_flow_of_its_own_name():
 def test_a_port_that_is_taken_is_told_and_its_owner_not_taken_for_ours(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as somebody:
         port = somebody.getsockname()[1]
-        with pytest.raises(ServerError, match=f"port {port} already"), private_server(tmp_path, port):
+        with pytest.raises(ServerError, match=f"port {port} already"), Server(tmp_path, port):
             pass
 
 

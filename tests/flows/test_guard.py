@@ -12,7 +12,7 @@ import sys
 import prefect_api
 import pytest
 
-from upplied.flows.server import Server, ServerError, private_server
+from upplied.flows.server import Server, ServerError
 from upplied.web.guard import Guard, refusal
 
 pytestmark = [pytest.mark.ci, pytest.mark.server, pytest.mark.filterwarnings("default")]
@@ -113,7 +113,7 @@ def test_the_password_is_made_once_and_read_by_its_owner_alone(server, tmp_path)
 def test_two_services_do_not_work_in_one_folder(server, tmp_path):
     home = server.log.parent
     before = server.log.read_bytes()
-    with pytest.raises(ServerError, match="Another service"), private_server(home):
+    with pytest.raises(ServerError, match="Another service"), Server(home):
         pass
     assert server.log.read_bytes()[: len(before)] == before, "its log was truncated"
 

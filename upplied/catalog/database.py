@@ -169,10 +169,10 @@ class Catalog(Deciding):
         place = np.asarray(place_m, float)
         if place.shape != (3,) or not np.isfinite(place).all():
             raise SettingsError("place", f"is {place_m}", "three coordinates, m, structure frame")
-        table = self.tables["flights"].read(pc.field("target_id") == structure_id)
+        read, where = [*_FLIGHT, "looks_sha256", *ordering.COMMIT], pc.field("target_id") == structure_id
         nearest: dict[str, tuple[int, float]] = {}
         flights = []
-        for row in ordering.by_commit(table):
+        for row in ordering.by_commit(self.tables["flights"].read(where, read)):
             if not row["looks_sha256"] or kind not in ("", row["kind"]):
                 continue
             looks = self.looks.get(row["looks_sha256"]).certain
@@ -186,8 +186,7 @@ class Catalog(Deciding):
             values |= {"seen": bool(seen), "patch": patch, "patch_off_m": off}
             values |= {name: float(getattr(looks, name)[at]) if seen else float("nan") for name in _LOOK}
             flights.append(values)
-        columns = [*_FLIGHT, "seen", *_LOOK, "patch", "patch_off_m"]
-        table = pd.DataFrame(flights, columns=columns)
+        table = pd.DataFrame(flights, columns=[*_FLIGHT, "seen", *_LOOK, "patch", "patch_off_m"])
         return table.sort_values("flown_at", kind="stable", ignore_index=True)
 
     def put_looks(

@@ -135,7 +135,8 @@ class Reading:
                 )
         as_of = as_of if version is None else queries.moment_of(tables["transfers"], version)
         derived = in_force or not {*DERIVED}.isdisjoint(wanted)
-        now = standing_of(queries.decided(tables["decisions"], as_of)) if derived else Standing()
+        until_then = until("added_at", as_of)
+        now = standing_of(ordering.by_commit(tables["decisions"].read(until_then))) if derived else Standing()
         if in_force:
             ids = [plan for plan, state in now.state.items() if state == "released"]
         there = None if site is None else self.structures(site=site, as_of=as_of)["structure_id"]
@@ -147,7 +148,7 @@ class Reading:
         few |= set() if columns is None else {*wanted} - {*DERIVED}
         table = tables["transfers"].narrow([name for name in declared.names if name in few], where, version)
         if as_of is not None:
-            table = table.filter(until("added_at", as_of))
+            table = table.filter(until_then)
         plans = frame(decoded(ordering.in_order(table, newest=not (every or in_force))))
         if derived:
             plans = with_states(plans.assign(**dict.fromkeys(DERIVED)), now)
@@ -160,7 +161,7 @@ class Reading:
             if not in_force:  # a released plan outlives its demonstration
                 used["demonstrations"] = "demonstration_id"
             for name, column in used.items():
-                gone = ordering.retired(tables[name], until("added_at", as_of))
+                gone = ordering.retired(tables[name], until_then)
                 plans = plans[~plans[column].isin(gone)] if gone else plans
         if status is not None:
             plans = plans[plans["status"] == status]

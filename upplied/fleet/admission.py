@@ -89,16 +89,13 @@ class Admission:
         """The same, in their order; a structure that is refused becomes the reason."""
         while waiting := list(islice(reads, batch)):
             new = {name: self._member(read) for name, read in waiting if isinstance(read, Structure)}
-            taken: list[Member] = []
-            for name, read in waiting:
-                if not isinstance(read, Structure):
-                    yield name, read
-                    continue
-                verdicts = self._judged(read, new, entries[name])
-                taken += [new[name]] * isinstance(verdicts, Structure)
-                yield name, verdicts
-            if taken:  # for those that come after
-                self._known.extend(taken)
+            results = [
+                (name, self._judged(read, new, entries[name]) if isinstance(read, Structure) else read)
+                for name, read in waiting
+            ]
+            yield from results
+            if taken := [new[name] for name, read in results if isinstance(read, Structure)]:
+                self._known.extend(taken)  # for those that come after
 
     def _judged(
         self, structure: Structure, new: Mapping[str, Member], entry: StructureEntry

@@ -81,10 +81,6 @@ class PlanRequest:
         """What the plans are for, as `transfers` says it."""
         return f"experiment {check_id(self.experiment, 'experiment')}" if self.experiment else ""
 
-    def settings(self) -> list[Settings]:
-        """The settings of every preset, with the changes applied, where no kind or structure says more."""
-        return [settings_for(preset, **self.changes) for preset in self.presets]
-
 
 class SettingsOf:
     """The settings that a run plans each structure with: the preset's, its kind's, its own, the run's."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -65,7 +64,7 @@ class Editing:
         edits = catalog.edits()
         own = edits.loc[edits["transfer_id"] == transfer_id, "edit_json"]
         self.earlier = edit_from_json(own.iloc[-1]) if len(own) else StoredEdit()  # that made this plan
-        self._roadmaps: OrderedDict[str, Roadmap] = OrderedDict()
+        self._roadmap = lru_cache(_ROADMAPS)(self._roadmap_by)
 
     @property
     def target(self) -> Structure:
@@ -85,7 +84,7 @@ class Editing:
     def judged(self, base: Base, edit: Edit, airspace: AirspaceLimits) -> JudgedEdit:
         """The plan as it was changed, with its measures; refused where a viewpoint cannot be flown to."""
         path, flags = flown_path(base.plan)
-        graph = self._roadmap(airspace, path)
+        graph = self._roadmap(airspace, path.positions[:: max(1, len(path) // _PLACES)].tobytes())
         if edit == Edit() and not graph.airspace.broken(path.positions).any():
             path_flown, stops = path, flags
         else:
@@ -144,19 +143,12 @@ class Editing:
         name = self.target.sha256 and digest([self.target.sha256, boxes.tolist()])
         return replace(self.target, surroundings=replace(around, keep_out_m=boxes), sha256=name)
 
-    def _roadmap(self, request: AirspaceLimits, path: Trajectory) -> Roadmap:
-        name = digest([request.boxes, self.clearance_m(request), path.positions.tobytes().hex()])
-        if name not in self._roadmaps:
-            around = self._forbidding(request).surroundings
-            ground = self.recipe.settings.route.ground_clearance_m
-            airspace = Airspace(self.scene, self.clearance_m(request), around, ground)
-            every = max(1, len(path) // _PLACES)
-            in_the_way = obstacle(self.surface, self.stored.plan.supposed)
-            self._roadmaps[name] = roadmap(airspace, in_the_way, path.positions[::every])
-            while len(self._roadmaps) > _ROADMAPS:
-                self._roadmaps.popitem(last=False)
-        self._roadmaps.move_to_end(name)
-        return self._roadmaps[name]
+    def _roadmap_by(self, request: AirspaceLimits, places: bytes) -> Roadmap:
+        """The ways in an airspace that lead by places (K, 3), m, of which these are the bytes."""
+        around, route = self._forbidding(request).surroundings, self.recipe.settings.route
+        airspace = Airspace(self.scene, self.clearance_m(request), around, route.ground_clearance_m)
+        in_the_way = obstacle(self.surface, self.stored.plan.supposed)
+        return roadmap(airspace, in_the_way, np.frombuffer(places).reshape(-1, 3))
 
 
 def flown_path(plan: Plan) -> tuple[Trajectory, Bools]:

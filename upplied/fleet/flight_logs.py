@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from upplied.outputs.zones import flown_rows, looked
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.align import Alignment
 from upplied.proof.as_flown import AsFlown, as_flown
-from upplied.proof.looks import Looks, looks_of
+from upplied.proof.looks import looks_of
 from upplied.proof.required_zones import RequiredZones
 from upplied.records import Bools, Camera, Cloud, Floats, Plan, Structure, Trajectory
 
@@ -106,7 +106,7 @@ def keep(catalog: Catalog, judged: Judged) -> Row:
     same = catalog.flights(row["transfer_id"])
     if row["flight_id"] in set(same["flight_id"]):
         return {str(k): v for k, v in same[same["flight_id"] == row["flight_id"]].iloc[-1].items()}
-    row = {**row, "looks_sha256": keep_looks(catalog, judged.surface, judged.flown.looks)}
+    row = {**row, "looks_sha256": keep_looks(catalog, judged)}
     catalog.add_flight(row, judged.path)
     return row
 
@@ -132,7 +132,7 @@ def judge_log(
     # Where it flew, and what it saw, nothing stood that is only supposed: what was scanned counts.
     scene = scene_of(catalog.structure(row["target_id"]))
     logged = flown.trajectory, scene, flown.camera, photo_s
-    columns, surface, judged = judged_on_plan(catalog, row, laid.on, *logged)
+    judged = judged_on_plan(catalog, row, laid.on, *logged)
     parts = ["flown", row["transfer_id"], row["waypoints_sha256"], flown.sha256]
     parts.append("" if photo_ns is None else hashlib.sha256(photo_ns.tobytes()).hexdigest())
     wind = flown.wind
@@ -147,7 +147,7 @@ def judge_log(
         "wind_most_mps": wind and wind.most_mps,
         "towards_deg": wind and wind.towards_deg,
     }
-    return Judged(own | columns, laid.on.flown, surface, judged)
+    return replace(judged, row=own | judged.row)
 
 
 def judged_on_plan(
@@ -158,7 +158,7 @@ def judged_on_plan(
     scene: Scene,
     camera: Camera | None = None,
     photo_s: Floats | None = None,
-) -> tuple[Row, Cloud, AsFlown]:
+) -> Judged:
     """What every flight says of itself, by the columns of `flights`, the surface it was judged on, and how.
 
     The row is the plan's, `on` the flight on it; `photo_s` (F,), s, are the times of its photos from the
@@ -173,28 +173,28 @@ def judged_on_plan(
     viewpoint_s = plan.trajectory.t_s[np.flatnonzero([] if plan.is_viewpoint is None else plan.is_viewpoint)]
     rule = settings_of(row["settings_json"]).inspection
     where = surface, camera, scene, photo_s, planned_with, rule
-    judged = as_flown(plan.trajectory, viewpoint_s, on, logged, *where)
-    looks = judged.looks
+    flown = as_flown(plan.trajectory, viewpoint_s, on, logged, *where)
+    looks = flown.looks
     of_plan = ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")
     columns = {
         **{name: row[name] for name in of_plan},
         **{name: getattr(on, name) for name in _OF_ALIGNMENT},
-        **{name: getattr(judged, name) for name in _OF_FLIGHT},
+        **{name: getattr(flown, name) for name in _OF_FLIGHT},
         "clock_error_s": on.clock_error_s if np.isfinite(on.clock_error_s) else None,
         "shift_m": float(np.linalg.norm(on.shift_m)),
         "place_error_m": on.place_error_m if np.isfinite(on.place_error_m) else None,
         "turn_deg": on.heading_deg,
-        "plan_frechet_m": judged.frechet_m,
+        "plan_frechet_m": flown.frechet_m,
         "inspected_pct": _share_pct(looks.inspected, required),
         "inspected_if_corrected_pct": _share_pct(looks.inspected_if_corrected, required),
         "required_pct": _share_pct(looks.seen, required),
         "assumed_pct": _share_pct(looks.assumed, required) or 0.0,
-        "findings": "; ".join(judged.findings),
-        "min_clearance_m": judged.clearance_m,
+        "findings": "; ".join(flown.findings),
+        "min_clearance_m": flown.clearance_m,
         "path_length_m": float(leg_lengths(on.flown.positions).sum()),
         "duration_s": float(on.flown.t_s[-1] - on.flown.t_s[0]),
     }
-    return columns, surface, judged
+    return Judged(columns, on.flown, surface, flown)
 
 
 def _share_pct(flags: Bools | None, required: Bools) -> float | None:
@@ -202,8 +202,9 @@ def _share_pct(flags: Bools | None, required: Bools) -> float | None:
     return None if flags is None or not required.any() else 100 * float(flags[required].mean())
 
 
-def keep_looks(catalog: Catalog, surface: Cloud, looks: Looks) -> str:
-    """Store how a flight saw the samples of a surface; the hash of it."""
+def keep_looks(catalog: Catalog, judged: Judged) -> str:
+    """Store how a flight saw the samples of its surface; the hash of it."""
+    surface, looks = judged.surface, judged.flown.looks
     inspected = {name: getattr(looks, name) for name in ("inspected", "inspected_if_corrected")}
     where = surface.points, surface.normals, looks.seen, looks.values, looks.pictures, looks.assumed
     return catalog.put_looks(*where, **inspected)

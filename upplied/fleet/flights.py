@@ -98,15 +98,15 @@ def simulated_row(
     plan, target = catalog.plan(row["transfer_id"]), catalog.structure(row["target_id"])
     assert plan.trajectory is not None
     scene = scene_for(target, plan.supposed)
-    shown, surface, judged = judged_on_plan(catalog, row, as_simulated(plan.trajectory, path), path, scene)
+    judged = judged_on_plan(catalog, row, as_simulated(plan.trajectory, path), path, scene)
     return {
-        **shown,
+        **judged.row,
         **columns,
         "flight_id": flight_id,
         "findings": "",
         "kind": "simulated",
         "flown_at": catalog.clock.now(),
-        "looks_sha256": keep_looks(catalog, surface, judged.looks),
+        "looks_sha256": keep_looks(catalog, judged),
     }
 
 
@@ -163,59 +163,44 @@ def recheck(catalog: Catalog, limits: Limits | None = None) -> list[Rechecked]:
     with Workers(min(cores(), len(changed)), limits=limits or Limits()) as workers:
         for row in changed.to_dict("records"):
             target = catalog.newest("structures", row["target_id"])["sha256"]
-            verdicts = _judged(workers, catalog.location, {str(name): value for name, value in row.items()})
-            judged = catalog.transfer(verdicts.transfer_id), verdicts.note, target, BY
-            if verdicts.recalled:
+            try:
+                verdict: Rechecked = workers.run(judge_again, catalog.location, str(row["transfer_id"]))
+            except (JobKilled, UppliedError) as error:
+                note = f"it cannot be judged on the changed structure: {error}"
+                verdict = Rechecked(str(row["transfer_id"]), str(row["target_id"]), True, note, True)
+            judged = catalog.transfer(verdict.transfer_id), verdict.note, target, BY
+            if verdict.recalled:
                 catalog.recall(*judged)
             else:
-                catalog.rechecked(*judged, verdicts.supposed_sha256)
-            done.append(verdicts)
+                catalog.rechecked(*judged, verdict.supposed_sha256)
+            done.append(verdict)
     return done
 
 
-def _judged(workers: Workers, location: str, row: Row) -> Rechecked:
-    names = (str(row["transfer_id"]), str(row["target_id"]))
-    try:
-        broken, shown, supposed = workers.run(judge_again, location, names[0])
-    except (JobKilled, UppliedError) as error:
-        return Rechecked(*names, True, f"it cannot be judged on the changed structure: {error}", True)
-    if broken:
-        return Rechecked(*names, True, "; ".join(broken), True)
-    before = row["coverage_inspected_pct"]
-    if isinstance(shown, str):
-        words = f"it is safe; what it shows cannot be measured: {shown}"
-        return Rechecked(*names, False, words, True, supposed)
-    lost = before - shown > _LOST_POINTS
-    note = f"it is safe there; it shows {shown:.1f} % of what was inspected ({before:.1f} % before)"
-    return Rechecked(*names, False, note, bool(lost), supposed)
-
-
-def judge_again(location: str, transfer_id: str) -> tuple[list[str], float | str, str]:
-    """In a worker: the rules that a plan breaks at its structure as it now is, and what it shows there.
-
-    Returns these in words; the share of what was inspected that is shown, %, or why that cannot be
-    measured; and the hash of what of the structure was never scanned.
-    """
+def judge_again(location: str, transfer_id: str) -> Rechecked:
+    """In a worker: a plan at its structure as it now is, by the rules that it breaks and what it shows."""
     catalog = open_catalog(location)
     basis = recipe(catalog, transfer_id)
     plan = plan_of(catalog, basis.row)
-    assert plan.trajectory is not None
-    target = catalog.structure(plan.target_id)
+    path, before = plan.trajectory, plan.measures.coverage_inspected_pct
+    assert path is not None
+    names, target = (transfer_id, plan.target_id), catalog.structure(plan.target_id)
     route = basis.settings.route
     limit_m = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
-    broken = place_breaches(plan.trajectory, target, None, limit_m)
+    if not (broken := place_breaches(path, target, None, limit_m)):
+        try:
+            flown = (basis.demonstration, basis.source, target, basis.settings, catalog.cache)
+            plan = measure_flown(path, plan, *flown, basis.siblings)
+            shown = plan.measures.coverage_inspected_pct
+            lost = bool(before - shown > _LOST_POINTS)
+            note = f"it is safe there; it shows {shown:.1f} % of what was inspected ({before:.1f} % before)"
+        except UppliedError as error:
+            lost, note = True, f"it is safe; what it shows cannot be measured: {error}"
+        broken = place_breaches(path, target, plan.supposed, limit_m)
     if broken:
-        return broken, float("nan"), ""
-    shown: float | str
-    try:
-        flown = (basis.demonstration, basis.source, target, basis.settings, catalog.cache)
-        plan = measure_flown(plan.trajectory, plan, *flown, basis.siblings)
-        shown = plan.measures.coverage_inspected_pct
-    except UppliedError as error:
-        shown = str(error)
-    assert plan.trajectory is not None
-    broken = place_breaches(plan.trajectory, target, plan.supposed, limit_m)
-    return broken, shown, catalog.keep_surface(replace(plan, surface=None, inspected=None)).supposed_sha256
+        return Rechecked(*names, True, "; ".join(broken), True)
+    supposed = catalog.keep_surface(replace(plan, surface=None, inspected=None)).supposed_sha256
+    return Rechecked(*names, False, note, lost, supposed)
 
 
 def place_breaches(

@@ -210,6 +210,7 @@ def _surveyed(logs: Iterable[str | Path]) -> list[FileKind]:
 
 
 _SIZES = ["size_x_m", "size_y_m", "size_z_m"]
+_WORDS = "manifest-words"  # of the cache: site and notes of an entry
 
 
 @dataclass(frozen=True)
@@ -234,9 +235,9 @@ class _Stored:
             return None
         _, site, notes = self.content[name]
         begins = f"{notes}; ".startswith(f"{entry.notes}; ") or not entry.notes
-        description = _Words(site, entry.notes if begins else notes)
-        words = self.cache.get(_WORDS, _Words, digest(self.content[name])) or description
-        return Ingested(name, "unchanged") if words == _Words(entry.site, entry.notes) else None
+        words = self.cache.get(_WORDS, tuple, digest(self.content[name]))
+        words = words or (site, entry.notes if begins else notes)
+        return Ingested(name, "unchanged") if words == (entry.site, entry.notes) else None
 
     def noted(
         self, reads: Iterator[tuple[str, Any]], entries: Mapping[str, StructureEntry]
@@ -245,16 +246,5 @@ class _Stored:
         for name, read in reads:
             if isinstance(read, Structure):
                 entry = entries[name]
-                self.cache.put(_WORDS, digest(reading.content_of(read)), _Words(entry.site, entry.notes))
+                self.cache.put(_WORDS, digest(reading.content_of(read)), (entry.site, entry.notes))
             yield name, read
-
-
-@dataclass(frozen=True)
-class _Words:
-    """What an entry says that no plan depends on."""
-
-    site: str
-    notes: str
-
-
-_WORDS = "words"

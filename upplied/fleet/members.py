@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import permutations, product
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from upplied.inputs.manifest_keys import UNITS
 from upplied.inputs.meshes import turn as file_turn
@@ -139,7 +139,7 @@ def _axes(
     """Whether it fits the others of its kind better when it is turned."""
     library, turns = library_of([one.shape for one in kin]), quarter_turns()
     nearest_turn = [float(unlikeness(turned(new.shape, turn), library).min()) for turn in turns]
-    stands = [turn[2, 2] > 0.5 for turn in turns]
+    stands = turns[:, 2, 2] > 0.5
     for rule, tried in (
         ("up-axis", [index for index in range(len(turns)) if not stands[index]]),
         ("forward-axis", [index for index in range(len(turns)) if stands[index] and not symmetric]),
@@ -183,11 +183,6 @@ def _kind(
 
 
 @cache
-def quarter_turns() -> tuple[Floats, ...]:
-    """The 24 turns of a cube, (3, 3) each."""
-    every = (
-        np.eye(3)[list(order)] * np.array(signs)[:, None]
-        for order in permutations(range(3))
-        for signs in product((1.0, -1.0), repeat=3)
-    )
-    return tuple(turn for turn in every if np.linalg.det(turn) > 0)
+def quarter_turns() -> Floats:
+    """The 24 turns of a cube, (24, 3, 3)."""
+    return np.round(Rotation.create_group("O").as_matrix())

@@ -133,15 +133,14 @@ log = logging.getLogger(__name__)
 def learnt_structure(location: str, cache: Path, entry: StructureEntry) -> Structure:
     """The structure of one entry; its shape is remembered in the cache of the catalog at a location."""
     structure = read_structure(entry, judge=False)  # it is judged among others afterwards
-    labels: list[bool] = []
 
-    def learn() -> None:
+    def learn() -> Structure:
         known = shapes.Shapes(open_catalog(location, cache))
         known.learn(structure)
-        labels.append(pieces_tell_parts(known.cloud(structure.structure_id, structure.sha256)))
+        cloud = known.cloud(structure.structure_id, structure.sha256)
+        return replace(structure, tells_parts=pieces_tell_parts(cloud))
 
-    _tried(learn, entry.structure_id)
-    return replace(structure, tells_parts=labels[0]) if labels else structure
+    return _tried(learn, entry.structure_id) or structure
 
 
 def learnt_flight(
@@ -184,12 +183,13 @@ def gather(catalog: Catalog) -> None:
     shapes.Shapes(catalog).gather(shapes.content_of(flown.sort_index(), "mesh_sha256").to_dict())
 
 
-def _tried(learn: Callable[[], None], name: str) -> None:
+def _tried(learn: Callable[[], Read], name: str) -> Read | None:
     """A file that was read is kept, whatever hinders this: it is found out, or told, when it is asked for."""
     try:
-        learn()
+        return learn()
     except Exception as error:
         log.warning("%s: nothing is known of its shape yet: %s", name, error)
+        return None
 
 
 def is_project(file: FileKind) -> bool:

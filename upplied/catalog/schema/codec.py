@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import lru_cache
 from io import BytesIO
+from itertools import chain, repeat
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -105,18 +106,18 @@ def _plain(value: Any, path: str, arrays: dict[str, Array]) -> Any:
     if isinstance(value, np.ndarray):
         if value.dtype.kind not in "biuf":
             raise TypeError(f"{path}: an array of {value.dtype} cannot be kept")
-        arrays[path] = _little_endian(value)
-        return {"array": path}
+        arrays[name := path.removeprefix(".")] = _little_endian(value)
+        return {"array": name}
     if isinstance(value, np.generic):
         return _plain(value.item(), path, arrays)
     if is_dataclass(value) and not isinstance(value, type):
         known = {f.name: getattr(value, f.name) for f in fields(value) if not _left_out(f, value)}
-        inner = {name: _plain(item, _join(path, name), arrays) for name, item in known.items()}
+        inner = {name: _plain(item, f"{path}.{name}", arrays) for name, item in known.items()}
         return {"fields": inner, "type": type(value).__name__}
     if isinstance(value, tuple | list):
-        return {"items": [_plain(item, _join(path, str(i)), arrays) for i, item in enumerate(value)]}
+        return {"items": [_plain(item, f"{path}.{i}", arrays) for i, item in enumerate(value)]}
     if isinstance(value, Mapping):
-        return {"map": [[key, _plain(item, _join(path, key), arrays)] for key, item in value.items()]}
+        return {"map": [[key, _plain(item, f"{path}.{key}", arrays)] for key, item in value.items()]}
     if isinstance(value, float) and not math.isfinite(value):
         return {"float": str(value)}
     if value is None or isinstance(value, bool | int | float | str):
@@ -143,40 +144,22 @@ def _record(plain: Any, hint: Any, arrays: Mapping[str, Array]) -> Any:
     if "float" in plain:
         return float(plain["float"])
     if "items" in plain:
-        of = get_args(hint)
-        each = [_record(item, _item_hint(of, i), arrays) for i, item in enumerate(plain["items"])]
+        of = [one for one in get_args(hint) if one is not Ellipsis] or [None]
+        hinted = zip(plain["items"], chain(of, repeat(of[-1])), strict=False)
+        each = [_record(item, one, arrays) for item, one in hinted]
         return each if get_origin(hint) is list or hint is list else tuple(each)
     if "map" in plain:
         inner_hint = (*get_args(hint), None, None)[1]
         return {key: _record(item, inner_hint, arrays) for key, item in plain["map"]}
-    record_type = _class_named(plain["type"], hint)
-    hints = _hints(record_type)
-    values = plain["fields"].items()
-    return record_type(**{name: _record(item, hints[name], arrays) for name, item in values})
-
-
-def _class_named(name: str, hint: Any) -> type:
-    """The record class among those that the declaration allows; no other is ever made."""
     options = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
-    for option in options:
-        if isinstance(option, type) and is_dataclass(option) and option.__name__ == name:
-            return option
-    raise ValueError(f"holds a {name}, wanted {hint}")
-
-
-def _item_hint(hints: tuple[Any, ...], index: int) -> Any:
-    if not hints:
-        return None
-    if len(hints) == 1 or hints[-1] is Ellipsis:
-        return hints[0]
-    return hints[min(index, len(hints) - 1)]
+    allowed = {one.__name__: one for one in options if isinstance(one, type) and is_dataclass(one)}
+    if plain["type"] not in allowed:  # no class is ever made but those that the declaration allows
+        raise ValueError(f"holds a {plain['type']}, wanted {hint}")
+    hints, values = _hints(allowed[plain["type"]]), plain["fields"].items()
+    return allowed[plain["type"]](**{name: _record(item, hints[name], arrays) for name, item in values})
 
 
 _hints = lru_cache(maxsize=64)(get_type_hints)
-
-
-def _join(path: str, name: str) -> str:
-    return f"{path}.{name}" if path else name
 
 
 def _little_endian(array: Array) -> Array:

@@ -110,12 +110,14 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
     """The plan of a row and its waypoints in order, without the states of the surface."""
     planned, texts = row["n_waypoints"] > 0, Row((name, row[name] or "") for name in _TEXTS)
     counterparts = json.loads(row["counterparts"] or "[]")  # null in rows of before there was such a column
+    fit = _known(Registration, json.loads(row["registration_json"] or "{}"))
+    fit = {name: np.array(it, float) if isinstance(it, list) else _number(it) for name, it in fit.items()}
     return Plan(
         **texts,
         trajectory=trajectory_of(waypoints) if planned else None,
         is_viewpoint=np.array(waypoints["is_viewpoint"]) if planned else None,
         added=added_of(waypoints) if planned else None,
-        registration=_registration_of(row["registration_json"]),
+        registration=Registration(**fit) if fit else None,
         measures=Measures(**{item.name: _number(row[item.name]) for item in fields(Measures)}),
         counterparts=tuple(Counterpart(**_known(Counterpart, tuples(one))) for one in counterparts),
         warnings=tuple(json.loads(row["warnings"] or "[]")),
@@ -170,14 +172,6 @@ def _json_value(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
     return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
-def _registration_of(text: str) -> Registration | None:
-    """The opposite of what `transfer_row` makes of it."""
-    values = _known(Registration, json.loads(text)) if text else {}
-    for name, value in values.items():
-        values[name] = np.array(value, float) if isinstance(value, list) else _number(value)
-    return Registration(**values) if values else None
 
 
 def _number(value: Any) -> Any:

@@ -287,8 +287,5 @@ def encoded(rows: pa.Table) -> pa.Table:
 
 def decoded(rows: pa.Table) -> pa.Table:
     """Rows whose dictionaries are plain columns again."""
-    for at, field in enumerate(rows.schema):
-        if pa.types.is_dictionary(field.type):
-            plain = field.with_type(field.type.value_type)
-            rows = rows.set_column(at, plain, rows.column(at).cast(plain.type))
-    return rows
+    fields = [f.with_type(f.type.value_type) if pa.types.is_dictionary(f.type) else f for f in rows.schema]
+    return rows.cast(pa.schema(fields, rows.schema.metadata))

@@ -118,10 +118,8 @@ def labelled(structure: Structure, labels: Sequence[str]) -> FaceLabels:
     if len(labels) != len(structure.triangles):
         fault = f"are {len(labels)}, the mesh has {len(structure.triangles)} faces"
         raise SettingsError(f"labels of {structure.structure_id}", fault, "one for each face")
-    names = sorted(set(labels))
-    at = {name: number for number, name in enumerate(names)}
-    number = np.array([at[label] for label in labels], np.int64)
-    return FaceLabels(triangles_sha256(structure), json.dumps(names), number)
+    names, number = np.unique(np.array(labels, object), return_inverse=True)
+    return FaceLabels(triangles_sha256(structure), json.dumps(names.tolist()), number.astype(np.int64))
 
 
 def triangles_sha256(structure: Structure) -> str:

@@ -142,17 +142,11 @@ class Clock:
     def now(self) -> datetime:
         """The time there, UTC."""
         if self._files.local or self._looked is None or time.monotonic() - self._looked > _ASKED_AGAIN_S:
-            there = self._there()
-            ahead = timedelta() if there is None else there - datetime.now(UTC)
+            try:
+                self._files.write(_CLOCK, b"", lasting=False)
+                ahead = self._files.filesystem().get_file_info(_CLOCK).mtime - datetime.now(UTC)
+            except _TRIED:  # nothing may be written there
+                ahead = timedelta()
             self._ahead = ahead if abs(ahead) > _TRUSTED else timedelta()
             self._looked = time.monotonic()
         return datetime.now(UTC) + self._ahead
-
-    def _there(self) -> datetime | None:
-        """The stamp of a file that is written now; None where nothing may be written."""
-        try:
-            self._files.write(_CLOCK, b"", lasting=False)
-            stamp: datetime | None = self._files.filesystem().get_file_info(_CLOCK).mtime
-        except _TRIED:
-            return None
-        return stamp

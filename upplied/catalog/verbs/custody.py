@@ -6,7 +6,7 @@ import hashlib
 import io
 import json
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,6 +28,7 @@ from upplied.catalog.store.files import FileStore, explained
 from upplied.catalog.store.identity import Heads
 from upplied.catalog.store.opening import HASHED_KEY
 from upplied.catalog.verbs import ordering
+from upplied.catalog.verbs.queries import named
 from upplied.catalog.verbs.roster import Roster
 from upplied.errors import CatalogError, RefusedError
 
@@ -38,7 +39,7 @@ COMPARED = 250_000  # steps that are compared at a time
 def checked_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> Iterator[pa.Table]:
     """The steps that the given rows own, in order, a bounded number at a time, `checked`."""
     owners = owners.sort_values([TABLES[name].names[0], "commit_id"])
-    for _, chunk in owners.groupby(owners[f"n_{name}"].cumsum() // CHUNK, sort=True):
+    for _, chunk in owners.groupby(owners[f"n_{name}"].cumsum() // CHUNK):
         yield checked(name, stored_steps(catalog, name, chunk), stated(name, chunk))
 
 
@@ -81,17 +82,6 @@ def stored_steps(catalog: Reading, name: str, owners: pd.DataFrame) -> pa.Table:
     if ((next_owner > 0) | ((next_owner == 0) & (np.diff(seq, prepend=-1) > 0) & (place >= 0))).all():
         return stored
     return stored.take(pa.array(np.lexsort((seq, place))[np.count_nonzero(place < 0) :]))
-
-
-def named(rows: pa.Table | pd.DataFrame, names: Sequence[str]) -> pa.Array:
-    """Some columns of each row as one text."""
-    if not isinstance(rows, pa.Table):
-        rows = pa.Table.from_pandas(rows[[*names]], preserve_index=False)
-    texts = []
-    for column in (rows[name].combine_chunks() for name in names):
-        plain = column.cast(pa.int64()) if pa.types.is_timestamp(column.type) else column
-        texts.append(plain.cast(pa.string()).fill_null(""))
-    return pc.binary_join_element_wise(*texts, "\x1f")
 
 
 def stated(name: str, owners: pd.DataFrame) -> dict[tuple[str, str], tuple[int, str]]:

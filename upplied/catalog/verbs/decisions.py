@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs import custody, ordering, queries
+from upplied.catalog.verbs import custody, ordering
 from upplied.catalog.verbs.belonging import OwnSettings
 from upplied.catalog.verbs.ordering import Standing, standing_of, unit_of
 from upplied.catalog.verbs.roster import Roster, author, signature
@@ -26,7 +26,7 @@ RELEASE_RULES = {
     "recalled": "it was not recalled",
     "changed": "the structure has not changed since it was planned",
 }
-_LONGEST = 2000  # letters of a name or note: it stands on pages
+_LONGEST = 2000  # letters of a note: it stands on pages
 
 
 class Deciding(OwnSettings):
@@ -38,7 +38,7 @@ class Deciding(OwnSettings):
 
     def standing(self) -> Standing:
         """What follows from all decisions."""
-        return standing_of(queries.decided(self.tables["decisions"]))
+        return standing_of(ordering.by_commit(self.tables["decisions"].read()))
 
     def in_force(self, *, structure: str | None = None, kind: str | None = None) -> pd.DataFrame:
         """The plans in force, as `transfers` has them, with two columns more.
@@ -190,10 +190,8 @@ class Deciding(OwnSettings):
 
     def _decide(self, row: Row, state: str, by: str, note: str, **about: str) -> str:
         """Add a decision; its name."""
-        for what, text in (("name", by), ("note", note)):
-            if len(text) > _LONGEST:
-                fault = f"has {len(text)} letters"
-                raise SettingsError(f"{what} of a decision", fault, f"at most {_LONGEST}")
+        if len(note) > _LONGEST:
+            raise SettingsError("note of a decision", f"has {len(note)} letters", f"at most {_LONGEST}")
         who, name, plan = author(by, "a decision"), self.new_commit_id(), row["transfer_id"]
         of_plan = ("transfer_id", "demonstration_id", "target_id", "purpose")
         decision = {key: row[key] or "" for key in of_plan} | {

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import fields
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ import pyarrow.parquet as pq
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema import codec, plan_rows, rows
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.schema.steps import unlike
+from upplied.catalog.schema.steps import run_starts, unlike
 from upplied.catalog.schema.tables import TABLES, in_schema, missing, upgraded
 from upplied.catalog.store.contents import CONTENTS, NAMED_CONTENTS, States, file_name
 from upplied.catalog.verbs.dataset_files import DATASET, EXCHANGED, check_files
@@ -160,14 +159,13 @@ def _read(place: Path, name: str) -> pa.Table:
 
 def _by_owner(steps: pa.Table) -> dict[tuple[str, str], pa.Table]:
     """Steps by owner and commit, in order."""
-    owner = [steps.schema.names[0], "commit_id"]
+    owner = [key := steps.schema.names[0], "commit_id"]
     ordered = steps.sort_by([(name, "ascending") for name in (*owner, "seq")])
-    names = zip(*(ordered[name].to_pylist() for name in owner), strict=True)
-    owned, first = {}, 0
-    for name, group in groupby(names):
-        owned[name] = ordered.slice(first, count := len(list(group)))
-        first += count
-    return owned
+    starts = run_starts(ordered, (key, "commit_id"))
+    names = ordered.select(owner).take(pa.array(starts)).to_pylist()
+    counts = np.diff(starts, append=len(ordered)).tolist()
+    parts = zip(names, starts.tolist(), counts, strict=True)
+    return {(row[key], row["commit_id"]): ordered.slice(first, count) for row, first, count in parts}
 
 
 def _steps(place: Path, owned: dict[tuple[str, str], pa.Table], name: str, row: Row) -> pa.Table:

@@ -29,7 +29,7 @@ SLOT = [*PAIR, "purpose"]  # of these, the newest plan is current
 NEWEST = ["commit_version", "planned_at"]  # what orders plans; the time counts within a commit
 _FEW_KEYS = 5000  # up to here their pairs are asked for alone
 _MOST_ROWS = 50_000  # of a table that is kept at hand, a kilobyte each
-_COMMIT = ("commit_version", "added_at", "commit_id")  # what orders rows of an id, whatever clocks say
+COMMIT = ("commit_version", "added_at", "commit_id")  # what orders rows of an id, whatever clocks say
 ORDERED = ["transfer_id", *SLOT, "status", *NEWEST]  # what `in_order` goes by
 
 
@@ -38,7 +38,7 @@ class Current:
 
     def __init__(self, table: StoredTable) -> None:
         self._table = table
-        self._at_hand: tuple[ds.Dataset, pa.Table, dict[str, list[int]]] | None = None
+        self._at_hand: tuple[ds.Dataset, pa.Table, dict[str, int]] | None = None
 
     def row(self, name: str) -> Row | None:
         """The current version of an id, retired or not; None where there is none."""
@@ -48,12 +48,10 @@ class Current:
         if self._at_hand is None or self._at_hand[0] is not dataset:
             if explained(self._table.uri, dataset.count_rows) > _MOST_ROWS:
                 return newest_rows(self._table, pc.field(key) == name).get(name)
-            table, places = self._table.read(), dict[str, list[int]]()
-            for place, each in enumerate(table[key].to_pylist()):
-                places.setdefault(each, []).append(place)
-            self._at_hand = dataset, table, places
+            table = self._table.read().sort_by([(each, "ascending") for each in COMMIT])
+            self._at_hand = dataset, table, {each: at for at, each in enumerate(table[key].to_pylist())}
         _, table, places = self._at_hand
-        return by_commit(table.take(places[name]))[-1] if name in places else None
+        return table.slice(places[name], 1).to_pylist()[0] if name in places else None
 
 
 def newest_rows(table: StoredTable, where: ds.Expression | None = None) -> dict[str, Row]:
@@ -64,7 +62,7 @@ def newest_rows(table: StoredTable, where: ds.Expression | None = None) -> dict[
 
 def by_commit(table: pa.Table) -> list[Row]:
     """Rows in the order of their commits."""
-    return sorted(table.to_pylist(), key=itemgetter(*_COMMIT))
+    return sorted(table.to_pylist(), key=itemgetter(*COMMIT))
 
 
 def retired(table: StoredTable, where: ds.Expression | None = None) -> list[str]:
@@ -126,25 +124,17 @@ def in_order(table: pa.Table, newest: bool) -> pa.Table:
 
     A failure may be followed, racing writers may add a plan twice, and one may become current again.
     """
-    pairs = _pairs(table)
+    pairs, chosen = _pairs(table), np.arange(len(table))
     commit, planned = (table[name].cast(pa.int64()).to_numpy() for name in NEWEST)
-    when = np.empty(len(table), np.int64)
-    when[np.lexsort((planned, commit))] = np.arange(len(table))
-    chosen = _standing(table, when)
-    order = chosen[np.lexsort((when[chosen], pairs[chosen]))]
+    plans = table["transfer_id"].combine_chunks().dictionary_encode()
+    if len(plans.dictionary) < len(table):  # of a plan one that is no failure stands, and of those the newest
+        codes, succeeded = plans.indices.to_numpy(), pc.not_equal(table["status"], "failed").to_numpy()
+        order = np.lexsort((planned, commit, succeeded, codes))
+        chosen = np.sort(order[np.flatnonzero(np.diff(codes[order], append=-1))])
+    order = chosen[np.lexsort((planned[chosen], commit[chosen], pairs[chosen]))]
     if newest:
         order = order[np.flatnonzero(np.diff(pairs[order], append=-1))]
     return table.take(order)
-
-
-def _standing(table: pa.Table, when: Ints) -> Ints:
-    """Which row stands for each plan: one that is not a failure, and of those the newest."""
-    plans = table["transfer_id"].combine_chunks().dictionary_encode()
-    if len(plans.dictionary) == len(table):
-        return np.arange(len(table))
-    codes = plans.indices.to_numpy()
-    order = np.lexsort((when, pc.not_equal(table["status"], "failed").to_numpy(), codes))
-    return np.asarray(order[np.flatnonzero(np.diff(codes[order], append=-1))], np.int64)
 
 
 def _pairs(table: pa.Table) -> Ints:
@@ -152,9 +142,8 @@ def _pairs(table: pa.Table) -> Ints:
     number = np.zeros(len(table), np.int64)
     for name in SLOT:
         encoded = table[name].combine_chunks().dictionary_encode()
-        rank = np.empty(len(encoded.dictionary), np.int64)
-        rank[pc.sort_indices(encoded.dictionary).to_numpy()] = np.arange(len(rank))
-        number = number * max(1, len(rank)) + rank[encoded.indices.to_numpy()]
+        rank = pc.rank(encoded.dictionary).take(encoded.indices).to_numpy().astype(np.int64)
+        number = number * (1 + len(encoded.dictionary)) + rank
     return number
 
 

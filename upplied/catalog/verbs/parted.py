@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import accumulate, groupby, pairwise
+from operator import itemgetter
 
 import numpy as np
 import pandas as pd
@@ -24,14 +25,13 @@ from upplied.catalog.store.chain import decoded
 from upplied.catalog.verbs import custody, queries
 from upplied.catalog.verbs.generations import Before
 from upplied.catalog.verbs.ordering import DERIVED
+from upplied.catalog.verbs.queries import NAMED
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.records import Floats, Ints
 
 Files = dict[str, pd.DataFrame]  # by name: what names the rows in it, or owns them
 
-#: What tells a plan's row from others.
-NAMED = ("transfer_id", "commit_id", "commit_version", "planned_at")
 _PLANS = 256  # of a file, about: what a changed plan makes us write again
 _STEPS = 4000
 _FILES = 1024  # of a kind at most: as many as one still lists, links and opens at once
@@ -69,7 +69,7 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, mo
     """Rows by file, so that each file has about so much weight; it is named by some columns of its rows."""
     rows.attrs.clear()  # which pandas copies with every choice of rows
     made_of = digest([SCHEMA_VERSION, TABLES[name].names])
-    texts = custody.named(rows, columns)
+    texts = queries.named(rows, columns)
     files: dict[str, Ints] = {}
     for kind, at in rows.groupby("kind").indices.items():
         folder = f"{name}.parquet/{check_id(str(kind), 'kind')}"
@@ -98,7 +98,8 @@ def _plans(catalog: Catalog, was: Before, files: Files) -> Iterator[tuple[str, p
     table, whole = catalog.tables["transfers"], sum(map(len, files.values()))
     for lot in _lots(files, map(len, files.values()), _LOT):
         old = {file: _before(was, file, TABLES["transfers"]) for file in lot}
-        place = {file: _place(old[file], files[file]) for file in lot}
+        names = {file: [queries.named(rows, NAMED) for rows in (files[file], old[file])] for file in lot}
+        place = {file: np.array(pc.index_in(*both).fill_null(-1)) for file, both in names.items()}
         lacking = pd.concat([files[file][place[file] < 0] for file in lot])
         known = list(lacking.columns)
         rest = pa.schema([field for field in table.declared.schema if field.name not in known])
@@ -117,20 +118,15 @@ def _plans(catalog: Catalog, was: Before, files: Files) -> Iterator[tuple[str, p
             yield file, rows.select(table.declared.names)
 
 
-def _place(old: pa.Table, own: pd.DataFrame) -> Ints:
-    """Where each row stands in the file of before, -1 where it does not."""
-    return np.array(pc.index_in(custody.named(own, NAMED), custody.named(old, NAMED)).fill_null(-1))
-
-
 def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:
     declared, key = TABLES[name], TABLES[name].names[0]
     owner = [key, "commit_id"]
     for lot in _lots(files, (own[f"n_{name}"].sum() for own in files.values()), custody.CHUNK):
         still, lacking = [], []
         for at, file in enumerate(lot):
-            old, owners = _before(was, file, declared), custody.named(files[file], owner)
-            still.append(old.filter(pc.is_in(custody.named(old, owner), owners)))
-            known = pc.is_in(owners, custody.named(still[at], owner)).to_numpy(zero_copy_only=False)
+            old, owners = _before(was, file, declared), queries.named(files[file], owner)
+            still.append(old.filter(pc.is_in(queries.named(old, owner), owners)))
+            known = pc.is_in(owners, queries.named(still[at], owner)).to_numpy(zero_copy_only=False)
             lacking.append(files[file][~known].assign(file=at))
         own = pd.concat(lacking).sort_values(owner)
         steps = checked(name, custody.stored_steps(catalog, name, own), custody.stated(name, own))
@@ -148,9 +144,9 @@ def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[t
 
 def _lots(files: Files, weights: Iterable[float], most: int) -> Iterator[list[str]]:
     """Some files at a time, of about so much weight."""
-    number = (held // most for held in accumulate(weights))
-    for _, lot in groupby(files, lambda file: next(number)):
-        yield list(lot)
+    numbered = zip((held // most for held in accumulate(weights)), files, strict=True)
+    for _, lot in groupby(numbered, itemgetter(0)):
+        yield [file for _, file in lot]
 
 
 def _before(was: Before, file: str, declared: Table) -> pa.Table:

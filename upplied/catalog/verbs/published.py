@@ -26,6 +26,7 @@ from upplied.catalog.store.locking import locked
 from upplied.catalog.verbs import parted
 from upplied.catalog.verbs.generations import Before, Generation, check, clean, current, switch
 from upplied.catalog.verbs.ordering import DERIVED
+from upplied.catalog.verbs.queries import NAMED
 from upplied.config import digest
 from upplied.errors import CatalogError
 
@@ -33,7 +34,7 @@ _ROW_GROUP = 16_384
 #: What a publication says depends on these, too: a newer program knows more columns.
 _COLUMNS = digest([SCHEMA_VERSION, {name: table.names for name, table in TABLES.items()}])
 #: Of a plan: what names its row, what its steps are found by, and what is decided about it.
-_OF_PLANS = (*parted.NAMED, "kind", "target_id", "n_waypoints", "waypoints_sha256", *DERIVED)
+_OF_PLANS = (*NAMED, "kind", "target_id", "n_waypoints", "waypoints_sha256", *DERIVED)
 
 
 def export_tables(catalog: Catalog, folder: str | os.PathLike[str], force: bool = False) -> dict[str, int]:
@@ -149,17 +150,12 @@ def _put_frame(was: Before, draft: Path, name: str, frame: pd.DataFrame, now: Ge
     file = f"{name}.parquet"
     rows = pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)
     now.rows[name] = len(rows)
-    now.parts[file] = digest([SCHEMA_VERSION, _content(rows)])
-    if not was.linked(draft, file, now):
-        write(draft / file, TABLES[name], iter([rows]))
-
-
-def _content(rows: pa.Table) -> str:
-    """Hash of rows as they are encoded."""
-    sink = pa.BufferOutputStream()
+    sink = pa.BufferOutputStream()  # the rows as they are encoded
     with pa.ipc.new_stream(sink, rows.schema) as writer:
         writer.write_table(rows.combine_chunks(), max_chunksize=_ROW_GROUP)
-    return hashlib.sha256(sink.getvalue()).hexdigest()
+    now.parts[file] = digest([SCHEMA_VERSION, hashlib.sha256(sink.getvalue()).hexdigest()])
+    if not was.linked(draft, file, now):
+        write(draft / file, TABLES[name], iter([rows]))
 
 
 def write(path: Path, declared: Table, parts: Iterator[pa.Table]) -> int:

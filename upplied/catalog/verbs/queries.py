@@ -5,7 +5,7 @@ Rows are only appended: what is current is the newest per name of those added un
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from functools import reduce
 from operator import and_
@@ -20,9 +20,8 @@ import pyarrow.dataset as ds
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import checked
-from upplied.catalog.store.chain import decoded
 from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.verbs.ordering import NEWEST, PAIR, by_commit
+from upplied.catalog.verbs.ordering import NEWEST, PAIR
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Bools, Floats, Trajectory
 
@@ -97,10 +96,18 @@ def completed(
         if oldest >= 0:  # which spares files; of rows of schema version 1 it is null
             where &= pc.field("commit_version") >= int(oldest)
     more = table.narrow(list(dict.fromkeys([*NAMED, *wanted])), where, version)
-    names = frame(decoded(more.select(NAMED)))
-    first = ~names.duplicated().to_numpy()  # one commit of an older program might bring a row twice
-    place = pd.MultiIndex.from_frame(names[first]).get_indexer(pd.MultiIndex.from_frame(plans[NAMED]))
-    return more.select(wanted).take(pa.array(np.flatnonzero(first)[place]))
+    return more.select(wanted).take(pc.index_in(named(plans, NAMED), named(more, NAMED)))
+
+
+def named(rows: pa.Table | pd.DataFrame, names: Sequence[str]) -> pa.Array:
+    """Some columns of each row as one text."""
+    if not isinstance(rows, pa.Table):
+        rows = pa.Table.from_pandas(rows[[*names]], preserve_index=False)
+    texts = []
+    for column in (rows[name].combine_chunks() for name in names):
+        plain = column.cast(pa.int64()) if pa.types.is_timestamp(column.type) else column
+        texts.append(plain.cast(pa.string()).fill_null(""))
+    return pc.binary_join_element_wise(*texts, "\x1f")
 
 
 def beginning(rows: pd.DataFrame, what: str, start: str) -> Row:
@@ -112,11 +119,6 @@ def beginning(rows: pd.DataFrame, what: str, start: str) -> Row:
         words = "is not in the catalog" if matches.empty else f"may be {len(matches)}"
         raise CatalogError(f"{what} {start}", words, f"the last ones: {known}", f"see: upplied {what}s list")
     return {str(name): value for name, value in matches.iloc[0].items()}
-
-
-def decided(table: StoredTable, as_of: When | None = None) -> list[Row]:
-    """The decisions until a moment, in the order of commits."""
-    return by_commit(table.read(until("added_at", as_of)))
 
 
 def steps(table: StoredTable, row: Row) -> pa.Table:
@@ -164,8 +166,7 @@ def _repeated(ordered: pd.DataFrame) -> Bools:
 
 def moment_of(table: StoredTable, version: int) -> When | None:
     """The moment of a version of `transfers`; None where it has no rows."""
-    added = table.read(None, ["added_at"], version)["added_at"]
-    return pc.max(added).as_py() if len(added) else None
+    return pc.max(table.read(None, ["added_at"], version)["added_at"]).as_py()
 
 
 _INPUTS = ("demonstration", "source", "target", "settings")

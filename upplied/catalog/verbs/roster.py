@@ -9,8 +9,6 @@ from __future__ import annotations
 import json
 import os
 import unicodedata
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -160,13 +158,12 @@ def _skeleton(name: str) -> str:
 # --- keys ----------------------------------------------------------------------------------------
 
 
-@contextmanager
-def _signing() -> Iterator[Any]:
+def _signing() -> tuple[Any, Any, type[Exception]]:
     with extra("signing"):
         from cryptography.exceptions import InvalidSignature
         from cryptography.hazmat.primitives import serialization
         from cryptography.hazmat.primitives.asymmetric import ed25519
-    yield serialization, ed25519, InvalidSignature
+    return serialization, ed25519, InvalidSignature
 
 
 def key_path(name: str) -> Path:
@@ -180,17 +177,16 @@ def new_key(name: str) -> str:
     path = key_path(name)
     if path.exists():
         raise InputError(str(path), "is there already", "one key for a name", "move it away to make another")
-    with _signing() as (serialization, ed25519, _):
-        key = ed25519.Ed25519PrivateKey.generate()
-        phrase = _passphrase()
-        locked = serialization.BestAvailableEncryption(phrase) if phrase else serialization.NoEncryption()
-        form = serialization.PrivateFormat.PKCS8
-        content = key.private_bytes(serialization.Encoding.PEM, form, locked)
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        path.touch(mode=0o600, exist_ok=False)
-        replace_file(path, content)
-        path.chmod(0o600)
-        return str(key.public_key().public_bytes_raw().hex())
+    serialization, ed25519, _ = _signing()
+    key = ed25519.Ed25519PrivateKey.generate()
+    phrase = _passphrase()
+    locked = serialization.BestAvailableEncryption(phrase) if phrase else serialization.NoEncryption()
+    content = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, locked)
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    path.touch(mode=0o600, exist_ok=False)
+    replace_file(path, content)
+    path.chmod(0o600)
+    return str(key.public_key().public_bytes_raw().hex())
 
 
 def signature(roster: Roster, decision: Row) -> str:
@@ -203,25 +199,25 @@ def signature(roster: Roster, decision: Row) -> str:
             what = f"release by {decision['by']!r}"
             raise RefusedError(what, f"there is no key at {path}", "signed", remedy)
         return ""
-    with _signing() as (serialization, _, _):
-        try:
-            key = serialization.load_pem_private_key(path.read_bytes(), _passphrase())
-        except (ValueError, TypeError, OSError) as error:
-            remedy = "set UPPLIED_KEY_PASSPHRASE where it is encrypted"
-            raise InputError(str(path), f"cannot be read: {error}", "a private key, PEM", remedy) from None
-        if key.public_key().public_bytes_raw().hex() != person.key:
-            remedy = "sign with the key whose public half is there"
-            raise RefusedError(str(path), "is another key than the roster's", roster.path, remedy)
-        return str(key.sign(_text(decision)).hex())
+    serialization = _signing()[0]
+    try:
+        key = serialization.load_pem_private_key(path.read_bytes(), _passphrase())
+    except (ValueError, TypeError, OSError) as error:
+        remedy = "set UPPLIED_KEY_PASSPHRASE where it is encrypted"
+        raise InputError(str(path), f"cannot be read: {error}", "a private key, PEM", remedy) from None
+    if key.public_key().public_bytes_raw().hex() != person.key:
+        remedy = "sign with the key whose public half is there"
+        raise RefusedError(str(path), "is another key than the roster's", roster.path, remedy)
+    return str(key.sign(_text(decision)).hex())
 
 
 def _verifies(key: str, decision: Row) -> bool:
-    with _signing() as (_, ed25519, invalid):
-        try:
-            public = ed25519.Ed25519PublicKey.from_public_bytes(bytes.fromhex(key))
-            public.verify(bytes.fromhex(decision["signature"] or ""), _text(decision))
-        except (invalid, ValueError):
-            return False
+    _, ed25519, invalid = _signing()
+    try:
+        public = ed25519.Ed25519PublicKey.from_public_bytes(bytes.fromhex(key))
+        public.verify(bytes.fromhex(decision["signature"] or ""), _text(decision))
+    except (invalid, ValueError):
+        return False
     return True
 
 

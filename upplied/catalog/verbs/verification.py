@@ -21,11 +21,11 @@ from upplied.catalog.verbs import custody
 from upplied.catalog.verbs.custody import Fault, Folder, as_frame
 from upplied.catalog.verbs.ordering import DERIVED
 from upplied.catalog.verbs.recipes import settings_of
+from upplied.checks import some
 from upplied.errors import CatalogError, SettingsError, UppliedError
 
 _ROWS = 4096  # that are looked at together, at least: a row of plans takes kilobytes
 _LEAST_DIGITS = 12  # of a hash that was noted
-_NAMED = 5  # ids that a finding names; it counts the others
 #: Columns that name a row of another table: table, column, the other table.
 _REFERENCES = (
     ("demonstrations", "structure_id", "structures"),
@@ -200,7 +200,7 @@ class Values:
         for column in self._columns:
             if column.name in self._broken:
                 first, names = self._broken[column.name]
-                fault = f"{first!r} is not {column.constraint}, in {_some(names)}"
+                fault = f"{first!r} is not {column.constraint}, in {some(names)}"
                 yield Finding(f"{self._table}.{column.name}", fault)
 
 
@@ -228,7 +228,7 @@ def _references(held: dict[str, pa.Table]) -> Iterator[Finding]:
         known, named = _texts(held[to].column(0)), _texts(held[table][column])
         missing = sorted(named.filter(pc.invert(pc.is_in(named, known))).to_pylist())
         for name, owners in _owners(held[table], column, missing).items():
-            yield Finding(f"{table}.{column}", f"{name} is not in {to}; named by {_some(owners)}")
+            yield Finding(f"{table}.{column}", f"{name} is not in {to}; named by {some(owners)}")
 
 
 def _texts(column: pa.ChunkedArray) -> pa.Array:
@@ -253,7 +253,7 @@ def _meshes(held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[
         counts = contents["meshes"].sizes.get(sha256)
         wrong = rows[rows[_COUNTS].ne([*counts]).any(axis=1)] if counts else rows[:0]
         if len(wrong):
-            named = _some(wrong["structure_id"])
+            named = some(wrong["structure_id"])
             yield Finding(f"mesh {sha256}", f"has {counts} parts, other than stated of {named}")
 
 
@@ -273,7 +273,7 @@ def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, F
             file, words = wrong[sha256]
             named.add(file)
             whose = "the mesh of" if name == "meshes" else "of"
-            yield Finding(f"{place}/{file}", f"{words}; {whose} {_some(owners)}")
+            yield Finding(f"{place}/{file}", f"{words}; {whose} {some(owners)}")
     for name, folder in contents.items():
         for sha256, words in folder.faults.items():
             if words and (file := f"{name}/{sha256}.parquet") not in named:
@@ -290,10 +290,4 @@ def _settings(transfers: pa.Table) -> Iterator[Finding]:
         except (UppliedError, ValueError) as error:
             wrong = f"cannot be read: {error}"
         if wrong:
-            yield Finding(f"settings {sha256[:12]}", f"{wrong}; of {_some(rows['transfer_id'])}")
-
-
-def _some(names: Iterable[str]) -> str:
-    listed = [str(name) for name in dict.fromkeys(names)]
-    more = f" and {len(listed) - _NAMED} more" if len(listed) > _NAMED else ""
-    return ", ".join(listed[:_NAMED]) + more
+            yield Finding(f"settings {sha256[:12]}", f"{wrong}; of {some(rows['transfer_id'])}")
