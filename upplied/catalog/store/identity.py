@@ -144,7 +144,8 @@ class Clock:
         if self._files.local or self._looked is None or time.monotonic() - self._looked > _ASKED_AGAIN_S:
             try:
                 self._files.write(_CLOCK, b"", lasting=False)
-                ahead = self._files.filesystem().get_file_info(_CLOCK).mtime - datetime.now(UTC)
+                there = self._files.filesystem().get_file_info(_CLOCK).mtime  # None where it is gone again
+                ahead = there - datetime.now(UTC) if there else timedelta()
             except _TRIED:  # nothing may be written there
                 ahead = timedelta()
             self._ahead = ahead if abs(ahead) > _TRUSTED else timedelta()
