@@ -10,6 +10,6 @@ import pytest
 
 def slow_after(first: int, cases: Iterable[Any]) -> list[Any]:
     """The cases, those after the first few marked slow."""
-    found = list(cases)
-    rest = (case if isinstance(case, tuple) else (case,) for case in found[first:])
-    return [*found[:first], *(pytest.param(*case, marks=pytest.mark.slow) for case in rest)]
+    every = list(cases)
+    rest = (case if isinstance(case, tuple) else (case,) for case in every[first:])
+    return [*every[:first], *(pytest.param(*case, marks=pytest.mark.slow) for case in rest)]
