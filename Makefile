@@ -50,6 +50,7 @@ quickstart: $(RUNS) ## environment, sample fleet, every transfer, reports: the w
 TESTS ?= not slow
 CORES ?= auto
 ROOM ?=
+EXCEPT ?=
 # What is compiled is kept, whatever this machine says otherwise: else each process of a test compiles all of it.
 unexport PYTHONDONTWRITEBYTECODE
 # A file's tests stay together, since they share what they read and plan; else files with few tests, which are those
@@ -70,7 +71,7 @@ $(PLAINLY): $(READY) $(JITTED)
 	@$(BIN)/python tests/plainly.py tests/compiled.py && touch $@
 
 test: $(COMPILED) ## the tests of a developer, on every core or CORES=...; ROOM=catalog, or more, are those of a room
-	@$(PYTEST) -m "$(TESTS)" $(ROOM:%=tests/%)
+	@$(PYTEST) -m "$(TESTS)" $(EXCEPT:%=--ignore=%) $(ROOM:%=tests/%)
 
 test-all: $(COMPILED) ## the test suite with the slow ones: faults, servers, benchmarks' smoke runs
 	@$(PYTEST)

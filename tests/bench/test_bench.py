@@ -90,7 +90,7 @@ def test_what_questions_to_a_catalog_cost() -> None:
     assert "one trajectory: " in printed and "commit 3 of 256 plans" in printed
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_visibility_costs_beside_the_rays_alone() -> None:
     *_, last = run("visibility.py", "--poses", "20", "--samples", "300").splitlines()
     assert last.split()[0] == "all" and int(last.split()[1]) > 0

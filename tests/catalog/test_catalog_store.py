@@ -76,7 +76,7 @@ def test_who_looked_before_another_wrote_takes_its_identity(store, monkeypatch):
     assert open_catalog(drawn).identity.id == first
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_everything_works_as_in_a_folder(store, tmp_path):
     catalog = open_catalog(f"s3://{BUCKET}/catalog")
     catalog.add_structures([structure("boxy"), structure("target", 1)])

@@ -238,7 +238,7 @@ def _plan_and_die(place: Path, moment: str) -> None:
     catalog.add_plans([(key_of("second"), replace(plan("target", 2), flyable=True), {})])
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("moment", ["before", "after"])
 def test_a_run_that_is_killed_leaves_the_released_plan_in_force(catalog, moment):
     catalog.release(key("first"), "Grace")

@@ -70,7 +70,7 @@ def test_an_older_catalog_is_read_as_it_is_and_not_changed(older):
     assert content(older / "catalog") == before
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_an_older_catalog_takes_rows_and_keeps_all_it_had(older, tmp_path):
     catalog = open_catalog(older / "catalog")
     had = catalog.transfers(every=True)

@@ -57,7 +57,7 @@ def test_choices_reach_the_plan_and_the_plan_that_was_asked_for_is_shown(planned
     assert main([*arguments, "--counterpart", "nose"]) == 2
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_plan_is_made_again(planned, location, capsys):
     assert main(["transfer", "--reproduce", planned]) == 0
     assert "the result is the same" in capsys.readouterr().out

@@ -33,7 +33,7 @@ def site(tmp_path_factory) -> Path:
     return goal
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_pages_fetch_nothing_from_elsewhere(site):
     pages = list(site.rglob("*.html"))
     assert len(pages) > 25

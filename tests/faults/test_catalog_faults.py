@@ -202,7 +202,7 @@ def test_a_full_disk_is_said_and_changes_nothing(tmp_path, what):
         assert rows(tmp_path / "catalog")["transfers"] == before["transfers"] + 20
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root to become somebody without rights")
 @pytest.mark.parametrize("what", WRITES)
 def test_a_read_only_folder_is_said_and_can_be_read(open_place, what):

@@ -59,7 +59,7 @@ def boxes(location: Path, count: int) -> Catalog:
     return catalog
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_culprits_are_rows_with_a_reason_and_the_rest_is_planned(tmp_path):
     catalog = boxes(tmp_path / "catalog", 8)
     resources = fleet.Resources(2, fleet.Limits(timeout_s=60, memory_gib=4))

@@ -381,7 +381,7 @@ def test_what_lies_behind_a_mark_is_no_part_of_it():
         located("it", scene, CAMERA, position, quat, pixels_of(CAMERA, position, quat, wide), Errors())
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_finding_on_a_mesh_that_was_replaced_states_how_far_off_it_is(filled, capsys):
     catalog, _, name = filled
     other = open_catalog(f"{catalog.location}-replaced")
@@ -498,7 +498,7 @@ def test_a_place_that_could_as_well_be_elsewhere_is_doubtful(tmp_path):
     assert there.doubtful[~free].mean() > 0.8 and not (wrong & ~there.doubtful).any()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_every_blade_is_asked_for(tmp_path):
     source, target = member("turbine-1-v1"), member("turbine-2-v1")
     catalog = open_catalog(tmp_path / "catalog")
@@ -551,7 +551,7 @@ def test_findings_of_several_structures_stand_in_their_order_on_one(catalog, tmp
     assert placed[[0, 2]] == pytest.approx(truth[::-1], abs=0.3)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_findings_of_a_kind_have_a_page_that_the_fleet_leads_to(filled, tmp_path):
     catalog, _, name = filled
     reference, rows = kind_map(catalog, CUBE.kind)
@@ -643,7 +643,7 @@ def test_a_mission_shows_a_place_as_its_photo_did_and_as_finely_as_asked(filled)
         plan_reshoot(catalog, rows, "cuboid-v1", 5.0)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_campaign_has_a_draft_for_each_structure_without_a_look(filled, monkeypatch):
     catalog, _, name = filled
     other = open_catalog(f"{catalog.location}-campaign")

@@ -34,7 +34,7 @@ def boxes(tmp_path_factory):
     return catalog, members
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_place_goes_over_the_map_to_where_the_generator_has_it_and_back(boxes):
     catalog, (reference, one, other, _) = boxes
     names = [each.structure.structure_id for each in (reference, one, other)]

@@ -102,7 +102,7 @@ def test_a_decision_says_why(planned, plan_request, why, count):
     assert decision.reasons == {why: count}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_changed_structure_is_planned_again_and_a_retired_one_no_more(tmp_path):
     catalog = boxes(tmp_path / "catalog", (1,))
     fleet.transfer(

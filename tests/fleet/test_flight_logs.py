@@ -80,7 +80,7 @@ def judged(catalog: Catalog, log, plan: str = ID, photos=None) -> Judged:
     return judge_log(catalog.location, str(log), plan, photos, None)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_log_is_judged_kept_told_and_its_gap_is_planned(catalog, log, tmp_path, capsys):
     row = keep(catalog, judged(catalog, log))
     assert (row["kind"], row["operator"], f"{row['flown_at']:%Y-%m-%d}") == ("flown", "Ada", "2026-02-02")
@@ -327,7 +327,7 @@ def test_a_flight_of_another_mission_is_told_by_its_fit(catalog, made, tmp_path)
         judged(catalog, log, plan="")  # without a name it is laid on the recommended one
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_holds_only_if_the_log_was_rightly_moved_is_told_apart(catalog, made, tmp_path, capsys):
     """A vehicle that flew 2.5 m beside its plan, and a log that is 2.5 m off, are the same log."""
     flown = fly_trajectory(made.trajectory, wind=Wind(2.0), seed=2)
@@ -418,7 +418,7 @@ def test_new_drafts_are_flown_and_those_that_come_too_near_are_told(catalog, mad
     assert "comes within 1.25 m (limit 2 m)" in told[0] and "not in the catalog" in told[1]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_plan_that_a_person_changed_is_judged_anew_and_is_a_draft(catalog, tmp_path, capsys):
     where, file = ["--catalog", catalog.location], tmp_path / "plan.json"
     assert main(["edit", ID[:8], "--out", str(file), *where]) == 0

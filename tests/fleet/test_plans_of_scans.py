@@ -105,7 +105,7 @@ def as_though_all_was_scanned(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Catalog, "supposed", lambda *_: None)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_ways_of_a_mission_lead_round_what_was_never_scanned(catalog, tmp_path, monkeypatch) -> None:
     assert exported(catalog, only(catalog), tmp_path / "made.csv")[1] > 1.9
     as_though_all_was_scanned(monkeypatch)
@@ -248,7 +248,7 @@ def test_what_a_new_file_lacks_is_found_when_a_plan_is_judged_again(catalog, pla
     assert catalog.supposed(plan) is None
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_plan_that_comes_too_near_to_what_a_new_file_lacks_is_recalled(catalog) -> None:
     for_the_whole(catalog, 4.2)  # 0.6 m above the structure, 2.8 m from what was scanned
     (found,) = recheck(catalog)

@@ -54,7 +54,7 @@ def test_every_plan_says_where_it_was_made(catalog):
     assert str(os.getpid()) not in {process for _, process, _ in found}, "the run's own process planned"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_shard_that_is_started_twice_is_planned_once(catalog, attempts):
     planner.prepare(str(catalog.location))
     jobs = fleet.decide(catalog, REQUEST).jobs
@@ -113,7 +113,7 @@ def test_what_was_planned_is_kept_before_the_run_ends(catalog, monkeypatch):
     assert rows == [1, 2, 3]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_was_read_is_kept_before_all_is_read(tmp_path, monkeypatch):
     """A batch that cannot be kept takes none of those before it along."""
     text = ""

@@ -30,7 +30,7 @@ def told(place: Path, catalog, site: str = "dock 3", notes: str = "") -> list[st
     return [item.status for item in fleet.ingest_structures(catalog, place / "structures.toml", 1)]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_corrected_words_reach_the_row_and_make_no_plan_old(place):
     catalog = open_catalog(place / "catalog")
     assert told(place, catalog, "dock 3", "painted; new rotor") == ["added"]

@@ -91,7 +91,7 @@ def shown_as_asked(path: Trajectory, points: np.ndarray, farthest_m: float, inci
     return (inside & frontal & (away <= farthest_m) & (away >= CAMERA.min_range_m)).any(axis=0)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_zone_that_the_plan_does_not_show_is_flown_as_it_asks(catalog, made, capsys):
     (plan,) = catalog.transfers()["transfer_id"]
     row = flown(catalog, plan, made.trajectory, "a")

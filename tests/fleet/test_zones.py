@@ -50,7 +50,7 @@ def catalog(tmp_path) -> Catalog:
     return made
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_zones_are_judged_as_planned_and_as_flown(catalog, tmp_path, capsys):
     cube = catalog.structure("cube-v1")
     low, high = cube.vertices.min(axis=0), cube.vertices.max(axis=0)
@@ -231,7 +231,7 @@ def written(path, labels: list[str]):
     return path
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("name", slow_after(2, ["a.npy", "numbers.npy", "a.txt", "a.csv", "a.parquet"]))
 def test_a_zone_is_labelled_face_by_face(catalog, tmp_path, capsys, name):
     cube = catalog.structure("cube-v1")

@@ -24,7 +24,7 @@ from upplied.samples.pilot import fly
 pytestmark = [pytest.mark.server, pytest.mark.filterwarnings("default")]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_an_automation_that_is_there_stays_with_what_it_has_heard(server, place):
     """In its place a new one would know nothing of the runs that died while nobody served."""
     done = python(

@@ -158,7 +158,7 @@ def test_a_plan_is_followed_from_its_log_to_its_page(server, place):
     assert page.is_file()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_shard_plans_what_it_is_named_and_nothing_twice(server, place):
     """What a machine of the work pool does; two machines do it in test_machines.py."""
     changes = {"viewpoints": {"shared": 0.5}}
@@ -225,7 +225,7 @@ def attempt(call):
     assert len(told) == len(WRONG), done.stdout + done.stderr
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_failed_runs_say_so_and_name_what_failed(server, place):
     """A state of a type or a name of its own is what an alert can match."""
     (place / "broken").mkdir()

@@ -169,7 +169,7 @@ def database(tmp_path) -> Iterator[str]:
 
 
 @pytest.mark.server
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("fleet", slow_after(1, [False, True]), ids=["server", "fleet"])
 def test_the_compose_files_services_work_on_postgresql(tmp_path, database, fleet):
     """Server and worker as the file says, with the addresses of this machine in place of its own names."""

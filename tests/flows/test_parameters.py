@@ -69,7 +69,7 @@ def test_a_flow_overrules_and_refuses_as_the_command_does(tmp_path):
     assert (row["overruled"], row["verdict"]) == ("too-fast", "overruled")
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_was_taken_with_a_warning_is_refused_where_that_is_asked(tmp_path):
     cube, catalog = member("cube-v1").structure, str(tmp_path / "catalog")
     open_catalog(catalog).add_structures([cube])

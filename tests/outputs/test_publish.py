@@ -369,7 +369,7 @@ def test_what_was_overruled_for_a_plan_stands_on_its_page(tmp_path):
     assert f"transfers/{pair_name('orbit-1', 'cuboid-0')}.html" in written  # it says what it no longer should
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_released_plan_has_its_missions_beside_its_page_or_the_reason(tmp_path):
     catalog = FakeCatalog(targets=1)
     here = Placement(47.0, 8.0, 400.0, 0.0, "ellipsoid")
@@ -406,7 +406,7 @@ def test_a_mission_of_several_sorties_is_not_given_out_as_its_first(monkeypatch)
     assert publishing._mission(FakeCatalog(targets=1), "t0000", "qgc-plan") == b"1"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("before", [1, *(pytest.param(at, marks=pytest.mark.slow) for at in (0, 3))])
 def test_a_disk_that_fills_up_among_the_pages_is_said_and_each_file_is_whole(tmp_path, before):
     catalog = open_catalog(tmp_path / "catalog")

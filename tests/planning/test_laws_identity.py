@@ -139,7 +139,7 @@ def close_up(depth_m: float, hover_s: float, second_look: bool, noise_m: float =
     return Demonstration("close-up", "hall", times, path, look_at(path, np.add(path, [0, 10, 0])), Camera())
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("depth", "hover", "second"), slow_after(1, [(5.0, 6.0, False), (2.0, 8.0, True), (8.0, 4.0, True)])
 )
@@ -208,7 +208,7 @@ RATES, NOISE = ("twice the rate", "half the rate"), "5 cm of noise"
 DOUBLED = [(*pair, how) for pair in (PLAIN, *PAIRS) for how in (NOISE, *RATES)]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(("source", "inspection", "target", "how"), slow_after(1, DOUBLED))
 def test_doubling(source: str, inspection: str, target: str, how: str) -> None:
     """A flight logged at another rate, or with noise, gives the same plan."""

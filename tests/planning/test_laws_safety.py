@@ -46,7 +46,7 @@ def test_no_plan_breaks_its_own_limits_on_200_structures(first: int) -> None:
     assert accepted >= 4
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["paper", "baseline"])
 @pytest.mark.parametrize("number", [0, 3, 5])
 def test_presets_that_enforce_nothing_tell_how_near_they_come(preset: str, number: int) -> None:

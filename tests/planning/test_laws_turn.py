@@ -70,7 +70,7 @@ def test_all_turned_together_gives_the_turned_plan(fleet, kind, degrees):
     check_all_turned(fleet, kind, "recommended", 1, degrees)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["paper", "baseline"])
 def test_published_plans_turn_with_structures_that_stand_askew(fleet, preset):
     check_all_turned(fleet, "cube", preset, 1, 37.0)
@@ -105,7 +105,7 @@ def check_turned_target(fleet, kind, turn, search, seed=1, **changes):
     assert turned.counterpart_summary == plan.counterpart_summary
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [29.0, pytest.param(180.0, marks=pytest.mark.slow)])
 def test_the_plan_on_a_turned_target_is_the_turned_plan(fleet, degrees):
     """An engine named by its place is the same engine, at any heading that the search finds."""

@@ -52,7 +52,7 @@ def planned() -> tuple[Demonstration, Structure, Plan]:
     return flown, target, plan
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_a_plan_claims_to_show_a_ray_caster_of_its_own_sees_with_the_camera_of_each_pose(
     planned,
 ) -> None:
@@ -99,7 +99,7 @@ def test_a_wide_look_does_not_stand_in_for_a_narrow_one_from_as_near() -> None:
     )
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_each_format_that_can_say_a_zoom_says_it_and_the_others_refuse(planned, tmp_path: Path) -> None:
     flown, target, plan = planned
 

@@ -283,7 +283,7 @@ def test_best_asks_for_one_way_only(location, capsys):
     assert "either --best" in capsys.readouterr().err
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_best_plans_the_first_but_only_within_a_kind(tmp_path, capsys):
     catalog = open_catalog(tmp_path / "catalog")
     cube, cuboid = member("cube-v1").structure, member("cuboid-v1").structure

@@ -43,7 +43,7 @@ def without(name: str, parts: tuple[str, ...]) -> Structure:
     return stamped(replace(made.structure, triangles=made.structure.triangles[kept]))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("source", "target", "inspection"),
     [

@@ -24,7 +24,7 @@ def fleet():
     return {structure.structure_id: structure for structure in sample_structures()}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "part", "turn", "search"),
     [

@@ -63,7 +63,7 @@ def test_the_end_that_was_not_scanned_is_found_and_nothing_else(form: str) -> No
     assert opening[:, 0].max() > END - 0.5 and opening[:, 0].min() > -4  # it shows a long way in
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["mesh", "cloud"])
 def test_nothing_is_missing_of_what_is_closed(form: str) -> None:
     whole = body() if form == "mesh" else as_cloud(body())

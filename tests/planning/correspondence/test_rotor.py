@@ -32,7 +32,7 @@ def stopped(degrees: float) -> tuple[Structure, np.ndarray]:
     return replace(of.structure, vertices=vertices, sha256=""), blade
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [0.0, 40.0])
 def test_blades_of_a_scan_are_found_wherever_the_rotor_stopped(degrees: float) -> None:
     target, blade = stopped(degrees)

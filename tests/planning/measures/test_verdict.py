@@ -74,7 +74,7 @@ def test_rules_of_the_airspace_hold_for_every_preset(asked):
     assert "above the ceiling" in said
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_recommended_is_refused_and_comparisons_carry_the_verdict(asked, monkeypatch):
     *_, flown, fleet = asked
     target = fleet["cuboid-v1"]
@@ -90,7 +90,7 @@ def test_recommended_is_refused_and_comparisons_carry_the_verdict(asked, monkeyp
     assert not plan.flyable and plan.measures.coverage_inspected_pct > 90
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_target_of_another_size_than_its_source_is_refused_or_warned_of(asked):
     """A unit that was mistaken: millimetres, inches and feet as metres, or a model of 3 to 10."""
     *_, flown, fleet = asked
