@@ -52,6 +52,7 @@ def forged(dataset: Path, place: Path) -> Path:
     return place
 
 
+@pytest.mark.ci
 def test_measures_of_a_dataset_are_marked_as_its_word(dataset, tmp_path):
     place = forged(dataset, tmp_path / "forged")
     assert main(["catalog", "import", str(place), "--catalog", str(tmp_path / "to")]) == 0

@@ -77,6 +77,7 @@ def test_questions_after_a_night_read_what_is_stored_and_no_mesh(boxes, monkeypa
     assert np.isfinite(by_reference(catalog, name, carrying=carrying)["reference_x_m"]).all() and not studied
 
 
+@pytest.mark.ci
 def test_places_on_many_structures_are_those_on_each_alone(boxes, monkeypatch):
     catalog, members = boxes
     names = [each.structure.structure_id for each in members]

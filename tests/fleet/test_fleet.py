@@ -51,6 +51,7 @@ def jobs_for(count: int, demonstrations: int = 1) -> list[fleet.Job]:
     ]
 
 
+@pytest.mark.ci
 def test_every_demonstration_goes_to_every_other_structure_of_its_kind(planned):
     plans = planned.transfers()
     assert set(plans["target_id"]) == {"box-random-1", "box-random-2", "box-random-3"}

@@ -65,6 +65,7 @@ def test_a_shard_that_is_started_twice_is_planned_once(catalog, attempts):
     assert {where.split("/")[2] for where in catalog.transfers()["planned_on"]} == {"ray"}
 
 
+@pytest.mark.ci
 def test_a_failure_of_an_older_run_is_not_what_came_of_this_one(catalog):
     """The machine that was to try again was lost before it planned."""
     jobs = fleet.decide(catalog, REQUEST).jobs

@@ -106,6 +106,7 @@ def colours(page: Any, selector: str) -> np.ndarray:
     return np.asarray(shot)
 
 
+@pytest.mark.ci
 def test_the_fleet_filters_searches_and_sorts(visit, reports):
     page = visit((reports / "index.html").as_uri())
     rows = page.locator(".spacer .row")

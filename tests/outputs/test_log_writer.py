@@ -156,6 +156,7 @@ def test_the_sample_fleet_reads_back(fleet: Path) -> None:
             assert read.landmarks[name] == pytest.approx(place, abs=1e-3)
 
 
+@pytest.mark.ci
 def test_the_sample_logs_read_back_and_are_small(fleet: Path) -> None:
     logs = sorted((fleet / "logs").glob("*.mcap"))
     assert len(logs) == 7

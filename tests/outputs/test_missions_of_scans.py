@@ -77,6 +77,7 @@ def test_the_ways_keep_their_clearance_from_the_end_that_was_not_scanned(home) -
     assert np.array_equal(made.local[made.inspect], blind.local[blind.inspect])
 
 
+@pytest.mark.ci
 def test_a_plan_too_near_is_refused_and_what_was_never_scanned_is_named(tmp_path) -> None:
     _, scan, supposed = lost_end()
     x = np.arange(-6.0, 6.5, 0.5)

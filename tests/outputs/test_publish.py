@@ -82,6 +82,7 @@ def contents(root: Path) -> dict[str, bytes]:
     return {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("*") if path.is_file()}
 
 
+@pytest.mark.ci
 def test_every_pair_has_a_page_and_those_that_need_a_person_a_picture(folder):
     names = {"orbit-1--cuboid-0", "orbit-1--cuboid-1", "orbit-1--odd"}
     assert {path.stem for path in (folder / "transfers").iterdir()} == names

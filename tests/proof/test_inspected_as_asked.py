@@ -80,6 +80,7 @@ def shares(said: AsFlown, truth_mm: Floats, planned_mm: Floats) -> tuple[float, 
     return 100 * claimed.mean(), 100 * true.mean(), wrong
 
 
+@pytest.mark.ci
 def test_a_flight_of_its_plan_is_inspected_as_asked(plan, flown, planned_mm):
     said = judged(plan, flown)
     claimed, true, wrong = shares(said, finest_mm(flown), planned_mm)

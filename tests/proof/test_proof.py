@@ -251,6 +251,7 @@ def test_a_camera_that_stands_still_is_told(plan, flown):
     assert not any("camera stood" in text for text in judged(plan, flown).findings)
 
 
+@pytest.mark.ci
 def test_photos_decide_what_was_seen_and_missing_ones_are_counted(plan, flown):
     every = np.arange(0.0, flown.t_s[-1], 1.0)
     some = every[(every < 30) | (every > 60)]

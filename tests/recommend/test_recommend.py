@@ -118,6 +118,7 @@ def look(clouds):
     return cloud, laid, agreement(cloud, cloud, laid), seen, flight.camera
 
 
+@pytest.mark.ci
 def test_on_itself_all_that_was_inspected_is_foreseen(look):
     cloud, laid, agreed, seen, camera = look
     assert 0.05 < seen.share < 1

@@ -36,6 +36,7 @@ def made() -> tuple[Plan, Plan, Structure]:
     ), target
 
 
+@pytest.mark.ci
 def test_a_flight_of_photos_becomes_one_and_a_film_stays_a_film(made) -> None:
     photos, film, target = made
     assert photos.status == film.status == "ok" and film.photos is None

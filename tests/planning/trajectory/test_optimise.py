@@ -252,6 +252,7 @@ def test_a_path_that_still_comes_too_near_is_optimised_further_and_that_is_deare
     np.testing.assert_allclose(np.divide(prices[2:], prices[1:-1]), optimisation._DEARER)
 
 
+@pytest.mark.ci
 def test_under_a_roof_a_path_keeps_clear_of_wall_and_roof_at_once(wall: View):
     """Away from what is nearest alone, it would come too near to the other, and so to and fro."""
     eaves = [[-10.0, -8, 5], [10, -8, 5], [10, 0, 9], [-10, 0, 9]]

@@ -15,7 +15,7 @@ from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.demonstration.repetition import Take, steady_radps
 from upplied.planning.trajectory.added_passes import PRICES, Beside, Extended, Pace
 from upplied.planning.trajectory.flyable import Flyable, Result
-from upplied.planning.trajectory.optimise import Optimised, Problem, Start, optimise
+from upplied.planning.trajectory.optimise import ALIKE, Optimised, Problem, Start, optimise
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import demonstrated_speed
 from upplied.planning.trajectory.state import Flown
@@ -25,7 +25,6 @@ from upplied.planning.trajectory.view import View
 from upplied.records import Floats, Waypoints
 
 _LEAST_TURN_RAD = np.pi / 2  # that a demonstration counts as having turned: little turning is not dear
-_WORTHWHILE = 0.01  # share of the need, that added passes must show more: as near as coverage is known
 _LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
 _TRIES = 2  # of adding passes: fewer, where they take too long
 _SHORTENED = 5  # times, until passes are flown in time
@@ -96,7 +95,7 @@ def _with_passes(
     problem: Problem, best: Optimised, alone: Result, flyable: Flyable, limit_s: float
 ) -> Waypoints:
     """The flight with passes added, where they show more than it does alone in the time that there is."""
-    least, settings = alone.shown + _WORTHWHILE, flyable.settings
+    least, settings = alone.shown + ALIKE, flyable.settings
     if least > 1:
         return alone.waypoints
     path, pace = problem.starts[0].safe, Pace(problem.speed_mps, problem.pan_radps)

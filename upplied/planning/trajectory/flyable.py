@@ -98,10 +98,9 @@ class Flyable(Record):
     def shown(self, result: Optimised, path: Waypoints) -> float:
         """Share of the need that a path as it is flown truly shows: what made it safe may hide some."""
         view = result.search.problem.view
-        needed = np.flatnonzero(view.need > 0)
         if view.fov_deg is not None:
             view = replace(view, fov_deg=fov_at(self.carried.take.inspection.flight, path.t_s))
-        return float(view.need[needed] @ view.shown(path.positions, path.quat_xyzw, needed))
+        return 1 - float(view.need[view.missed(path.positions, path.quat_xyzw)].sum())
 
     def allowed_s(self, view: View) -> float:
         """At most as much longer than the demonstration as what is to be shown is larger, and some more."""

@@ -36,7 +36,8 @@ _CORRECTIONS = 12  # that L-BFGS keeps
 _FURTHER = 3  # rounds at most, while the path still comes too near
 _DEARER = 10.0  # times as dear to come too near, in each further round: so that it ends
 _EARLY = _WIDEST / _NARROWEST  # times as dear, in the first half of the rounds, to leave the carried flight
-_ALIKE = 0.01  # of the need, by which one path is no better than another: as near as coverage is known
+#: Of the need, by which one path is no better than another: as near as coverage is known.
+ALIKE = 0.01
 _LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
 
 
@@ -121,7 +122,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     -------
     Optimised
     """
-    samples, need = _sampled(problem.view, weights.samples)
+    samples, need = problem.view.sampled(weights.samples)
     searches = [_Search.of(problem, start, samples, need, shape_weight, weights) for start in problem.starts]
     if len(samples) == 0:
         return Optimised(searches[0], searches[0].first)
@@ -141,7 +142,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
 
 def _last_of_best(worth: Sequence[float]) -> int:
     """The last that is worth as much as the best: among equals no hair's breadth decides."""
-    return int(np.flatnonzero(np.array(worth) >= max(worth) - _ALIKE)[-1])
+    return int(np.flatnonzero(np.array(worth) >= max(worth) - ALIKE)[-1])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -285,19 +286,3 @@ def _progress(problem: Problem, path: Flown) -> float:
     length = float(leg_lengths(path.positions).sum())
     turned = float(np.abs(np.diff(path.yaw)).sum() + np.abs(np.diff(path.pitch)).sum())
     return max(length / _standoff_m(problem) + turned, 1e-3)
-
-
-def _sampled(view: View, most: int) -> tuple[Ints, Floats]:
-    """At most so many samples that stand for all, and their need; two thirds of them inspected ones."""
-    chosen, needs = [], []
-    inspected = np.flatnonzero((view.need > 0) & view.inspected)
-    context = np.flatnonzero((view.need > 0) & ~view.inspected)
-    first = min(len(inspected), max(2 * most // 3, most - len(context)))
-    for group, count in ((inspected, first), (context, most - first)):
-        if len(group) and count:
-            few = group[:count]
-            chosen.append(few)
-            needs.append(view.need[few] * view.need[group].sum() / view.need[few].sum())
-    if not chosen:
-        return np.empty(0, np.int64), np.empty(0)
-    return np.concatenate(chosen), np.concatenate(needs)

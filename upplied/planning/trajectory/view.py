@@ -70,6 +70,21 @@ class View(Record):
         needed = np.flatnonzero(self.need > 0)
         return needed[~self.shown(positions, quat_xyzw, needed)]
 
+    def sampled(self, most: int) -> tuple[Ints, Floats]:
+        """At most so many samples that stand for all, and their need; two thirds of them inspected ones."""
+        chosen, needs = [], []
+        inspected = np.flatnonzero((self.need > 0) & self.inspected)
+        context = np.flatnonzero((self.need > 0) & ~self.inspected)
+        first = min(len(inspected), max(2 * most // 3, most - len(context)))
+        for group, count in ((inspected, first), (context, most - first)):
+            if len(group) and count:
+                few = group[:count]
+                chosen.append(few)
+                needs.append(self.need[few] * self.need[group].sum() / self.need[few].sum())
+        if not chosen:
+            return np.empty(0, np.int64), np.empty(0)
+        return np.concatenate(chosen), np.concatenate(needs)
+
     def halves_rad(self, stations: int) -> Floats:
         """Half the field of view of each station (M, 2), across and up."""
         if self.fov_deg is not None:
