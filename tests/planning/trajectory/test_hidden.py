@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.geometry.poses import from_yaw_pitch
@@ -14,7 +13,6 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.hidden import Hidden, _shared, places_beside
 from upplied.planning.trajectory.view import View
-from upplied.planning.visibility.frustum import in_picture
 from upplied.records import Camera, Cloud, Surroundings
 
 COUNT, HIGH = 61, 5.0  # stations; m, of the roof
@@ -137,21 +135,6 @@ def test_places_are_tried_all_round_as_the_camera_looks() -> None:
     many = Flown(np.zeros((500, 3)), np.zeros(500), np.zeros(500))
     stations = np.unique(places_beside(many, 1.0)[0])
     assert len(stations) == 48 and stations[[0, -1]].tolist() == [0, 499]
-
-
-def test_in_the_picture_is_what_both_angles_say() -> None:
-    rng = np.random.default_rng(0)
-    places, points = rng.normal(0, 4, (3, 3)), rng.normal(0, 4, (60, 3))
-    row, turns = rng.integers(0, 3, 12), Rotation.random(12, random_state=1)
-    reach, round_ = rng.random((3, 60)) < 0.8, np.arange(12) % 2 == 0
-    half = np.column_stack([np.where(round_, 2.0, 0.6), np.full(12, 0.5)])
-    found = in_picture(places, row, turns.as_matrix(), points, reach, half, round_)
-    for at in range(12):
-        x, y, z = turns[at].inv().apply(points - places[row[at]]).T
-        ahead = np.hypot(x, y) if round_[at] else x
-        within = (np.abs(np.arctan2(y, x)) <= half[at, 0]) & (np.abs(np.arctan2(z, ahead)) <= half[at, 1])
-        assert np.array_equal(found[at], within & reach[row[at]])
-    assert 0.02 < found.mean() < 0.5
 
 
 def test_what_several_places_show_is_shared_and_nothing_hangs_on_a_hair() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from upplied.config import RetimeSettings, VisibilitySettings
@@ -42,15 +44,10 @@ def test_missed_is_what_is_needed_and_not_seen() -> None:
     assert VIEW.missed(AT, aside).tolist() == [1]
 
 
-def test_points_without_normals_are_seen_from_any_side() -> None:
-    plain = View(
-        Cloud(POINTS),
-        VIEW.need,
-        VIEW.farthest_m,
-        VIEW.inspected,
-        VIEW.camera,
-        VIEW.settings,
-        VIEW.limits,
-        FAR,
-    )
-    assert plain.shown(AT[:1], AHEAD[:1], np.arange(4)).tolist() == [True, False, False, True]
+def test_a_place_sees_as_its_camera_looks_and_as_its_station_zooms() -> None:
+    stations = np.array([1, 1, 0])
+    zoomed = replace(VIEW, fov_deg=np.array([[60.0, 60], [30, 30]]))  # half as coarse, and half as wide
+    places, ahead = np.tile([0.0, 0, 0], (3, 1)), from_yaw_pitch(np.array([0.0, np.pi / 2, 0]), np.zeros(3))
+    seen = zoomed.seen(places, ahead, np.arange(4), stations)
+    assert seen.tolist() == [[True, True, False, False], [False, False, True, False], [True] + 3 * [False]]
+    assert VIEW.seen(places, ahead, np.arange(4), stations)[0].tolist() == [True, False, False, False]

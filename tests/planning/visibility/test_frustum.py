@@ -68,7 +68,8 @@ def asked_of(at: Floats, quats: Floats, cloud: Cloud, camera: Camera) -> Bools:
     seen = np.zeros((len(at), len(cloud)), bool)
     rows = np.tile(limits, (len(at), 1))
     facing = (np.ascontiguousarray(of.T) for of in (cloud.points, normals))
-    in_view(at, matrices(quats), rows, *facing, seen)
+    anywhere = np.zeros(len(at)), np.zeros(len(cloud))
+    in_view(at, matrices(quats), rows, anywhere[0], *facing, anywhere[1], anywhere[1], seen)
     return seen
 
 

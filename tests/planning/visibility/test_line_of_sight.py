@@ -15,6 +15,7 @@ from upplied.errors import SettingsError
 from upplied.geometry.poses import look_at, matrices
 from upplied.geometry.scene import Scene, scene_of
 from upplied.planning.visibility import line_of_sight as visibility
+from upplied.planning.visibility.frustum import Closeness
 from upplied.planning.visibility.line_of_sight import visible
 from upplied.records import Bools, Camera, Cloud, Floats, Structure
 
@@ -247,6 +248,15 @@ def test_what_any_pose_sees_is_what_all_of_them_see(grain_m: float) -> None:
     few = visibility.seen_by_any(*asked)
     assert 0.2 < few.mean() < 0.95 and (every.sum(axis=0) == 1).any()
     assert few.tolist() == every.any(axis=0).tolist()
-    odd = visibility.seen_by_any(*asked, counts=lambda pose, point: (pose + point) % 2 == 1)
-    parity = (np.arange(12)[:, None] + np.arange(len(cloud))) % 2 == 1
-    assert odd.tolist() == (every & parity).any(axis=0).tolist()
+    rng = np.random.default_rng(4)
+    farthest_m, least, coarse = rng.uniform(4, 14, len(cloud)), rng.uniform(0, 0.9, len(cloud)), np.ones(12)
+    coarse[::2] = 1.3
+    ray = positions[:, None] - cloud.points
+    away = np.linalg.norm(ray, axis=2)
+    cosine = (ray * cloud.outward).sum(axis=2) / away
+    near = (away * coarse[:, None] <= farthest_m * cosine) & (cosine >= least)
+    closeness = Closeness(farthest_m, least, coarse)
+    assert np.array_equal(visible(*asked, closeness=closeness).seen, every & near)
+    assert (every & near).any(axis=0).mean() < 0.8 * few.mean()
+    nearest = visibility.seen_by_any(*asked, closeness=closeness)
+    assert nearest.tolist() == (every & near).any(axis=0).tolist() and nearest.any()

@@ -13,13 +13,12 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
 from upplied.geometry.polylines import arc_length
-from upplied.geometry.poses import from_yaw_pitch, matrices, optical_axis
+from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.geometry.vectors import unit
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.constants import SAME_FACE
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.planning.visibility.frustum import in_picture
 from upplied.records import Bools, Floats, Ints, Record
 
 STEPS = 7  # to each side
@@ -147,10 +146,4 @@ def _within(vectors: Floats, normals: Floats) -> Floats:
 
 def _shown(poses: Floats, station: Ints, view: View, needed: Ints) -> Bools:
     """Which of the samples (P, m) each pose shows, beside which station of the path it is."""
-    positions = np.ascontiguousarray(poses[:, :3])
-    reach = view.reach(positions, needed, station=station)
-    count = len(view.fov_deg) if view.fov_deg is not None else int(station.max(initial=0)) + 1
-    half = view.halves_rad(count)[station]
-    axes, wide = matrices(from_yaw_pitch(poses[:, 3], poses[:, 4])), half[:, 0] >= np.pi / 2
-    points = view.cloud.points[needed]
-    return np.asarray(in_picture(positions, np.arange(len(poses)), axes, points, reach, half, wide), bool)
+    return view.seen(poses[:, :3], from_yaw_pitch(poses[:, 3], poses[:, 4]), needed, station)

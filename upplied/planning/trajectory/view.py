@@ -8,7 +8,7 @@ import numpy as np
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.geometry.scene import Scene
-from upplied.planning.visibility.frustum import coarseness
+from upplied.planning.visibility.frustum import Closeness, coarseness
 from upplied.planning.visibility.line_of_sight import seen_by_any, visible
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
@@ -32,15 +32,16 @@ class View(Record):
 
     def shown(self, positions: Floats, quat_xyzw: Floats, chosen: Ints) -> Bools:
         """(m,) which of these samples some station's pose truly sees from near enough."""
-        coarse = coarseness(self.camera, self.fov_deg)
+        closeness = self._closeness(chosen, self.fov_deg)
+        poses, part = (positions, quat_xyzw), self.cloud.at(chosen)
+        return seen_by_any(*poses, part, self.camera, self.settings, self.scene, self.fov_deg, closeness)
 
-        def counts(pose: Ints, sample: Ints) -> Bools:
-            near = self._near(pose, sample, positions, chosen, coarse)
-            return near & self._frontal(pose, sample, positions, chosen)
-
-        part, camera = self.cloud.at(chosen), self._as_far_as(chosen, self.camera)
-        poses = positions, quat_xyzw
-        return seen_by_any(*poses, part, camera, self.settings, self.scene, self.fov_deg, counts)
+    def seen(self, positions: Floats, quat_xyzw: Floats, chosen: Ints, station: Ints) -> Bools:
+        """(S, m) which of these samples each pose sees, beside which station (S,) of the path it is."""
+        fov_deg = None if self.fov_deg is None else self.fov_deg[station]
+        closeness = self._closeness(chosen, fov_deg)
+        poses, part = (positions, quat_xyzw), self.cloud.at(chosen)
+        return visible(*poses, part, self.camera, self.settings, self.scene, fov_deg, closeness).seen
 
     def reach(
         self,
@@ -55,15 +56,12 @@ class View(Record):
         """
         camera = replace(self.camera, hfov_deg=360.0, vfov_deg=180.0)
         level = np.tile([0.0, 0.0, 0.0, 1.0], (len(positions), 1))
-        part, camera = self.cloud.at(chosen), self._as_far_as(chosen, camera)
-        seen = visible(positions, level, part, camera, settings or self.settings, self.scene).seen
-        pose, sample = np.nonzero(seen)
         fov_deg = self.fov_deg if self.fov_deg is None or station is None else self.fov_deg[station]
-        counts = self._near(pose, sample, positions, chosen, coarseness(self.camera, fov_deg))
-        if not settings:
-            counts &= self._frontal(pose, sample, positions, chosen)
-        seen[pose, sample] = counts
-        return seen
+        closeness = self._closeness(chosen, fov_deg)
+        if settings:
+            closeness = replace(closeness, least_cosine=None)
+        asked = (self.cloud.at(chosen), camera, settings or self.settings, self.scene)
+        return visible(positions, level, *asked, closeness=closeness).seen
 
     def missed(self, positions: Floats, quat_xyzw: Floats) -> Ints:
         """The needed samples that none of these poses truly sees from near enough."""
@@ -91,33 +89,6 @@ class View(Record):
             return np.radians(self.fov_deg) / 2
         return np.tile(np.radians([self.camera.hfov_deg, self.camera.vfov_deg]) / 2, (stations, 1))
 
-    def _as_far_as(self, chosen: Ints, camera: Camera) -> Camera:
-        """The camera with no more range than any of these samples asks for: fewer rays."""
-        farthest_m = float(self.farthest_m[chosen].max(initial=0.0))
-        if self.fov_deg is not None or farthest_m <= camera.min_range_m:
-            return camera
-        return replace(camera, max_range_m=min(camera.max_range_m, farthest_m))
-
-    def _near(
-        self, pose: Ints, sample: Ints, positions: Floats, chosen: Ints, coarse: Floats | None
-    ) -> Bools:
-        ray = self.cloud.points[chosen][sample] - positions[pose]
-        squared = np.einsum("ij,ij->i", ray, ray)
-        reach = np.sqrt(squared)  # times the cosine of the incidence, where there is one
-        if self.cloud.normals is not None:
-            reach = -np.einsum("ij,ij->i", ray, self.cloud.normals[chosen][sample])
-        wide = 1.0 if coarse is None else coarse[pose]
-        return np.asarray(squared * wide <= self.farthest_m[chosen][sample] * reach)
-
-    def _frontal(self, pose: Ints, sample: Ints, positions: Floats, chosen: Ints) -> Bools:
-        """Those that are seen as frontally as single samples ask for."""
-        frontal = np.ones(len(pose), bool)
-        if self.least_cosine is None or self.cloud.normals is None:
-            return frontal
-        own = self.least_cosine[chosen][sample]
-        strict = own > np.cos(np.radians(self.settings.max_incidence_deg))
-        pose, sample = pose[strict], sample[strict]
-        ray = positions[pose] - self.cloud.points[chosen][sample]
-        along = np.einsum("ij,ij->i", ray, self.cloud.normals[chosen][sample])
-        frontal[strict] = along >= own[strict] * np.linalg.norm(ray, axis=1)
-        return frontal
+    def _closeness(self, chosen: Ints, fov_deg: Floats | None) -> Closeness:
+        least = None if self.least_cosine is None else self.least_cosine[chosen]
+        return Closeness(self.farthest_m[chosen], least, coarseness(self.camera, fov_deg))

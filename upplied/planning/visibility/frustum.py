@@ -1,13 +1,24 @@
-"""Which points lie in the frustum, range and incidence of which camera."""
+"""Which points lie in the frustum, range and incidence of which camera, and near enough to it."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
 from upplied.config import VisibilitySettings, focal_px
 from upplied.errors import SettingsError
-from upplied.records import Bools, Camera, Cloud, Floats, Ints
+from upplied.records import Bools, Camera, Cloud, Floats, Record
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Closeness(Record):
+    """From how near, and how frontally, each of N points with normals must be seen to count."""
+
+    farthest_m: Floats  # (N,) from where a frontal look resolves each, an oblique one times its cosine
+    least_cosine: Floats | None = None  # (N,) of the incidence
+    coarse: Floats | None = None  # (P,) what the distances from each pose are taken times: `coarseness`
 
 
 def limits_of(
@@ -71,9 +82,19 @@ def facing_normals(cloud: Cloud, limits: Floats) -> Floats:
 
 @njit(cache=True)
 def in_view(
-    cameras: Floats, axes: Floats, limits: Floats, points: Floats, normals: Floats, seen: Bools
+    cameras: Floats,
+    axes: Floats,
+    limits: Floats,
+    coarse: Floats,
+    points: Floats,
+    normals: Floats,
+    farthest_m: Floats,
+    least_cosine: Floats,
+    seen: Bools,
 ) -> None:
     """Mark in `seen` (P, N) which points (3, N) with normals lie in frustum, range and incidence.
+
+    Where `coarse` (P,) is above zero, as near and as frontally as each point (N,) has to be seen, too.
 
     An angle t in [0, pi] is at most a half angle h just when ``sin(h - t) >= 0``: no arc tangents.
     There are no branches, so that several points are decided at a time.
@@ -89,6 +110,7 @@ def in_view(
         sin_h, cos_h, sin_v, cos_v = limits[pose, 0], limits[pose, 1], limits[pose, 2], limits[pose, 3]
         panoramic, cosine = limits[pose, 4] > 0, limits[pose, 7]
         nearest, farthest = limits[pose, 5] * limits[pose, 5], limits[pose, 6] * limits[pose, 6]
+        wide, any_ = coarse[pose], coarse[pose] <= 0
         for index in range(len(p_x)):
             x, y, z = p_x[index] - at_x, p_y[index] - at_y, p_z[index] - at_z
             squared = x * x + y * y + z * z
@@ -100,28 +122,8 @@ def in_view(
             ok &= (forward * sin_h >= left * cos_h) & (reach * sin_v >= up * cos_v)
             facing = -(x * n_x[index] + y * n_y[index] + z * n_z[index])
             ok &= (cosine < 0) | ((facing > 0) & (facing * facing >= cosine * cosine * squared))
+            least = least_cosine[index]
+            near = squared * wide <= farthest_m[index] * facing
+            ok &= any_ | (near & (facing * facing >= least * least * squared))
             inside[index] = ok
         seen[pose] = inside
-
-
-@njit(cache=True)
-def in_picture(
-    places: Floats, row: Ints, axes: Floats, points: Floats, reach: Bools, half: Floats, round_: Bools
-) -> Bools:
-    """Which of the points in reach fall into the picture of each orientation, (C, m)."""
-    shown = np.zeros((len(row), len(points)), np.bool_)
-    for index in range(len(row)):
-        place, turn = places[row[index]], axes[index]
-        for sample in range(len(points)):
-            if not reach[row[index], sample]:
-                continue
-            x, y, z = 0.0, 0.0, 0.0
-            for axis in range(3):
-                ray = points[sample, axis] - place[axis]
-                x += turn[axis, 0] * ray
-                y += turn[axis, 1] * ray
-                z += turn[axis, 2] * ray
-            forward = np.hypot(x, y) if round_[index] else x
-            across, up = abs(np.arctan2(y, x)), abs(np.arctan2(z, forward))
-            shown[index, sample] = across <= half[index, 0] and up <= half[index, 1]
-    return shown

@@ -7,7 +7,6 @@ are decided first, for all pairs, so that rays are cast only where they matter.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from upplied.config import VisibilitySettings
 from upplied.errors import SettingsError
 from upplied.geometry.poses import matrices
 from upplied.geometry.scene import Scene
-from upplied.planning.visibility.frustum import facing_normals, in_view, limits_of
+from upplied.planning.visibility.frustum import Closeness, facing_normals, in_view, limits_of
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Visibility
 
 _BLOCK = 200_000  # rays at a time
@@ -32,6 +31,7 @@ def visible(
     settings: VisibilitySettings,
     scene: Scene | None = None,
     fov_deg: Floats | None = None,
+    closeness: Closeness | None = None,
 ) -> Visibility:
     """What each pose sees of a cloud.
 
@@ -55,6 +55,8 @@ def visible(
         What may stand in the way; needed with `occlusion`.
     fov_deg : array, shape (P, 2), deg, optional
         Horizontal and vertical field of view of each pose, where the camera zooms.
+    closeness : Closeness, optional
+        From how near each point must be seen.
 
     Returns
     -------
@@ -77,7 +79,9 @@ def visible(
     if settings.occlusion and scene is None:
         raise SettingsError("visibility", "occlusion without a scene", "a scene says what stands in the way")
     seen = np.zeros((len(positions), len(cloud)), bool)
-    in_view(*_poses_and_points(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg), seen)
+    in_view(
+        *_poses_and_points(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg, closeness), seen
+    )
     if settings.occlusion and scene is not None:
         entries = np.flatnonzero(seen)
         for first in range(0, len(entries), _BLOCK):
@@ -95,27 +99,24 @@ def seen_by_any(
     settings: VisibilitySettings,
     scene: Scene,
     fov_deg: Floats | None = None,
-    counts: Callable[[Ints, Ints], Bools] | None = None,
+    closeness: Closeness | None = None,
 ) -> Bools:
     """Which points some pose sees: as `visible(...).seen.any(axis=0)`, with a few rays for each point.
 
     Parameters
     ----------
-    positions, quat_xyzw, cloud, camera, settings, scene, fov_deg
+    positions, quat_xyzw, cloud, camera, settings, scene, fov_deg, closeness
         As above; `settings` with occlusion.
-    counts : callable, optional
-        Which pairs of a pose (K,) and a point (K,) are to be asked at all.
 
     Returns
     -------
     array of bool, shape (N,)
     """
     may = np.zeros((len(cloud), len(positions)), bool)
-    in_view(*_poses_and_points(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg), may.T)
+    in_view(
+        *_poses_and_points(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg, closeness), may.T
+    )
     point, pose = np.nonzero(may)
-    if counts is not None:
-        counted = counts(pose, point)
-        point, pose = point[counted], pose[counted]
     first = np.searchsorted(point, np.arange(len(cloud) + 1))
     number = np.diff(first)
     seen, tried = np.zeros(len(cloud), bool), np.zeros(len(point), bool)
@@ -156,11 +157,19 @@ def _poses_and_points(
     settings: VisibilitySettings,
     scene: Scene | None,
     fov_deg: Floats | None,
+    closeness: Closeness | None,
 ) -> tuple[Any, ...]:
     """What `in_view` is given, local to the scene."""
     limits = limits_of(camera, settings, cloud, fov_deg)
     origin = np.zeros(3) if scene is None else scene.origin
     cameras, axes = np.ascontiguousarray(positions, float) - origin, matrices(quat_xyzw)
-    points, normals = np.asarray(cloud.points, float) - origin, facing_normals(cloud, limits)
+    points = np.asarray(cloud.points, float) - origin
+    normals, coarse, nothing = facing_normals(cloud, limits), np.zeros(len(positions)), np.zeros(len(cloud))
+    farthest_m = least_cosine = nothing
+    if closeness is not None:
+        normals, farthest_m = cloud.outward, closeness.farthest_m
+        least_cosine = nothing if closeness.least_cosine is None else closeness.least_cosine
+        coarse = np.ones(len(positions)) if closeness.coarse is None else closeness.coarse
     limits = np.repeat(limits[None], len(positions), axis=0) if limits.ndim == 1 else limits
-    return cameras, axes, limits, *(np.ascontiguousarray(of.T) for of in (points, normals))
+    points, normals = (np.ascontiguousarray(of.T) for of in (points, normals))
+    return cameras, axes, limits, coarse, points, normals, farthest_m, least_cosine

@@ -18,21 +18,21 @@ from upplied.planning.visibility.frustum import coarseness
 from upplied.records import Bools, Floats, Ints, Record
 
 _MOST = 0.98  # that one station shows: a second look at the same sample is worth a little
+_LANES = 128  # samples that are asked at a time, without a branch: several at once in a processor
+_SURFACE = 8  # numbers of a sample: place, normal, farthest distance, least cosine
+_RESULT = 6  # numbers of a look: its share, and the slopes with respect to x, y, z, yaw and pitch
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Coverage(Record):
     """Share of the need that is not shown, 0 to 1."""
 
-    points: Floats  # (N, 3) m
-    normals: Floats  # (N, 3)
+    surface: Floats  # (N, 8) place in m, normal, farthest distance in m, least cosine of the incidence
     need: Floats  # (N,) sums to 1
-    farthest_m: Floats  # (N,)
     start: Ints  # (M + 1,) of each station's samples in `sample`
     sample: Ints  # (P,) to which a station has a free line of sight
     half_rad: Floats  # (M, 2) half the field of view, across and up
     coarse: Floats  # (M,) what each station's distances are taken times
-    least_cosine: Floats  # (N,) of the incidence
     width: float  # over which a share falls: of the cosine, of the border's angle in rad, of the distance
 
     @classmethod
@@ -48,49 +48,89 @@ class Coverage(Record):
         halves = view.halves_rad(stride * len(free) if view.fov_deg is None else len(view.fov_deg))
         coarse = coarseness(view.camera, view.fov_deg)
         usual = float(np.cos(np.radians(view.settings.max_incidence_deg)))
-        own = view.least_cosine
+        least = np.full(len(chosen), usual)
+        if view.least_cosine is not None:
+            least = np.maximum(view.least_cosine[chosen], usual)
+        place, normal, farthest_m = view.cloud.points, view.cloud.outward, view.farthest_m
         return cls(
-            points=view.cloud.points[chosen],
-            normals=view.cloud.outward[chosen],
+            surface=np.column_stack([place[chosen], normal[chosen], farthest_m[chosen], least]),
             need=need / need.sum(),
-            farthest_m=view.farthest_m[chosen],
             start=np.searchsorted(station, np.arange(stride * len(free) + 1)),
             sample=sample,
             half_rad=halves,
             coarse=np.ones(len(halves)) if coarse is None else coarse,
-            least_cosine=np.full(len(chosen), usual) if own is None else np.maximum(own[chosen], usual),
             width=width,
         )
 
     def value(self, flown: Flown) -> tuple[float, Flown]:
         """Share of the need that is missed, and its slope."""
-        missed, slope = _missed(
-            flown.positions,
-            flown.yaw,
-            flown.pitch,
-            self.points,
-            self.normals,
-            self.need,
-            self.farthest_m,
-            self.start,
-            self.sample,
-            self.half_rad,
-            self.coarse,
-            self.least_cosine,
-            self.width,
-        )
+        poses = flown.positions, flown.yaw, flown.pitch
+        looks = self.start, self.sample, self.half_rad, self.coarse
+        missed, slope = _missed(*poses, self.surface, self.need, *looks, self.width)
         return missed, Flown(slope[:, :3], slope[:, 3], slope[:, 4])
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _step(value: float, width: float) -> tuple[float, float]:
+def _step(value: float, scale: float) -> tuple[float, float]:
     """Smooth step from 0 at half a width below zero to 1 at one and a half above, and its slope."""
-    part = (value / width + 0.5) / 2
-    if part <= 0:
-        return 0.0, 0.0
-    if part >= 1:
-        return 1.0, 0.0
-    return part * part * (3 - 2 * part), 3 * part * (1 - part) / width
+    part = value * scale + 0.25
+    part = 0.0 if part < 0.0 else part
+    part = 1.0 if part > 1.0 else part
+    return part * part * (3 - 2 * part), 6 * part * (1 - part) * scale
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _look(
+    pose: tuple[float, float, float, float, float],
+    half_h: float,
+    half_v: float,
+    coarse: float,
+    width: float,
+    lanes: Floats,
+) -> None:
+    """What a pose shows of the samples in `lanes`, and its slopes, beside them in `lanes`.
+
+    One number of all samples after another: so a compiler decides several samples at a time.
+    """
+    round_ = half_h >= np.pi / 2  # so wide a field that there is no picture plane
+    sin_h, cos_h, sin_v, cos_v = np.sin(half_h), np.cos(half_h), np.sin(half_v), np.cos(half_v)
+    at_x, at_y, at_z, yaw, pitch = pose
+    cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    scale = 0.5 / width
+    for k in range(_LANES):
+        ux, uy, uz = lanes[k] - at_x, lanes[_LANES + k] - at_y, lanes[2 * _LANES + k] - at_z
+        nx, ny, nz = lanes[3 * _LANES + k], lanes[4 * _LANES + k], lanes[5 * _LANES + k]
+        d = np.sqrt(ux * ux + uy * uy + uz * uz) + 1e-9
+        per_m = 1.0 / d
+        ux, uy, uz = ux * per_m, uy * per_m, uz * per_m
+        level = cy * ux + sy * uy
+        x, y, z = cp * level + sp * uz, cy * uy - sy * ux, cp * uz - sp * level  # in the camera's frame
+        side, above = np.copysign(1.0, y), np.copysign(1.0, z)
+        ahead, fx, fy = x, 1.0, 0.0
+        if round_:
+            ahead = np.sqrt(x * x + y * y) + 1e-9
+            fx, fy = x / ahead, y / ahead
+        facing, rate = -(ux * nx + uy * ny + uz * nz), coarse / lanes[6 * _LANES + k]
+        a, da = _step(facing - lanes[7 * _LANES + k], scale)
+        b, db = _step(facing - d * rate, scale)  # fine enough, as obliquely as it is
+        c, dc = _step(x * sin_h - side * y * cos_h, scale)  # sine of the angle to the border's plane
+        e, de = _step(ahead * sin_v - above * z * cos_v, scale)
+        lanes[8 * _LANES + k] = _MOST * a * b * c * e
+        gb, gc, ge = a * db * c * e, a * b * dc * e, a * b * c * de
+        ga = da * b * c * e + gb  # of the cosine of the incidence
+        wx = gc * sin_h + ge * sin_v * fx
+        wy = ge * sin_v * fy - gc * side * cos_h
+        wz = -ge * above * cos_v
+        # with respect to the unit ray u, then to the position: du / dp = -(I - u u^T) / d
+        gx = wx * cp * cy - wy * sy - wz * sp * cy - ga * nx
+        gy = wx * cp * sy + wy * cy - wz * sp * sy - ga * ny
+        gz = wx * sp + wz * cp - ga * nz
+        along = gx * ux + gy * uy + gz * uz
+        lanes[9 * _LANES + k] = gb * rate * ux - (gx - along * ux) * per_m
+        lanes[10 * _LANES + k] = gb * rate * uy - (gy - along * uy) * per_m
+        lanes[11 * _LANES + k] = gb * rate * uz - (gz - along * uz) * per_m
+        lanes[12 * _LANES + k] = wx * cp * y - wy * level - wz * sp * y
+        lanes[13 * _LANES + k] = wx * z - wz * x
 
 
 @njit(cache=True, error_model="numpy")
@@ -98,90 +138,35 @@ def _missed(
     positions: Floats,
     yaw: Floats,
     pitch: Floats,
-    points: Floats,
-    normals: Floats,
+    surface: Floats,
     need: Floats,
-    farthest_m: Floats,
     start: Ints,
     sample: Ints,
     half_rad: Floats,
     coarse: Floats,
-    least_cosine: Floats,
     width: float,
 ) -> tuple[float, Floats]:
     """Missed share, and its slope (M, 5) with respect to x, y, z, yaw and pitch of each station."""
     # Of the pairs that are shown at all, one after another: what is not shown is not written either.
     shown, slopes = np.empty(len(sample)), np.empty((len(sample), 5))
     what, first, count = np.empty(len(sample), np.int64), np.zeros(len(positions) + 1, np.int64), 0
-    left, outside = np.ones(len(need)), width * width / 4
+    left, lanes = np.ones(len(need)), np.ones((_SURFACE + _RESULT) * _LANES)
     for m in range(len(positions)):
-        first[m + 1] = first[m]
-        if start[m] == start[m + 1]:
-            continue
-        sin_h, cos_h = np.sin(half_rad[m, 0]), np.cos(half_rad[m, 0])
-        sin_v, cos_v = np.sin(half_rad[m, 1]), np.cos(half_rad[m, 1])
-        round_ = half_rad[m, 0] >= np.pi / 2  # so wide a field that there is no picture plane
-        cy, sy, cp, sp = np.cos(yaw[m]), np.sin(yaw[m]), np.cos(pitch[m]), np.sin(pitch[m])
-        for k in range(start[m], start[m + 1]):
-            i = sample[k]
-            ux, uy, uz = (
-                points[i, 0] - positions[m, 0],
-                points[i, 1] - positions[m, 1],
-                points[i, 2] - positions[m, 2],
-            )
-            level = cy * ux + sy * uy
-            x, y, z = cp * level + sp * uz, cy * uy - sy * ux, cp * uz - sp * level  # in the camera's frame
-            side, above = 1.0 if y >= 0 else -1.0, 1.0 if z >= 0 else -1.0
-            squared = ux * ux + uy * uy + uz * uz
-            # Most lie outside of the picture: by more than the step's half width, no root is needed.
-            h = x * sin_h - side * y * cos_h
-            if h < 0 and h * h >= outside * squared:
-                continue
-            ahead = np.sqrt(x * x + y * y) if round_ else x
-            v = ahead * sin_v - above * z * cos_v
-            if v < 0 and v * v >= outside * squared:
-                continue
-            d = max(np.sqrt(squared), 1e-9)
-            ux, uy, uz, level, x, y, z, ahead = (
-                ux / d,
-                uy / d,
-                uz / d,
-                level / d,
-                x / d,
-                y / d,
-                z / d,
-                ahead / d,
-            )
-            facing = -(ux * normals[i, 0] + uy * normals[i, 1] + uz * normals[i, 2])
-            a, da = _step(facing - least_cosine[i], width)
-            b, db = _step(facing - d * coarse[m] / farthest_m[i], width)  # fine enough, as obliquely as it is
-            c, dc = _step(h / d, width)  # sine of the angle to the border's plane
-            e, de = _step(v / d, width)
-            if a * b * c * e == 0.0:
-                continue
-            share = _MOST * a * b * c * e
-            shown[count], what[count] = share, i
-            left[i] *= 1.0 - share
-            gb, gc, ge = a * db * c * e, a * b * dc * e, a * b * c * de
-            ga = da * b * c * e + gb  # of the cosine of the incidence
-            fx, fy = 1.0, 0.0
-            if round_:
-                fx, fy = x / max(ahead, 1e-9), y / max(ahead, 1e-9)
-            wx = gc * sin_h + ge * sin_v * fx
-            wy = ge * sin_v * fy - gc * side * cos_h
-            wz = -ge * above * cos_v
-            slopes[count, 3] = wx * cp * y - wy * level - wz * sp * y
-            slopes[count, 4] = wx * z - wz * x
-            # with respect to the unit ray u, then to the position: du / dp = -(I - u u^T) / d
-            gx = wx * cp * cy - wy * sy - wz * sp * cy - ga * normals[i, 0]
-            gy = wx * cp * sy + wy * cy - wz * sp * sy - ga * normals[i, 1]
-            gz = wx * sp + wz * cp - ga * normals[i, 2]
-            along = gx * ux + gy * uy + gz * uz
-            out = gb * coarse[m] / farthest_m[i]
-            slopes[count, 0] = out * ux - (gx - along * ux) / d
-            slopes[count, 1] = out * uy - (gy - along * uy) / d
-            slopes[count, 2] = out * uz - (gz - along * uz) / d
-            count += 1
+        pose = positions[m, 0], positions[m, 1], positions[m, 2], yaw[m], pitch[m]
+        for begin in range(start[m], start[m + 1], _LANES):
+            number = min(_LANES, start[m + 1] - begin)
+            for k in range(number):
+                for column in range(_SURFACE):
+                    lanes[column * _LANES + k] = surface[sample[begin + k], column]
+            _look(pose, half_rad[m, 0], half_rad[m, 1], coarse[m], width, lanes)
+            for k in range(number):
+                share = lanes[_SURFACE * _LANES + k]
+                if share > 0.0:
+                    shown[count], what[count] = share, sample[begin + k]
+                    left[what[count]] *= 1.0 - share
+                    for axis in range(5):
+                        slopes[count, axis] = lanes[(_SURFACE + 1 + axis) * _LANES + k]
+                    count += 1
         first[m + 1] = count
     total = np.zeros((len(positions), 5))
     for m in range(len(positions)):

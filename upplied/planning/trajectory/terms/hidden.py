@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from upplied.geometry.polylines import chosen_evenly
-from upplied.geometry.poses import from_yaw_pitch, matrices, optical_axis
+from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.planning.visibility.frustum import in_picture
 from upplied.records import Bools, Floats, Ints, Record
 
 _STATIONS = 48  # of the path, beside which places are tried
@@ -25,7 +24,6 @@ _AWAY = 0.4  # stand-offs, to all sides, and twice that
 _MISSED = 256  # samples, at most, that stand for all that is missed
 _CHOOSY = 8.0  # power of what a place shows for a metre aside, by which what several show is shared
 _LITTLE = 1e-4  # of all that is missed, for which a place is left out
-_INSIDE = 0.98  # of the field of view: well inside the picture
 _AT_START = 1 - np.exp(-0.5)  # of its pull, that a place keeps at its own distance from the path
 
 
@@ -101,10 +99,4 @@ def places_beside(path: Flown, usual_m: float) -> tuple[Ints, Floats]:
 
 def _shown(path: Flown, at: Ints, off: Floats, few: Ints, view: View) -> Bools:
     """(C, m) which samples are seen from the places with the camera as it looks from their stations."""
-    places = path.positions[at] + off
-    reach = view.reach(places, few, station=at)
-    half = view.halves_rad(len(path))[at]
-    axes = matrices(from_yaw_pitch(path.yaw[at], path.pitch[at]))
-    wide = half[:, 0] >= np.pi / 2
-    every = np.arange(len(at))
-    return np.asarray(in_picture(places, every, axes, view.cloud.points[few], reach, half * _INSIDE, wide))
+    return view.seen(path.positions[at] + off, from_yaw_pitch(path.yaw[at], path.pitch[at]), few, at)
