@@ -59,7 +59,6 @@ RANGES = {
     "optimise.standoff_tolerance": (0, 1),
     "optimise.axis": (0, 1000),
     "optimise.leaving": (0, 1000),
-    "optimise.starts": (1, 10),
     "optimise.clearance": (0, 1000),
     "optimise.turning": (0, 1000),
     "optimise.spacing": (0.05, 10),

@@ -221,7 +221,6 @@ class OptimiseSettings:
     turning: float = 0.005  # of twice the camera rotation of the demonstration
     leaving: float = 0.05  # of one stand-off of distance from the carried flight, mean square
     spacing: float = 0.6  # of control points: stand-offs flown plus radians turned
-    starts: int = 2  # starting points that are optimised
     rounds: int = 4  # of ray casting
     iterations: int = 40  # of the solver in each round
     # Weight of required surface relative to inspected surface of the same area.

@@ -11,7 +11,7 @@ from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory import optimise as optimisation
-from upplied.planning.trajectory.optimise import Problem, Start, _last_of_best, optimise
+from upplied.planning.trajectory.optimise import Problem, Start, _as_good, optimise
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape
 from upplied.planning.trajectory.view import View
@@ -177,14 +177,13 @@ def test_of_several_starts_the_best_is_taken(wall: View):
     asked = problem(wall, good)
     best = result(wall, replace(asked, starts=(Start(good, good),)))
     for starts in ((away, good), (good, away)):
-        done = result(wall, replace(asked, starts=tuple(Start(path, path) for path in starts)), starts=1)
+        done = result(wall, replace(asked, starts=tuple(Start(path, path) for path in starts)))
         np.testing.assert_array_equal(done.yaw, best.yaw)
 
 
 def test_of_results_that_are_worth_as_much_the_order_decides() -> None:
-    assert [_last_of_best(worth) for worth in ([0.9, 0.901], [0.901, 0.9], [0.9, 0.8], [0.8, 0.9, 0.85])] == [
-        1, 1, 0, 1,
-    ]  # fmt: skip
+    worths = [0.9, 0.901], [0.901, 0.9], [0.9, 0.8], [0.8, 0.9, 0.85]
+    assert [_as_good(worth) for worth in worths] == [[0, 1], [0, 1], [0], [1]]
 
 
 def test_early_rounds_stay_nearer_to_the_carried_flight(wall: View) -> None:
@@ -246,7 +245,7 @@ def test_a_path_that_still_comes_too_near_is_optimised_further_and_that_is_deare
 
     monkeypatch.setattr(search, "is_clear", lambda *_: clear)
     monkeypatch.setattr(search, "solved", solved)
-    result(wall, problem(wall, along()), rounds=2, starts=1)
+    result(wall, problem(wall, along()), rounds=2)
     assert len(prices) == rounds and prices[0] == prices[1]
     assert limits == [1, 1, 2, 3, 4][:rounds]  # what was nearest before holds in further rounds
     np.testing.assert_allclose(np.divide(prices[2:], prices[1:-1]), optimisation._DEARER)

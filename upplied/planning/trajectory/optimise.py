@@ -2,8 +2,9 @@
 
 The state is a smooth displacement of a start and of its camera's directions. Every problem is a term, a file
 in `terms`, with a weight that says what its unit is worth as a share of the surface to be shown
-(`OptimiseSettings`). One solver, L-BFGS-B with analytic slopes, weighs them all. Of several starts those that
-are worth most are optimised, and the best of the results is taken; among equals the carried path itself.
+(`OptimiseSettings`). One solver, L-BFGS-B with analytic slopes, weighs them all. Of several starts the one
+that is worth most is optimised, among equals the carried path itself. That is flown as it is where the result
+is worth no more.
 """
 
 from __future__ import annotations
@@ -126,23 +127,19 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     searches = [_Search.of(problem, start, samples, need, shape_weight, weights) for start in problem.starts]
     if len(samples) == 0:
         return Optimised(searches[0], searches[0].first)
-    first = [search.value(search.first) for search in searches]
-    ranked = np.argsort(-np.array(first), kind="stable")[: weights.starts].tolist()
-    results, least = [], 0.0
-    if searches[0].is_clear(searches[0].first):
-        least = searches[0].shown(searches[0].first) - _LOST
-    for number in sorted(ranked, reverse=True):
-        worth, variables = searches[number].improved()
-        if searches[number].shown(variables) >= least:
-            results.append((worth, searches[number], variables))
-    results.append((searches[0].worth(searches[0].first), searches[0], searches[0].first))
-    _, search, variables = results[_last_of_best([worth for worth, *_ in results])]
-    return Optimised(search, variables)
+    number = _as_good([search.value(search.first) for search in searches])[0]
+    worth, variables = searches[number].improved()
+    carried = searches[0]
+    unmoved = carried.worth(carried.first)
+    least = carried.shown(carried.first) - _LOST if carried.is_clear(carried.first) else 0.0
+    if worth < unmoved + ALIKE or searches[number].shown(variables) < least:
+        return Optimised(carried, carried.first)
+    return Optimised(searches[number], variables)
 
 
-def _last_of_best(worth: Sequence[float]) -> int:
-    """The last that is worth as much as the best: among equals no hair's breadth decides."""
-    return int(np.flatnonzero(np.array(worth) >= max(worth) - ALIKE)[-1])
+def _as_good(worth: Sequence[float]) -> list[int]:
+    """Those that are worth as much as the best, in order: among equals no hair's breadth decides."""
+    return np.flatnonzero(np.array(worth) >= max(worth) - ALIKE).tolist()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -217,7 +214,7 @@ class _Search(Record):
             variables = self.solved(variables, terms)
             if not early:
                 results.append((self.worth(variables), variables))
-        return results[_last_of_best([worth for worth, _ in results])]
+        return results[_as_good([worth for worth, _ in results])[-1]]
 
     def terms(
         self, path: Flown, width: float, early: bool, limits: Sequence[Clearance], dearer: float = 1.0
