@@ -30,8 +30,7 @@ _WILD_MPS2 = 30.0  # no camera vehicle accelerates like that
 _NOISE = 1 / (
     np.sqrt(6) * 1.538
 )  # median norm of the second difference in 3D to its standard deviation per axis
-_AGREE = 2.5  # times the noise that two averages may keep: beyond, it is no noise
-_JITTER_RAD = np.radians(0.5)
+_AGREE = 2.576  # standard deviations within which 99 % of normal noise lies: beyond, it is none
 _HOVER_S = 2.0  # standing still for so long is a place of its own
 
 
@@ -84,7 +83,7 @@ def _steady(flight: Trajectory, extent: float) -> Trajectory:
     times, values = _at_even_times(flight)
     tick = float(times[1] - times[0])
     positions = _averaged(_without_spikes(values[:, :3], tick), tick, jitter_m(extent))
-    axes = np.hstack([_averaged(values[:, side], tick, _JITTER_RAD) for side in (slice(3, 6), slice(6, 9))])
+    axes = np.hstack([_averaged(values[:, side], tick) for side in (slice(3, 6), slice(6, 9))])
     for begin, end in pauses(flight, _HOVER_S):
         _stand(times, positions, max(int(np.searchsorted(times, begin, "right")) - 1, 0), end)
     return Trajectory(times, positions, looking(axes))
@@ -159,7 +158,7 @@ def noise_of(values: Floats) -> float:
     return _NOISE * float(np.median(np.linalg.norm(np.diff(values, 2, axis=0), axis=1)))
 
 
-def _averaged(values: Floats, tick: float, jitter: float) -> Floats:
+def _averaged(values: Floats, tick: float, jitter: float = 0.0) -> Floats:
     """Each sample (K, 3) averaged over as long a time as changes nothing but the noise.
 
     `jitter` is what may change besides.

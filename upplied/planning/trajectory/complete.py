@@ -83,9 +83,9 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     )
     best = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
     every, none = np.arange(len(flown)), np.zeros(len(flown), bool)
-    limit_s = flyable.allowed_s(view)
+    limit_s = flyable.allowed_s(view, starts[0].safe)
     fitting, whole = flyable.in_time(best, every, none, limit_s)
-    alone = fitting or whole  # where no part of it is flown in time, what is carried takes longer already
+    alone = fitting or whole
     if goal.standoff.in_metres and goal.height_m is None and settings.refine.added_passes:
         return _with_passes(problem, best, alone, flyable, limit_s)
     return alone.waypoints

@@ -17,6 +17,7 @@ from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.added_passes import Extended
 from upplied.planning.trajectory.optimise import Optimised
 from upplied.planning.trajectory.sharpness import sharply_timed
+from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.path import Shape
 from upplied.planning.trajectory.view import View
 from upplied.records import Bools, Floats, Ints, Record, Waypoints
@@ -102,12 +103,18 @@ class Flyable(Record):
             view = replace(view, fov_deg=fov_at(self.carried.take.inspection.flight, path.t_s))
         return 1 - float(view.need[view.missed(path.positions, path.quat_xyzw)].sum())
 
-    def allowed_s(self, view: View) -> float:
-        """At most as much longer than the demonstration as what is to be shown is larger, and some more."""
+    def allowed_s(self, view: View, start: Flown) -> float:
+        """As much longer than the demonstration as what is to be shown is larger, and some more, at most.
+
+        Where what is carried takes longer already, some more than that.
+        """
         flight, area = self.carried.take.inspection.flight, view.cloud.areas
         zones = float(area[view.inspected].sum() / max(area[self.goal.inspected.need > 0].sum(), 1e-9))
         ratio = max(self.goal.area_ratio, 1.0) * max(zones, 1.0)
-        return self.settings.refine.longer * ratio * float(flight.t_s[-1] - flight.t_s[0])
+        usual_s = ratio * float(flight.t_s[-1] - flight.t_s[0])
+        every, none = np.arange(len(start)), np.zeros(len(start), bool)
+        carried_s = self.seconds_of(Extended(start, every, none, 0.0, 0.0))
+        return self.settings.refine.longer * max(usual_s, carried_s)
 
     def seconds_of(self, longer: Extended) -> float:
         """The time of a path with passes, before it is optimised."""
