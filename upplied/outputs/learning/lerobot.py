@@ -25,19 +25,12 @@ import pyarrow.parquet as pq
 
 import upplied
 from upplied.catalog.database import Catalog
-from upplied.catalog.store.files import replace_file
-from upplied.catalog.verbs.dataset_files import new_folder, with_path
-from upplied.catalog.verbs.exporting import (
-    SHARES,
-    Episode,
-    kinds_of,
-    of_demonstrations,
-    of_plans,
-    split_of,
-    write_splits,
-)
+from upplied.catalog.verbs.dataset_files import new_folder
+from upplied.catalog.verbs.splits import SHARES, kinds_of, split_of, splits_of
 from upplied.errors import InputError
 from upplied.geometry import poses
+from upplied.outputs.files import replace_file
+from upplied.outputs.learning.episodes import Episode, of_demonstrations, of_plans, with_path
 from upplied.records import Floats, Trajectory
 
 _NAMES = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
@@ -112,7 +105,11 @@ def export_lerobot(
     features = sorted({name.split("/")[1] for name in described[0] if name.startswith("stats/")})
     statistics = {feature: _pooled(described, f"stats/{feature}/") for feature in features}
     replace_file(place / "meta" / "stats.json", _json(statistics))
-    write_splits(catalog, place / "meta", rows, flown["demonstration_id"], described)
+    splits = splits_of(catalog, rows, flown["demonstration_id"])
+    for way, column in (("by_structure", "split"), ("by_kind", "kind")):
+        for value, part in splits[way].items():
+            part["episodes"] = [row["episode_index"] for row in described if row[column] == value]
+    replace_file(place / "meta" / "splits.json", _json(splits))
     info = _info(described, total, len(tasks), fps)
     replace_file(place / "meta" / "info.json", _json(info))
     replace_file(place / "README.md", _data_card(described, info, licence, attribution).encode())
@@ -245,7 +242,7 @@ def _data_card(
     ]
     plans = [row for row in episodes if row["origin"] == "plan"]
     measures = [_line(name, [row[name] for row in plans]) for name in _HEADLINES] if plans else []
-    text = files(__package__).joinpath("texts", "lerobot.md").read_text(encoding="utf-8")
+    text = files(__package__).joinpath("lerobot.md").read_text(encoding="utf-8")
     return text.format(
         licence=json.dumps(licence or "unknown"),
         rights=licence or "none was stated: ask whoever gave you this before you pass it on",
