@@ -20,8 +20,8 @@ import pandas as pd
 import upplied
 from upplied.catalog.schema.dictionary import data_dictionary
 from upplied.catalog.schema.tables import SCHEMA_VERSION, STEPS, TABLES
-from upplied.catalog.store.files import replace_file
 from upplied.errors import CatalogError, InputError
+from upplied.files import replace_file
 
 #: Not flights, which are flown again in a moment, and what people decide, change, overrule and find.
 EXCHANGED = [name for name in TABLES if name in {*STEPS, *STEPS.values(), "structures"}]

@@ -16,12 +16,12 @@ from upplied.catalog.database import Catalog
 from upplied.catalog.schema import codec
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import NAMED_CONTENTS, States, file_name
-from upplied.catalog.store.files import replace_file
 from upplied.catalog.verbs.custody import checked_steps
 from upplied.catalog.verbs.dataset_files import describe, names_of, new_folder
 from upplied.catalog.verbs.published import write
 from upplied.catalog.verbs.splits import splits_of
 from upplied.errors import CatalogError, InputError
+from upplied.files import replace_file
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}-v[1-9][0-9]*")
 

@@ -28,8 +28,8 @@ from upplied.catalog.database import Catalog
 from upplied.catalog.verbs.dataset_files import new_folder
 from upplied.catalog.verbs.splits import SHARES, kinds_of, split_of, splits_of
 from upplied.errors import InputError
+from upplied.files import replace_file
 from upplied.geometry import poses
-from upplied.outputs.files import replace_file
 from upplied.outputs.learning.episodes import Episode, of_demonstrations, of_plans, with_path
 from upplied.records import Floats, Trajectory
 

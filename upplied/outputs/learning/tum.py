@@ -19,7 +19,7 @@ from upplied.catalog.database import Catalog
 from upplied.catalog.verbs.dataset_files import new_folder
 from upplied.catalog.verbs.splits import splits_of
 from upplied.errors import InputError
-from upplied.outputs.files import replace_file
+from upplied.files import replace_file
 from upplied.outputs.learning.episodes import with_path
 from upplied.records import Trajectory
 
