@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping
+from itertools import zip_longest
 from typing import Any
 
 from upplied.catalog.database import Catalog
 
 SHARES = {"train": 0.8, "validation": 0.1, "test": 0.1}
+_HELD_BACK = ("test", "validation")
 
 
 def splits_of(
@@ -54,9 +56,7 @@ def split_of(kinds: Mapping[str, str]) -> dict[str, str]:
     for kind in sorted(set(kinds.values())):
         names = [name for name in kinds if kinds[name] == kind]
         names.sort(key=lambda name: hashlib.sha256(name.encode()).hexdigest())
-        held_out = round(len(names) * SHARES["test"]) or int(len(names) >= 3)
-        validated = round(len(names) * SHARES["validation"]) or int(len(names) >= 3)
-        for at, name in enumerate(names):
-            beyond = "validation" if at < held_out + validated else "train"
-            sides[name] = "test" if at < held_out else beyond
+        count = {side: round(len(names) * SHARES[side]) or int(len(names) >= 3) for side in _HELD_BACK}
+        held_back = [side for side in _HELD_BACK for _ in range(count[side])]
+        sides |= zip_longest(names, held_back, fillvalue="train")
     return sides

@@ -75,15 +75,14 @@ def export_lerobot(
     """
     place = new_folder(folder)
     rows = with_path(catalog, transfers)
-    flown = catalog.demonstrations()
-    if demonstrations is not None:
-        flown = flown[flown["demonstration_id"].isin(demonstrations)]
+    known = {row["demonstration_id"]: row for row in catalog.demonstrations().to_dict("records")}
+    wanted = known if demonstrations is None else {*demonstrations}
+    flown = {name: row for name, row in known.items() if name in wanted}
     if not len(rows) + len(flown) or fps < 1:
         fault = f"{len(rows)} plans with a trajectory, {len(flown)} demonstrations, {fps} frames a second"
         raise InputError("episodes", fault, "at least one of each")
-    known = {row["demonstration_id"]: row for row in catalog.demonstrations().to_dict("records")}
-    side, own = split_of(kinds_of(catalog)), {name: known[name] for name in flown["demonstration_id"]}
-    episodes = [*of_demonstrations(catalog, own, rows, side, fps), *of_plans(catalog, rows, known, side)]
+    side = split_of(kinds_of(catalog))
+    episodes = [*of_demonstrations(catalog, flown, rows, side, fps), *of_plans(catalog, rows, known, side)]
     episodes.sort(key=lambda each: list(SHARES).index(each.split))  # a split is a range of episodes
     tasks = {task: at for at, task in enumerate(dict.fromkeys(each.task for each in episodes))}
     described: list[dict[str, Any]] = []
@@ -105,7 +104,7 @@ def export_lerobot(
     features = sorted({name.split("/")[1] for name in described[0] if name.startswith("stats/")})
     statistics = {feature: _pooled(described, f"stats/{feature}/") for feature in features}
     replace_file(place / "meta" / "stats.json", _json(statistics))
-    splits = splits_of(catalog, rows, flown["demonstration_id"])
+    splits = splits_of(catalog, rows, flown)
     for way, column in (("by_structure", "split"), ("by_kind", "kind")):
         for value, part in splits[way].items():
             part["episodes"] = [row["episode_index"] for row in described if row[column] == value]
