@@ -103,7 +103,7 @@ lerobot: $(READY) ## the LeRobot export loaded by lerobot itself, in .venv-lerob
 	@test -e .venv-lerobot/.ready || { $(LEROBOT_PYTHON) -m venv .venv-lerobot \
 		&& .venv-lerobot/bin/python -m pip install --disable-pip-version-check --only-binary :all: "lerobot[dataset]==0.6.1" \
 		&& touch .venv-lerobot/.ready; }
-	$(BIN)/python -m pytest tests/catalog/test_lerobot.py
+	$(BIN)/python -m pytest tests/outputs/test_lerobot.py
 
 bench: $(READY) ## print the benchmarks' tables
 	@for f in $$(grep -l __main__ bench/*.py); do echo "== $$f"; $(BIN)/python $$f || exit 1; done

@@ -20,8 +20,8 @@ from real_data import real_folder
 from transfers import Transfer, transfers
 
 from upplied.config import settings_for
+from upplied.files import replace_file
 from upplied.outputs.figures import comparison_png, transfer_png
-from upplied.outputs.files import replace_file
 from upplied.planning.plan import plan_transfer
 from upplied.records import Plan
 

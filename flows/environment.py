@@ -11,6 +11,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from upplied.errors import InputError, SettingsError
+from upplied.files import replace_file
 
 HERE = Path(__file__).parent
 PROFILE = "upplied"
@@ -64,18 +65,9 @@ def sign_in(folder: Path, api_url: str) -> str:
     for name, values in profiles.items():
         lines += ["", f"[profiles.{json.dumps(name)}]"]
         lines += [f"{setting} = {json.dumps(value)}" for setting, value in values.items()]
-    _write_private(path, "\n".join(lines) + "\n")
-    _write_private(folder / PASSWORD, word.partition(":")[2] + "\n")
+    replace_file(path, "\n".join(lines) + "\n", private=True)
+    replace_file(folder / PASSWORD, word.partition(":")[2] + "\n", private=True)
     return str(word)
-
-
-def _write_private(path: Path, text: str) -> None:
-    """Replace a file by one that its user alone can read."""
-    new = path.with_suffix(f".{os.getpid()}")
-    new.unlink(missing_ok=True)
-    with open(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
-        file.write(text)
-    new.replace(path)
 
 
 def client(port: int) -> dict[str, str]:

@@ -72,7 +72,6 @@ class Resources(BaseModel):
     shard_targets: int = Field(
         0, ge=0, le=10_000, description="Targets in each job of the work pool; 0 distributes them evenly."
     )
-
     most_lost: float = Field(
         0.5,
         ge=0,

@@ -9,13 +9,12 @@ import socket
 import subprocess
 import sys
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
+import httpx
 import psutil
 
 from .environment import environment, home, sign_in
@@ -114,13 +113,11 @@ def alone(folder: Path) -> IO[bytes]:
 
 def answers(api_url: str) -> bool:
     """Whether a Prefect server is there; Prefect's own commands would start one that knows no deployment."""
-    try:
-        with urllib.request.urlopen(f"{api_url.rstrip('/')}/health", timeout=10):
-            return True
-    except urllib.error.HTTPError:
-        return True  # it wants a name first, which Prefect's settings may hold
-    except (OSError, ValueError):
+    try:  # any answer will do: it may want a name first, which Prefect's settings may hold
+        httpx.get(f"{api_url.rstrip('/')}/health", timeout=10)
+    except (httpx.HTTPError, httpx.InvalidURL):
         return False
+    return True
 
 
 def start(

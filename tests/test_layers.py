@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 # What a module of each room may import of `upplied`; the rooms are in the order of the layers.
 FOUNDATION = {
     "errors", "extras", "records", "config", "checks", "geometry", "cameras", "overlap", "photographed",
-    "threads", "provenance", "public",
+    "files", "threads", "provenance", "public",
 }  # fmt: skip
 ALLOWED = {
     "errors": set(),
@@ -29,6 +29,7 @@ ALLOWED = {
     "checks": {"errors", "records", "config"},
     "geometry": {"errors", "extras", "records", "config", "checks", "threads", "geometry"},
     "threads": set(),
+    "files": set(),
     "public": set(),
     "provenance": set(),
     "planning": FOUNDATION | {"planning"},

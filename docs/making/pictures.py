@@ -18,11 +18,11 @@ from PIL import Image
 
 from upplied import Catalog, open_catalog
 from upplied.config import settings_for
+from upplied.files import replace_file
 from upplied.fleet.ingest import find_logs, ingest_demonstrations, ingest_structures
 from upplied.outputs import figures
 from upplied.outputs.colours import DEMONSTRATED, PRESETS
 from upplied.outputs.draw.views import facing
-from upplied.outputs.files import replace_file
 from upplied.outputs.sample_fleet import write_sample_fleet
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.repetition import inspected_states, takes_of

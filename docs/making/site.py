@@ -53,6 +53,7 @@ MODULES = {
         "upplied.outputs.figures",
         "upplied.outputs.publish",
         "upplied.outputs.logs",
+        "upplied.outputs.learning",
     ],
     "Simulation and samples": ["upplied.simulate", "upplied.samples.fleet", "upplied.samples.pilot"],
 }

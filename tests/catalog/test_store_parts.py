@@ -21,11 +21,12 @@ from upplied.catalog import open_catalog
 from upplied.catalog.schema.tables import in_schema
 from upplied.catalog.store import locking
 from upplied.catalog.store.chain import statistics
-from upplied.catalog.store.files import FileStore, explained, remedy_of, replace_file, sync_path
+from upplied.catalog.store.files import FileStore, explained, remedy_of
 from upplied.catalog.store.identity import Heads
 from upplied.catalog.store.locking import locked, turn
 from upplied.catalog.store.opening import opened
 from upplied.errors import CatalogError
+from upplied.files import replace_file, sync_path
 
 
 def test_statistics_are_ranges_and_nulls() -> None:

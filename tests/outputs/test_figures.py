@@ -10,6 +10,7 @@ from calls import calls
 from PIL import Image
 
 from upplied.errors import SettingsError
+from upplied.files import replace_file
 from upplied.geometry.poses import look_at
 from upplied.outputs import figures
 from upplied.outputs.colours import DEMONSTRATED, PRESETS, STATES, rgb
@@ -17,7 +18,6 @@ from upplied.outputs.draw.canvas import Solid, picture
 from upplied.outputs.draw.shade import corner_normals
 from upplied.outputs.draw.tubes import Tubes, frustum_corners, joined, path, thinned, tubes
 from upplied.outputs.draw.views import VIEWS, View, facing, fitted
-from upplied.outputs.files import replace_file
 from upplied.records import Camera, Demonstration, Measures, Plan, Structure, SurfaceStates, Trajectory
 
 NOTHING = joined([])

@@ -18,11 +18,12 @@ from catalog_records import demonstration, key_of, plan, structure
 from fake_catalog import FakeCatalog, orbit
 from PIL import Image
 
+from upplied import files
 from upplied.catalog import Catalog, open_catalog
 from upplied.checks import pair_name
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError
-from upplied.outputs import files, render
 from upplied.outputs import publish as publishing
+from upplied.outputs import render
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS, MissionOptions
 from upplied.outputs.pairs import Pair

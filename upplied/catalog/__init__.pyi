@@ -2,9 +2,7 @@ from upplied.catalog.database import Catalog as Catalog
 from upplied.catalog.database import open_catalog as open_catalog
 from upplied.catalog.store.cache import Cache as Cache
 from upplied.catalog.verbs.exporting import export_dataset as export_dataset
-from upplied.catalog.verbs.exporting import export_tum as export_tum
 from upplied.catalog.verbs.importing import import_dataset as import_dataset
-from upplied.catalog.verbs.lerobot import export_lerobot as export_lerobot
 from upplied.catalog.verbs.maintenance import compact as compact
 from upplied.catalog.verbs.maintenance import vacuum as vacuum
 from upplied.catalog.verbs.published import export_tables as export_tables

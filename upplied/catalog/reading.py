@@ -133,7 +133,8 @@ class Reading:
                 raise SettingsError(
                     f"column {name!r}", "does not exist", f"one of {', '.join(declared.names)}"
                 )
-        as_of = as_of if version is None else queries.moment_of(tables["transfers"], version)
+        if version is not None:  # its moment; none where it has no rows
+            as_of = pc.max(tables["transfers"].read(None, ["added_at"], version)[0]).as_py()
         derived = in_force or not {*DERIVED}.isdisjoint(wanted)
         until_then = until("added_at", as_of)
         now = standing_of(ordering.by_commit(tables["decisions"].read(until_then))) if derived else Standing()

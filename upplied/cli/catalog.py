@@ -213,7 +213,8 @@ def export(
     folder : Path
         New or empty folder; by default fleet-v1 here, or the next version that does not exist.
     """
-    from upplied.catalog import export_dataset, export_lerobot, export_tum
+    from upplied.catalog import export_dataset
+    from upplied.outputs.learning import export_lerobot, export_tum
 
     store = where.opened()
     folder = folder or next(each for at in count(1) if not (each := Path(f"fleet-v{at}")).exists())

@@ -170,7 +170,7 @@ def zones(structure: StructureArgument, /, *, mesh: Path | None = None, results:
 
 
 def _mesh(store: Catalog, structure_id: str, path: Path) -> int:
-    from upplied.outputs.files import replace_file
+    from upplied.files import replace_file
     from upplied.outputs.ply import ply_bytes
 
     structure = store.structure(structure_id)

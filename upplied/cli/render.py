@@ -56,7 +56,7 @@ def comparison(
 
 
 def _saved(output: Path, png: bytes) -> int:
-    from upplied.outputs.files import replace_file
+    from upplied.files import replace_file
 
     say(replace_file(beside(output), png))
     return 0

@@ -168,12 +168,12 @@ def _checked(
 ) -> int:
     """Report on a file, or an entry of a manifest among those of a catalog, and draw it; 1 if refused."""
     from upplied.errors import InputError
+    from upplied.files import replace_file
     from upplied.fleet.admission import Admission, shape_of
     from upplied.fleet.members import Member
     from upplied.fleet.workers import JobKilled, Workers
     from upplied.inputs.rules import refusals
     from upplied.outputs.figures import structure_png
-    from upplied.outputs.files import replace_file
     from upplied.outputs.health import health_report
 
     file, name = (what, what.stem) if isinstance(what, Path) else (what.path, what.structure_id)
@@ -205,9 +205,9 @@ def _cleaned(structure: Structure, png: Path) -> None:
     """Write the structure without ground, clutter and neighbours, and a picture before and after."""
     from dataclasses import replace
 
+    from upplied.files import replace_file
     from upplied.geometry.separation import CLASSES, separated, structure_alone
     from upplied.outputs.figures import separation_png
-    from upplied.outputs.files import replace_file
     from upplied.outputs.ply import ply_bytes
 
     separation = separated(structure)

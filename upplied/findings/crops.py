@@ -12,13 +12,13 @@ import numpy as np
 from scipy.ndimage import binary_erosion, laplace, map_coordinates
 
 from upplied.errors import InputError, UppliedError
+from upplied.files import replace_file
 from upplied.findings.looks import Look, Spot, plane_axes
 from upplied.findings.photos import MOST_BYTES
 from upplied.findings.rays import pixels_of
 from upplied.geometry.scene import Scene, scene_of
 from upplied.inputs.files import read_regular
 from upplied.outputs.draw.sheet import png
-from upplied.outputs.files import replace_file
 from upplied.outputs.pictures import pixels_in
 from upplied.records import Floats, Structure
 

@@ -57,7 +57,9 @@ class Editing:
 
     def __init__(self, catalog: Catalog, transfer_id: str) -> None:
         self._catalog, self.recipe = catalog, recipe(catalog, transfer_id)
-        self.transfer_id = transfer_id
+        self.transfer_id, self.target = transfer_id, self.recipe.target  # the structure as it was made for
+        route = self.recipe.settings.route
+        self.usual_m = route.clearance_m if route.enforce else USUAL_CLEARANCE_M  # that the plan keeps
         self.stored = Base(plan_of(catalog, self.recipe.row))
         flown_path(self.stored.plan)
         self._memo = Recent(catalog.cache)
@@ -65,17 +67,6 @@ class Editing:
         own = edits.loc[edits["transfer_id"] == transfer_id, "edit_json"]
         self.earlier = edit_from_json(own.iloc[-1]) if len(own) else StoredEdit()  # that made this plan
         self._roadmap = lru_cache(_ROADMAPS)(self._roadmap_by)
-
-    @property
-    def target(self) -> Structure:
-        """The structure as the plan was made for."""
-        return self.recipe.target
-
-    @property
-    def usual_m(self) -> float:
-        """The clearance that the plan keeps."""
-        route = self.recipe.settings.route
-        return route.clearance_m if route.enforce else USUAL_CLEARANCE_M
 
     def clearance_m(self, airspace: AirspaceLimits) -> float:
         """The clearance that a change asks for, never less than the plan's own."""

@@ -17,10 +17,10 @@ from upplied.catalog.verbs.belonging import FLOWN
 from upplied.catalog.verbs.roster import author
 from upplied.config import digest
 from upplied.errors import InputError, RefusedError, UppliedError
+from upplied.files import replace_file
 from upplied.fleet.editing import Base, Editing, boxes_of
 from upplied.fleet.gaps import derived_from
 from upplied.inputs.files import read_regular
-from upplied.outputs.files import replace_file
 from upplied.proof.carried_edit import combined, edit_from_json, edit_json, stored_edit
 from upplied.proof.edit import AirspaceLimits, Edit, Viewpoint, edit_of
 from upplied.provenance import method

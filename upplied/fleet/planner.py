@@ -61,32 +61,31 @@ def prepare(location: str) -> None:
 
 
 @lru_cache(maxsize=8)
-def _structure(structure_id: str) -> Structure:
-    assert _catalog is not None
-    return _catalog.structure(structure_id)
+def _structure(catalog: Catalog, structure_id: str) -> Structure:
+    return catalog.structure(structure_id)
 
 
 @lru_cache(maxsize=16)
-def _demonstration(demonstration_id: str) -> Demonstration:
-    assert _catalog is not None
-    return _catalog.demonstration(demonstration_id)
+def _demonstration(catalog: Catalog, demonstration_id: str) -> Demonstration:
+    return catalog.demonstration(demonstration_id)
 
 
 @lru_cache(maxsize=4)
-def _required(target_id: str, sha256: str, name: str) -> tuple[RequiredSurface | None, tuple[str, ...]]:
-    assert _catalog is not None
-    return required_surface(_catalog, _memo, _structure(target_id), name)
+def _required(
+    catalog: Catalog, target_id: str, sha256: str, name: str
+) -> tuple[RequiredSurface | None, tuple[str, ...]]:
+    return required_surface(catalog, _memo, _structure(catalog, target_id), name)
 
 
 def transferred(catalog: Catalog, job: Job) -> Plan:
     """The plan of a job that carries a demonstration to a target."""
-    demonstration = _demonstration(job.demonstration_id)
-    source, target = _structure(job.source_id), _structure(job.target_id)
-    siblings = [_structure(name) for name, _ in job.siblings]
+    demonstration = _demonstration(catalog, job.demonstration_id)
+    source, target = _structure(catalog, job.source_id), _structure(catalog, job.target_id)
+    siblings = [_structure(catalog, name) for name, _ in job.siblings]
     now = (demonstration.sha256, source.sha256, target.sha256), tuple(one.sha256 for one in siblings)
     if now != (job.sha256, tuple(sha256 for _, sha256 in job.siblings)):
         return superseded(job)
-    zones, untold = _required(job.target_id, job.sha256[2], job.settings.required.zones)
+    zones, untold = _required(catalog, job.target_id, job.sha256[2], job.settings.required.zones)
     plan = plan_transfer(demonstration, source, target, job.settings, _memo, zones, siblings)
     return replace(plan, warnings=(*plan.warnings, *untold))
 

@@ -78,22 +78,15 @@ class Run(AbstractContextManager["Run"]):
         self.count = max(1, min(resources.workers or cores(), len(jobs)))
         self.progress, self._plan_job = progress, plan
         self.shards = shards(jobs, self.count)
+        # Shards to work at a time: a little more than there are workers, so none waits.
+        self.threads = max(1, min(len(self.shards), self.count + 2))
         self._workers = Workers(self.count, prepare, (str(catalog.location),), resources.limits)
         self._keeper = Keeper(catalog, run_id, engine)
+        self.result = self._keeper.result  # counts so far
 
     def __exit__(self, *_: object) -> None:
         self._workers.close()
         self._keeper.close()
-
-    @property
-    def threads(self) -> int:
-        """How many shards to work at a time: a little more than there are workers, so none waits."""
-        return max(1, min(len(self.shards), self.count + 2))
-
-    @property
-    def result(self) -> Result:
-        """Counts so far."""
-        return self._keeper.result
 
     def plan(self, index: int) -> None:
         """Plan the jobs of one shard, one after the other, and wait for them."""

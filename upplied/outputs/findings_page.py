@@ -9,8 +9,8 @@ from pathlib import Path
 import pandas as pd
 
 from upplied.catalog import Catalog
+from upplied.files import replace_file
 from upplied.outputs import pages
-from upplied.outputs.files import replace_file
 from upplied.outputs.reports import Reader
 from upplied.outputs.structure_page import mark
 

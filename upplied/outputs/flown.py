@@ -95,7 +95,8 @@ def seen_as_flown(planned: SurfaceStates, looks: StoredLooks) -> SurfaceStates:
     become = np.full(len(state), SURFACE_STATES.index("missed"))
     become[looks.patch] = SURFACE_STATES.index("seen if corrected")
     become[looks.certain.patch] = SURFACE_STATES.index("in view only")
-    become[looks.as_asked_if_corrected] = SURFACE_STATES.index("inspected if corrected")
+    if (flags := looks.inspected_if_corrected) is not None:
+        become[looks.patch[flags > 0]] = SURFACE_STATES.index("inspected if corrected")
     become[looks.as_asked] = SURFACE_STATES.index("shown")
     state[shown] = become[shown]
     return replace(planned, state=state)

@@ -17,9 +17,9 @@ from mcap_ros2.writer import Writer
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import SettingsError
+from upplied.files import replace_file
 from upplied.geometry.poses import interpolate, moved
 from upplied.outputs import ros2_schemas
-from upplied.outputs.files import replace_file
 from upplied.records import Demonstration, Floats, Structure, Trajectory
 
 Encoding = Literal["pose_stamped", "odometry", "tf"]

@@ -16,8 +16,8 @@ from upplied.catalog.verbs.published import local_folder, publish_generation
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import CatalogError, RefusedError, SettingsError, UppliedError
+from upplied.files import replace_file
 from upplied.outputs import pages
-from upplied.outputs.files import replace_file
 from upplied.outputs.findings_page import MapOf, findings_html
 from upplied.outputs.fleet_page import fleet_data, places
 from upplied.outputs.foremost import first_pairs
@@ -132,7 +132,7 @@ def publish(
     catalog.identity.required()
     place = local_folder(folder)
     with locked(place):
-        for left in place.glob("**/.*.partial"):
+        for left in filter(Path.is_file, place.glob("**/.*.draft")):
             left.unlink(missing_ok=True)  # of a publisher that was stopped
         publish_generation(catalog, place, force)
         try:

@@ -12,13 +12,13 @@ from typing import Any
 
 from upplied.catalog import Catalog
 from upplied.catalog.schema.plan_rows import is_foreign
-from upplied.catalog.verbs.custody import FOREIGN_PLAN, alterations, chain_heads, heads_in_words
+from upplied.catalog.verbs.custody import FOREIGN_PLAN, HEAD_DIGITS, alterations, chain_heads
 from upplied.errors import CatalogError
+from upplied.files import replace_file
 from upplied.outputs import figures
 from upplied.outputs.brief import brief_html
 from upplied.outputs.colours import DEMONSTRATED
 from upplied.outputs.draw.views import View
-from upplied.outputs.files import replace_file
 from upplied.outputs.fly import as_settled
 from upplied.outputs.missions import FORMATS, Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import CUSTODY, Breach
@@ -120,7 +120,8 @@ def _leaving(catalog: Catalog, transfer_id: str) -> tuple[dict[str, Any], Missio
     row = _row(catalog, transfer_id)
     structure = catalog.structure(str(row["target_id"]))
     camera = catalog.demonstration(str(row["demonstration_id"])).camera
-    words = heads_in_words(chain_heads(catalog))
+    heads, told = chain_heads(catalog), ("decisions", "flights")
+    words = ", ".join(f"{name} {heads[name][:HEAD_DIGITS]}" for name in told if name in heads)
     custody = (f"{CUSTODY}: {words}",) if words else ()
     return row, MissionZones(catalog, plan_of(catalog, row), structure, camera), custody
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from upplied.outputs.files import replace_file
+from upplied.files import replace_file
 from upplied.outputs.logs import Encoding, write_log
 from upplied.records import Demonstration, Floats, Structure
 from upplied.samples.fleet import member, sample_demonstrations, sample_structures

@@ -110,7 +110,7 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
     """The plan of a row and its waypoints in order, without the states of the surface."""
     planned, texts = row["n_waypoints"] > 0, Row((name, row[name] or "") for name in _TEXTS)
     counterparts = json.loads(row["counterparts"] or "[]")  # null in rows of before there was such a column
-    fit = _known(Registration, json.loads(row["registration_json"] or "{}"))
+    fit = fields_in(Registration, json.loads(row["registration_json"] or "{}"))
     fit = {name: np.array(it, float) if isinstance(it, list) else _number(it) for name, it in fit.items()}
     return Plan(
         **texts,
@@ -119,7 +119,7 @@ def plan_of(row: Row, waypoints: pa.Table) -> Plan:
         added=added_of(waypoints) if planned else None,
         registration=Registration(**fit) if fit else None,
         measures=Measures(**{item.name: _number(row[item.name]) for item in fields(Measures)}),
-        counterparts=tuple(Counterpart(**_known(Counterpart, tuples(one))) for one in counterparts),
+        counterparts=tuple(Counterpart(**fields_in(Counterpart, tuples(one))) for one in counterparts),
         warnings=tuple(json.loads(row["warnings"] or "[]")),
         flyable=bool(row["flyable"]),
     )
@@ -178,6 +178,6 @@ def _number(value: Any) -> Any:
     return float("nan") if value is None else value
 
 
-def _known(record: type, values: Row) -> Row:
+def fields_in(record: type, values: Row) -> Row:
     """The values that are fields of a record: a newer program may know more."""
     return {item.name: values[item.name] for item in fields(record) if item.name in values}

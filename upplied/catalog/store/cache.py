@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import TypeVar
 
 from upplied.catalog.schema.codec import decode, encode
-from upplied.catalog.store.files import replace_file
 from upplied.checks import check_id
 from upplied.errors import CatalogError
+from upplied.files import replace_file
 
 log = logging.getLogger(__name__)
 

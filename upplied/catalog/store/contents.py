@@ -66,15 +66,8 @@ class StoredLooks(Record):
     assumed: Ints | None = field(default=None, metadata={"later": True})  # (K,)
     # 1 where it was looked at as its plan asks; None: not asked then.
     inspected: Ints | None = field(default=None, metadata={"later": True})  # (K,)
-
     # 1 where it was, if the correction of the log is right; None: nothing was corrected.
     inspected_if_corrected: Ints | None = field(default=None, metadata={"later": True})  # (K,)
-
-    @property
-    def as_asked_if_corrected(self) -> Ints:
-        """The patches that were looked at as the plan asks if the correction of the log is right."""
-        flags = self.inspected_if_corrected
-        return self.patch[:0] if flags is None else self.patch[flags > 0]
 
     @property
     def as_asked(self) -> Ints:

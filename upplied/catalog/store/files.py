@@ -18,6 +18,7 @@ from deltalake import DeltaTable
 from deltalake.exceptions import CommitFailedError, DeltaError, SchemaMismatchError
 
 from upplied.errors import CatalogError
+from upplied.files import replace_file, sync_path
 
 _FIRST = ".first"  # ends the name of the table by which the first writer of a file is known
 _CONTENT = "upplied.content"  # property of a table that stands for a file
@@ -129,34 +130,6 @@ class FileStore:
             store, root = local if self.local else pafs.FileSystem.from_uri(self.root)
             self._filesystem = pafs.SubTreeFileSystem(root, store)
         return self._filesystem
-
-
-def replace_file(path: Path, content: bytes, lasting: bool = True) -> None:
-    """Write a file; readers see the old bytes or the new. Unless `lasting`, a power cut may empty it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.draft")
-    try:
-        with draft.open("wb") as file:
-            file.write(content)
-            if lasting:
-                file.flush()
-                os.fsync(file.fileno())
-        os.replace(draft, path)
-    finally:
-        draft.unlink(missing_ok=True)
-    if lasting:
-        sync_path(path.parent)
-
-
-def sync_path(path: Path) -> None:
-    """Wait until a file, or the names in a folder, are on the disk."""
-    if path.is_dir() and not hasattr(os, "O_DIRECTORY"):
-        return  # Windows does not open folders
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def checked(location: str) -> str:

@@ -92,13 +92,8 @@ class Adding(Reading):
 
     def keep_surface(self, plan: Plan) -> Plan:
         """Store what a plan sees of its target; the plan with the hash of it, still to be added."""
-        stores: dict[str, Any] = {
-            "surface": self.surfaces,
-            "inspected": self.surfaces,
-            "supposed": self.contents["supposed"],
-            "photos": self.contents["photos"],
-        }
-        for name, store in stores.items():
+        for name in ("surface", "inspected", "supposed", "photos"):
+            store: Any = self.contents.get(name, self.surfaces)
             if (record := getattr(plan, name)) is not None:
                 plan = replace(plan, **{name: None, f"{name}_sha256": store.put(record)})
         return plan

@@ -151,12 +151,6 @@ def foreign_plans(catalog: Reading) -> list[str]:
     return [row["transfer_id"] for row in rows.to_pylist() if plan_rows.is_foreign(row)]
 
 
-def heads_in_words(heads: dict[str, str]) -> str:
-    """The heads of decisions and flights, in one line; empty where there are none."""
-    tables = ("decisions", "flights")
-    return ", ".join(f"{name} {heads[name][:HEAD_DIGITS]}" for name in tables if name in heads)
-
-
 def stored_plans(catalog: Reading, transfer_ids: Collection[str]) -> tuple[pa.Table, dict[str, str]]:
     """The rows that stand for plans, with all their columns, and the hash of what each says."""
     ids = pa.array(sorted(transfer_ids), pa.string())

@@ -18,12 +18,10 @@ from typing import Any
 import pandas as pd
 
 import upplied
-from upplied.catalog.database import Catalog
 from upplied.catalog.schema.dictionary import data_dictionary
-from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import SCHEMA_VERSION, STEPS, TABLES
-from upplied.catalog.store.files import replace_file
 from upplied.errors import CatalogError, InputError
+from upplied.files import replace_file
 
 #: Not flights, which are flown again in a moment, and what people decide, change, overrule and find.
 EXCHANGED = [name for name in TABLES if name in {*STEPS, *STEPS.values(), "structures"}]
@@ -39,11 +37,6 @@ def new_folder(folder: str | os.PathLike[str]) -> Path:
     if place.exists() and any(place.iterdir()):
         raise InputError(str(place), "is not empty", "a new folder", "choose another")
     return place
-
-
-def with_path(catalog: Catalog, transfers: pd.DataFrame | Sequence[str]) -> list[Row]:
-    """The rows of some plans, those with a trajectory."""
-    return [row for row in map(catalog.transfer, names_of(transfers)) if row["n_waypoints"]]
 
 
 def names_of(transfers: pd.DataFrame | Sequence[str]) -> list[str]:

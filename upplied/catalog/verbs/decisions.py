@@ -13,6 +13,7 @@ import pandas as pd
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.verbs import custody, ordering
 from upplied.catalog.verbs.belonging import OwnSettings
+from upplied.catalog.verbs.findings import check_text
 from upplied.catalog.verbs.ordering import Standing, standing_of, unit_of
 from upplied.catalog.verbs.roster import Roster, author, signature
 from upplied.errors import RefusedError, SettingsError
@@ -26,7 +27,6 @@ RELEASE_RULES = {
     "recalled": "it was not recalled",
     "changed": "the structure has not changed since it was planned",
 }
-_LONGEST = 2000  # letters of a note: it stands on pages
 
 
 class Deciding(OwnSettings):
@@ -190,8 +190,7 @@ class Deciding(OwnSettings):
 
     def _decide(self, row: Row, state: str, by: str, note: str, **about: str) -> str:
         """Add a decision; its name."""
-        if len(note) > _LONGEST:
-            raise SettingsError("note of a decision", f"has {len(note)} letters", f"at most {_LONGEST}")
+        check_text("a decision", "note", note)
         who, name, plan = author(by, "a decision"), self.new_commit_id(), row["transfer_id"]
         of_plan = ("transfer_id", "demonstration_id", "target_id", "purpose")
         decision = {key: row[key] or "" for key in of_plan} | {

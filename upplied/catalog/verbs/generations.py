@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.store.files import sync_path
 from upplied.errors import CatalogError
+from upplied.files import sync_path
 
 _NAME = re.compile(r"g\d{6,}")
 _ABOUT = "published.json"

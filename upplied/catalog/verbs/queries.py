@@ -164,11 +164,6 @@ def _repeated(ordered: pd.DataFrame) -> Bools:
     return repeated
 
 
-def moment_of(table: StoredTable, version: int) -> When | None:
-    """The moment of a version of `transfers`; None where it has no rows."""
-    return pc.max(table.read(None, ["added_at"], version)["added_at"]).as_py()
-
-
 _INPUTS = ("demonstration", "source", "target", "settings")
 _METHOD = {
     "method_version": "method changed",

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import pyarrow.compute as pc
 
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema import rows
-from upplied.catalog.schema.plan_rows import transfer_row, tuples
+from upplied.catalog.schema.plan_rows import fields_in, transfer_row, tuples
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.verbs import ordering
@@ -86,16 +85,11 @@ def siblings_of(row: Row) -> list[tuple[str, str]]:
 
 def settings_of(text: str) -> Settings:
     """The settings of their JSON; what another version had and this one does not know is left out."""
-    stages: dict[str, Any] = json.loads(text)
+    stages = tuples(json.loads(text))
     preset = settings_for(stages.pop("preset"))
-    stages_known = [item.name for item in fields(preset) if item.name != "preset"]
-    known = {name: {one.name for one in fields(getattr(preset, name))} for name in stages_known}
-    changes = {
-        stage: {name: tuples(value) for name, value in values.items() if name in known[stage]}
-        for stage, values in stages.items()
-        if stage in known
-    }
-    return settings_for(preset.preset, **changes)
+    changes = fields_in(Settings, stages).items()
+    known = {stage: fields_in(type(getattr(preset, stage)), values) for stage, values in changes}
+    return settings_for(preset.preset, **known)
 
 
 def _versions(catalog: Catalog, table: str, name: str, sha256: str) -> dict[str, Row]:

@@ -15,9 +15,10 @@ from typing import Any
 from urllib.parse import quote
 
 from upplied.catalog.schema.rows import Row, json_text
-from upplied.catalog.store.files import FileStore, replace_file
+from upplied.catalog.store.files import FileStore
 from upplied.errors import CatalogError, InputError, RefusedError, SettingsError, UppliedError
 from upplied.extras import extra
+from upplied.files import replace_file
 
 _LONGEST = 200  # letters of a name
 _MOST_BYTES = 1 << 20
@@ -184,8 +185,7 @@ def new_key(name: str) -> str:
     content = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, locked)
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     path.touch(mode=0o600, exist_ok=False)
-    replace_file(path, content)
-    path.chmod(0o600)
+    replace_file(path, content, private=True)
     return str(key.public_key().public_bytes_raw().hex())
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from upplied.errors import SettingsError
-from upplied.outputs.files import replace_file
+from upplied.files import replace_file
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import gate, maps
 from upplied.outputs.missions.dji_wpml import dji_kmz

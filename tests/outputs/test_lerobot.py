@@ -13,7 +13,8 @@ import pandas as pd
 import pytest
 from catalog_records import demonstration, key_of, plan, structure
 
-from upplied.catalog import Catalog, export_lerobot, export_tum, open_catalog
+from upplied.catalog import Catalog, open_catalog
+from upplied.outputs.learning import export_lerobot, export_tum
 
 ROOT = Path(__file__).parents[2]
 PYTHON = Path(os.environ.get("LEROBOT_PYTHON", ROOT / ".venv-lerobot" / "bin" / "python"))

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from catalog_records import copied, demonstration, key_of, plan, structure
 
-from upplied.catalog import export_tum, open_catalog
+from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
-from upplied.catalog.verbs.exporting import split_of
+from upplied.catalog.verbs.splits import split_of
 from upplied.cli import main
 from upplied.errors import InputError
+from upplied.outputs.learning import export_tum
 
 
 @pytest.fixture(scope="module")

@@ -25,19 +25,12 @@ import pyarrow.parquet as pq
 
 import upplied
 from upplied.catalog.database import Catalog
-from upplied.catalog.store.files import replace_file
-from upplied.catalog.verbs.dataset_files import new_folder, with_path
-from upplied.catalog.verbs.exporting import (
-    SHARES,
-    Episode,
-    kinds_of,
-    of_demonstrations,
-    of_plans,
-    split_of,
-    write_splits,
-)
+from upplied.catalog.verbs.dataset_files import new_folder
+from upplied.catalog.verbs.splits import SHARES, kinds_of, split_of, splits_of
 from upplied.errors import InputError
+from upplied.files import replace_file
 from upplied.geometry import poses
+from upplied.outputs.learning.episodes import Episode, of_demonstrations, of_plans, with_path
 from upplied.records import Floats, Trajectory
 
 _NAMES = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"]
@@ -82,15 +75,14 @@ def export_lerobot(
     """
     place = new_folder(folder)
     rows = with_path(catalog, transfers)
-    flown = catalog.demonstrations()
-    if demonstrations is not None:
-        flown = flown[flown["demonstration_id"].isin(demonstrations)]
+    known = {row["demonstration_id"]: row for row in catalog.demonstrations().to_dict("records")}
+    wanted = known if demonstrations is None else {*demonstrations}
+    flown = {name: row for name, row in known.items() if name in wanted}
     if not len(rows) + len(flown) or fps < 1:
         fault = f"{len(rows)} plans with a trajectory, {len(flown)} demonstrations, {fps} frames a second"
         raise InputError("episodes", fault, "at least one of each")
-    known = {row["demonstration_id"]: row for row in catalog.demonstrations().to_dict("records")}
-    side, own = split_of(kinds_of(catalog)), {name: known[name] for name in flown["demonstration_id"]}
-    episodes = [*of_demonstrations(catalog, own, rows, side, fps), *of_plans(catalog, rows, known, side)]
+    side = split_of(kinds_of(catalog))
+    episodes = [*of_demonstrations(catalog, flown, rows, side, fps), *of_plans(catalog, rows, known, side)]
     episodes.sort(key=lambda each: list(SHARES).index(each.split))  # a split is a range of episodes
     tasks = {task: at for at, task in enumerate(dict.fromkeys(each.task for each in episodes))}
     described: list[dict[str, Any]] = []
@@ -112,7 +104,11 @@ def export_lerobot(
     features = sorted({name.split("/")[1] for name in described[0] if name.startswith("stats/")})
     statistics = {feature: _pooled(described, f"stats/{feature}/") for feature in features}
     replace_file(place / "meta" / "stats.json", _json(statistics))
-    write_splits(catalog, place / "meta", rows, flown["demonstration_id"], described)
+    splits = splits_of(catalog, rows, flown)
+    for way, column in (("by_structure", "split"), ("by_kind", "kind")):
+        for value, part in splits[way].items():
+            part["episodes"] = [row["episode_index"] for row in described if row[column] == value]
+    replace_file(place / "meta" / "splits.json", _json(splits))
     info = _info(described, total, len(tasks), fps)
     replace_file(place / "meta" / "info.json", _json(info))
     replace_file(place / "README.md", _data_card(described, info, licence, attribution).encode())
@@ -245,7 +241,7 @@ def _data_card(
     ]
     plans = [row for row in episodes if row["origin"] == "plan"]
     measures = [_line(name, [row[name] for row in plans]) for name in _HEADLINES] if plans else []
-    text = files(__package__).joinpath("texts", "lerobot.md").read_text(encoding="utf-8")
+    text = files(__package__).joinpath("lerobot.md").read_text(encoding="utf-8")
     return text.format(
         licence=json.dumps(licence or "unknown"),
         rights=licence or "none was stated: ask whoever gave you this before you pass it on",

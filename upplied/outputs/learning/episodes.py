@@ -1,0 +1,103 @@
+"""Plans and demonstrations as episodes: each with what it is to do, how it did and where it came from."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import pandas as pd
+
+from upplied.catalog.database import Catalog
+from upplied.catalog.schema.rows import Row
+from upplied.catalog.verbs.dataset_files import names_of
+from upplied.catalog.verbs.splits import kinds_of
+from upplied.records import Trajectory
+
+_PART_PCT = 10  # share of what was inspected from which on a part is named in the task
+_FIGURES = ("hfov_deg", "vfov_deg", "path_length_m", "duration_s")
+# Of plans alone, words and figures.
+_WORDS = [
+    "transfer_id", "preset", "state", "not_flyable", "code_version", "method_version", "sources_sha256",
+    "libraries", "source_sha256", "target_sha256", "settings_sha256",
+]  # fmt: skip
+_MEASURED = [
+    "coverage_inspected_pct", "coverage_seen_pct", "coverage_attainable_pct", "min_clearance_m", "frechet_z",
+    "gsd_mm_p95", "standoff_kept_pct", "acceptance_probability", "counterpart_probability",
+    "never_scanned_m2",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A plan, or an unbroken stretch of a demonstration, and what is said of it."""
+
+    path: Trajectory
+    task: str
+    about: Mapping[str, Any]  # columns of its row
+    split: str
+
+
+def with_path(catalog: Catalog, transfers: pd.DataFrame | Sequence[str]) -> list[Row]:
+    """The rows of some plans, those with a trajectory."""
+    return [row for row in map(catalog.transfer, names_of(transfers)) if row["n_waypoints"]]
+
+
+def of_plans(
+    catalog: Catalog, rows: Sequence[Row], flown: Mapping[str, Row], side: Mapping[str, str]
+) -> Iterator[Episode]:
+    ids = [str(row["transfer_id"]) for row in rows]
+    now = catalog.transfers(every=True, ids=ids, columns=["transfer_id", "state"])  # by what people decided
+    states = dict(zip(now["transfer_id"], now["state"], strict=True))
+    for row in sorted(rows, key=lambda row: str(row["transfer_id"])):
+        target, name = str(row["target_id"]), str(row["demonstration_id"])
+        about = _facts(flown.get(name, {}), "plan", name, row["source_id"], target, row["kind"])
+        about |= {key: row[key] for key in (*_WORDS, *_MEASURED, "path_length_m", "duration_s")}
+        about["state"] = states[row["transfer_id"]]
+        about["demonstration_sha256"] = row["demonstration_sha256"]
+        task = _task(about, row["counterparts"])
+        yield Episode(catalog.path_of(row), task, about, side.get(target, "train"))
+
+
+def of_demonstrations(
+    catalog: Catalog, flown: Mapping[str, Row], rows: Sequence[Row], side: Mapping[str, str], fps: int
+) -> Iterator[Episode]:
+    """What was recorded; nothing is made up for a gap, and what is shorter than two frames is left out."""
+    kinds, parts = kinds_of(catalog), {row["demonstration_id"]: row["counterparts"] for row in rows}
+    for name, row in sorted(flown.items()):
+        record, place = catalog.demonstration(name), str(row["structure_id"])
+        about = _facts(row, "demonstration", name, place, place, kinds.get(place, ""))
+        about |= dict.fromkeys(_WORDS, "") | dict.fromkeys(_MEASURED, math.nan)
+        task = _task(about, parts.get(name, ""), row["about"])
+        for begin, end in pairwise([0, *(int(at) for at in record.breaks), len(record.t_ns)]):
+            t_s = (record.t_ns[begin:end] - record.t_ns[begin]) * 1e-9
+            if len(t_s) and t_s[-1] * fps >= 1:
+                path = replace(record.trajectory.take(slice(begin, end)), t_s=t_s)
+                yield Episode(path, task, about, side.get(place, "train"))
+
+
+def _facts(row: Row, origin: str, name: str, source: str, structure: str, kind: str) -> dict[str, Any]:
+    """What episodes of plans and of demonstrations both say; the camera is the demonstration's."""
+    return {
+        "origin": origin,
+        "demonstration_id": name,
+        "source_id": source,
+        "structure_id": structure,
+        "kind": kind,
+        "operator": str(row.get("operator") or ""),
+        **{key: float(row.get(key, math.nan)) for key in _FIGURES},
+        "demonstration_sha256": str(row.get("sha256") or ""),
+    }
+
+
+def _task(facts: Mapping[str, Any], counterparts: str, about: str = "") -> str:
+    """What is to be done, in words: of a demonstration and of all plans that follow from it the same."""
+    known = json.loads(counterparts or "[]")
+    named = [one["part"].partition(" (")[2].rstrip(")") for one in known if one["inspected_pct"] >= _PART_PCT]
+    parts = " and ".join(f"({place})" for place in named if place)
+    what = f"its {'parts' if ' and ' in parts else 'part'} {parts}" if parts else about
+    kind, name = facts["kind"].replace("_", " ") or "structure", facts["demonstration_id"]
+    return f"Fly the camera round the {kind} and inspect {what or 'what the expert did'}, as {name} shows."
