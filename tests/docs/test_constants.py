@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "making"))
 import constants
 
 # May fall and not rise: fewer than eighty is the goal, so that somebody can hold them in the head.
-MOST_TUNED = 70
+MOST_TUNED = 68
 
 
 def test_every_number_has_a_row_and_every_row_a_number():

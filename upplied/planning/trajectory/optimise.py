@@ -127,14 +127,13 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     searches = [_Search.of(problem, start, samples, need, shape_weight, weights) for start in problem.starts]
     if len(samples) == 0:
         return Optimised(searches[0], searches[0].first)
-    number = _as_good([search.value(search.first) for search in searches])[0]
-    worth, variables = searches[number].improved()
-    carried = searches[0]
-    unmoved = carried.worth(carried.first)
+    first = [search.value(search.first) for search in searches]
+    carried, search = searches[0], searches[_as_good(first)[0]]
+    worth, variables = search.improved()
     least = carried.shown(carried.first) - _LOST if carried.is_clear(carried.first) else 0.0
-    if worth < unmoved + ALIKE or searches[number].shown(variables) < least:
+    if worth < carried.worth(carried.first) + ALIKE or search.shown(variables) < least:
         return Optimised(carried, carried.first)
-    return Optimised(searches[number], variables)
+    return Optimised(search, variables)
 
 
 def _as_good(worth: Sequence[float]) -> list[int]:
