@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from upplied.config import settings_for
 from upplied.errors import RefusedError
 from upplied.planning.trajectory.flyable import Flyable, Result
+from upplied.planning.trajectory.state import Flown
 
 NONE = np.zeros(0, np.int64), np.zeros(0, bool)
 
@@ -72,3 +75,26 @@ def test_a_part_that_cannot_be_made_safe_is_passed_by_and_the_whole_says_why() -
 
     with pytest.raises(RefusedError, match="leads through"):
         in_time(never, 180.0)
+
+
+def test_a_carried_flight_that_takes_longer_than_usual_has_some_more_time_too() -> None:
+    """Else it would be flown as it is, or not be drawn back, as a hundredth of a second says."""
+
+    def allowed_s(carried_s: float, zones: float = 1.0) -> float:
+        class Stub(Flyable):
+            def seconds_of(self, longer: Any) -> float:
+                return carried_s
+
+        flight = SimpleNamespace(t_s=np.array([3.0, 103.0]))
+        carried = SimpleNamespace(take=SimpleNamespace(inspection=SimpleNamespace(flight=flight)))
+        goal = SimpleNamespace(area_ratio=0.5, inspected=SimpleNamespace(need=np.array([1.0, 1, 0])))
+        view = SimpleNamespace(
+            cloud=SimpleNamespace(areas=np.array([1.0, 1, 2 * (zones - 1)])), inspected=np.ones(3, bool)
+        )
+        nothing: Any = None
+        made: Any = Stub(carried, goal, settings_for("recommended"), nothing)
+        return float(made.allowed_s(view, Flown(np.zeros((2, 3)), np.zeros(2), np.zeros(2))))
+
+    assert allowed_s(60.0) == allowed_s(99.9) == pytest.approx(125)
+    assert allowed_s(100.1) == pytest.approx(125.125) and allowed_s(200.0) == pytest.approx(250)
+    assert allowed_s(200.0, zones=3.0) == pytest.approx(375)

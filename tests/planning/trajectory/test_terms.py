@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.geometry.poses import from_yaw_pitch
@@ -53,8 +54,9 @@ def wall() -> View:
 
 def coverage(view: View, path: Flown, width: float) -> Coverage:
     asked = np.flatnonzero(view.need > 0)
-    anywhere = replace(view, farthest_m=np.full(len(view.need), np.inf))
-    free = anywhere.reach(path.positions, asked, VisibilitySettings(occlusion=True, max_incidence_deg=88))
+    oblique = VisibilitySettings(occlusion=True, max_incidence_deg=88)
+    anywhere = replace(view, farthest_m=np.full(len(view.need), 1e3), settings=oblique, least_cosine=None)
+    free = anywhere.reach(path.positions, asked)
     return Coverage.of(view, asked, view.need[asked], free, width)
 
 
@@ -100,6 +102,33 @@ def test_slopes_agree_with_finite_differences(name: str, seed: int, wall: View):
     scale = np.abs(expected).max()
     assert scale > 0
     np.testing.assert_allclose(found, expected, rtol=2e-4, atol=2e-6 * max(scale, 1))
+
+
+def test_coverage_is_what_is_missed_sample_by_sample(wall: View):
+    """By its definition, with more samples than a batch holds: as far as every station fails to show it."""
+    rng, heights = np.random.default_rng(2), np.linspace(0, 1, 5)
+    places = np.concatenate([wall.cloud.points + height * np.array([0, 0, 1]) for height in heights])
+    cloud = Cloud(places, np.tile([0.0, -1, 0], (len(places), 1)))
+    need, farthest_m = rng.random(len(places)), rng.uniform(4, 12, len(places))
+    view = replace(
+        wall, cloud=cloud, need=need / need.sum(), farthest_m=farthest_m, inspected=np.ones(len(places), bool)
+    )
+    path, free, width = flown(4), np.random.default_rng(3).random((STATIONS, len(places))) < 0.8, 0.2
+    left = np.ones(len(places))
+    for at, quat, sees in zip(path.positions, from_yaw_pitch(path.yaw, path.pitch), free, strict=True):
+        ray = places - at
+        away = np.linalg.norm(ray, axis=1)
+        x, y, z = Rotation.from_quat(quat).inv().apply(ray / away[:, None]).T
+        cosine, half_h, half_v = -(ray @ [0, -1, 0]) / away, np.radians(30), np.radians(25)
+        over = (
+            cosine - np.cos(np.radians(75)), cosine - away / farthest_m,
+            x * np.sin(half_h) - np.abs(y) * np.cos(half_h), x * np.sin(half_v) - np.abs(z) * np.cos(half_v),
+        )  # fmt: skip
+        parts = np.clip((np.array(over) / width + 0.5) / 2, 0, 1)
+        left *= 1 - 0.98 * np.prod(parts**2 * (3 - 2 * parts), axis=0) * sees
+    value, _ = Coverage.of(view, np.arange(len(places)), view.need, free, width).value(path)
+    assert len(places) > 2 * 128 and 0.1 < value < 0.9
+    assert value == pytest.approx(view.need @ left, rel=1e-7)
 
 
 def test_coverage_with_sharp_borders_counts_what_is_truly_seen(wall: View):

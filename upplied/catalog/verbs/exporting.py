@@ -86,7 +86,7 @@ def export_dataset(
         for sha256 in sorted({*rows[table][column]} - {""}) if table in rows else ():
             _put(catalog, place, kind, sha256)
     splits = splits_of(catalog, plans.to_dict("records"))
-    replace_file(place / "splits.json", json.dumps(splits, indent=1).encode())
+    replace_file(place / "splits.json", json.dumps(splits, indent=1))
     describe(place, {"name": name, "licence": licence, "attribution": attribution, "rows": counts})
     return counts
 

@@ -43,11 +43,11 @@ def export_tum(
     for name in flights:
         flown = catalog.demonstration(name)
         _write(place / "demonstrations" / f"{name}.txt", flown.t_ns * 1e-9, flown.trajectory)
-    replace_file(place / "splits.json", json.dumps(splits_of(catalog, rows), indent=1).encode())
+    replace_file(place / "splits.json", json.dumps(splits_of(catalog, rows), indent=1))
     return {"plans": len(rows), "demonstrations": len(flights)}
 
 
 def _write(path: Path, t_s: Any, steps: Trajectory) -> None:
     text = StringIO()
     np.savetxt(text, np.column_stack([t_s, steps.positions, steps.quat_xyzw]), fmt="%.9f")
-    replace_file(path, text.getvalue().encode())
+    replace_file(path, text.getvalue())

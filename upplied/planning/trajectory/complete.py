@@ -85,7 +85,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     every, none = np.arange(len(flown)), np.zeros(len(flown), bool)
     limit_s = flyable.allowed_s(view, starts[0].safe)
     fitting, whole = flyable.in_time(best, every, none, limit_s)
-    alone = fitting or whole
+    alone = fitting or whole  # where it cannot be drawn back as far as that, it is flown as it is
     if goal.standoff.in_metres and goal.height_m is None and settings.refine.added_passes:
         return _with_passes(problem, best, alone, flyable, limit_s)
     return alone.waypoints

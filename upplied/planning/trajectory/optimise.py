@@ -227,9 +227,10 @@ class _Search(Record):
         stride = max(1, round(_APART * len(path) / _progress(self.problem, path)))
         oblique = replace(view.settings, max_incidence_deg=_OBLIQUE_DEG)
         # As far again as the widest border reaches: the path moves until lines of sight are asked for again.
-        nearly = replace(view, farthest_m=(1 + 2 * _WIDEST) * view.farthest_m)
+        farthest_m = (1 + 2 * _WIDEST) * view.farthest_m
+        nearly = replace(view, farthest_m=farthest_m, settings=oblique, least_cosine=None)
         places, station = path.positions[::stride], np.arange(0, len(path), stride)
-        free = nearly.reach(places, samples, oblique, station)
+        free = nearly.reach(places, samples, station)
         inspected = np.where(view.inspected[samples], self.need, 0.0)
         axis = axes(path.yaw[::stride], path.pitch[::stride])
         aim = aims(places, axis, view.cloud.points[samples], inspected, free)

@@ -43,13 +43,7 @@ class View(Record):
         poses, part = (positions, quat_xyzw), self.cloud.at(chosen)
         return visible(*poses, part, self.camera, self.settings, self.scene, fov_deg, closeness).seen
 
-    def reach(
-        self,
-        positions: Floats,
-        chosen: Ints,
-        settings: VisibilitySettings | None = None,
-        station: Ints | None = None,
-    ) -> Bools:
+    def reach(self, positions: Floats, chosen: Ints, station: Ints | None = None) -> Bools:
         """(S, m) which of these samples each position would see with its camera turned anywhere.
 
         `station` (S,) says which stations of the path they are, where they are not all.
@@ -57,11 +51,8 @@ class View(Record):
         camera = replace(self.camera, hfov_deg=360.0, vfov_deg=180.0)
         level = np.tile([0.0, 0.0, 0.0, 1.0], (len(positions), 1))
         fov_deg = self.fov_deg if self.fov_deg is None or station is None else self.fov_deg[station]
-        closeness = self._closeness(chosen, fov_deg)
-        if settings:
-            closeness = replace(closeness, least_cosine=None)
-        asked = (self.cloud.at(chosen), camera, settings or self.settings, self.scene)
-        return visible(positions, level, *asked, closeness=closeness).seen
+        part, closeness = self.cloud.at(chosen), self._closeness(chosen, fov_deg)
+        return visible(positions, level, part, camera, self.settings, self.scene, closeness=closeness).seen
 
     def missed(self, positions: Floats, quat_xyzw: Floats) -> Ints:
         """The needed samples that none of these poses truly sees from near enough."""

@@ -110,7 +110,7 @@ def in_view(
         sin_h, cos_h, sin_v, cos_v = limits[pose, 0], limits[pose, 1], limits[pose, 2], limits[pose, 3]
         panoramic, cosine = limits[pose, 4] > 0, limits[pose, 7]
         nearest, farthest = limits[pose, 5] * limits[pose, 5], limits[pose, 6] * limits[pose, 6]
-        wide, any_ = coarse[pose], coarse[pose] <= 0
+        wide, anywhere = coarse[pose], coarse[pose] <= 0
         for index in range(len(p_x)):
             x, y, z = p_x[index] - at_x, p_y[index] - at_y, p_z[index] - at_z
             squared = x * x + y * y + z * z
@@ -124,6 +124,6 @@ def in_view(
             ok &= (cosine < 0) | ((facing > 0) & (facing * facing >= cosine * cosine * squared))
             least = least_cosine[index]
             near = squared * wide <= farthest_m[index] * facing
-            ok &= any_ | (near & (facing * facing >= least * least * squared))
+            ok &= anywhere | (near & (facing * facing >= least * least * squared))
             inside[index] = ok
         seen[pose] = inside

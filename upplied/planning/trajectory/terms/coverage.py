@@ -18,7 +18,7 @@ from upplied.planning.visibility.frustum import coarseness
 from upplied.records import Bools, Floats, Ints, Record
 
 _MOST = 0.98  # that one station shows: a second look at the same sample is worth a little
-_LANES = 128  # samples that are asked at a time, without a branch: several at once in a processor
+_BATCH = 128  # samples that are asked at a time, without a branch: several at once in a processor
 _SURFACE = 8  # numbers of a sample: place, normal, farthest distance, least cosine
 _RESULT = 6  # numbers of a look: its share, and the slopes with respect to x, y, z, yaw and pitch
 
@@ -86,9 +86,9 @@ def _look(
     half_v: float,
     coarse: float,
     width: float,
-    lanes: Floats,
+    batch: Floats,
 ) -> None:
-    """What a pose shows of the samples in `lanes`, and its slopes, beside them in `lanes`.
+    """What a pose shows of the samples in `batch`, and its slopes, beside them in `batch`.
 
     One number of all samples after another: so a compiler decides several samples at a time.
     """
@@ -97,9 +97,9 @@ def _look(
     at_x, at_y, at_z, yaw, pitch = pose
     cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
     scale = 0.5 / width
-    for k in range(_LANES):
-        ux, uy, uz = lanes[k] - at_x, lanes[_LANES + k] - at_y, lanes[2 * _LANES + k] - at_z
-        nx, ny, nz = lanes[3 * _LANES + k], lanes[4 * _LANES + k], lanes[5 * _LANES + k]
+    for k in range(_BATCH):
+        ux, uy, uz = batch[k] - at_x, batch[_BATCH + k] - at_y, batch[2 * _BATCH + k] - at_z
+        nx, ny, nz = batch[3 * _BATCH + k], batch[4 * _BATCH + k], batch[5 * _BATCH + k]
         d = np.sqrt(ux * ux + uy * uy + uz * uz) + 1e-9
         per_m = 1.0 / d
         ux, uy, uz = ux * per_m, uy * per_m, uz * per_m
@@ -110,12 +110,12 @@ def _look(
         if round_:
             ahead = np.sqrt(x * x + y * y) + 1e-9
             fx, fy = x / ahead, y / ahead
-        facing, rate = -(ux * nx + uy * ny + uz * nz), coarse / lanes[6 * _LANES + k]
-        a, da = _step(facing - lanes[7 * _LANES + k], scale)
+        facing, rate = -(ux * nx + uy * ny + uz * nz), coarse / batch[6 * _BATCH + k]
+        a, da = _step(facing - batch[7 * _BATCH + k], scale)
         b, db = _step(facing - d * rate, scale)  # fine enough, as obliquely as it is
         c, dc = _step(x * sin_h - side * y * cos_h, scale)  # sine of the angle to the border's plane
         e, de = _step(ahead * sin_v - above * z * cos_v, scale)
-        lanes[8 * _LANES + k] = _MOST * a * b * c * e
+        batch[8 * _BATCH + k] = _MOST * a * b * c * e
         gb, gc, ge = a * db * c * e, a * b * dc * e, a * b * c * de
         ga = da * b * c * e + gb  # of the cosine of the incidence
         wx = gc * sin_h + ge * sin_v * fx
@@ -126,11 +126,11 @@ def _look(
         gy = wx * cp * sy + wy * cy - wz * sp * sy - ga * ny
         gz = wx * sp + wz * cp - ga * nz
         along = gx * ux + gy * uy + gz * uz
-        lanes[9 * _LANES + k] = gb * rate * ux - (gx - along * ux) * per_m
-        lanes[10 * _LANES + k] = gb * rate * uy - (gy - along * uy) * per_m
-        lanes[11 * _LANES + k] = gb * rate * uz - (gz - along * uz) * per_m
-        lanes[12 * _LANES + k] = wx * cp * y - wy * level - wz * sp * y
-        lanes[13 * _LANES + k] = wx * z - wz * x
+        batch[9 * _BATCH + k] = gb * rate * ux - (gx - along * ux) * per_m
+        batch[10 * _BATCH + k] = gb * rate * uy - (gy - along * uy) * per_m
+        batch[11 * _BATCH + k] = gb * rate * uz - (gz - along * uz) * per_m
+        batch[12 * _BATCH + k] = wx * cp * y - wy * level - wz * sp * y
+        batch[13 * _BATCH + k] = wx * z - wz * x
 
 
 @njit(cache=True, error_model="numpy")
@@ -150,22 +150,22 @@ def _missed(
     # Of the pairs that are shown at all, one after another: what is not shown is not written either.
     shown, slopes = np.empty(len(sample)), np.empty((len(sample), 5))
     what, first, count = np.empty(len(sample), np.int64), np.zeros(len(positions) + 1, np.int64), 0
-    left, lanes = np.ones(len(need)), np.ones((_SURFACE + _RESULT) * _LANES)
+    left, batch = np.ones(len(need)), np.ones((_SURFACE + _RESULT) * _BATCH)
     for m in range(len(positions)):
         pose = positions[m, 0], positions[m, 1], positions[m, 2], yaw[m], pitch[m]
-        for begin in range(start[m], start[m + 1], _LANES):
-            number = min(_LANES, start[m + 1] - begin)
+        for begin in range(start[m], start[m + 1], _BATCH):
+            number = min(_BATCH, start[m + 1] - begin)
             for k in range(number):
                 for column in range(_SURFACE):
-                    lanes[column * _LANES + k] = surface[sample[begin + k], column]
-            _look(pose, half_rad[m, 0], half_rad[m, 1], coarse[m], width, lanes)
+                    batch[column * _BATCH + k] = surface[sample[begin + k], column]
+            _look(pose, half_rad[m, 0], half_rad[m, 1], coarse[m], width, batch)
             for k in range(number):
-                share = lanes[_SURFACE * _LANES + k]
+                share = batch[_SURFACE * _BATCH + k]
                 if share > 0.0:
                     shown[count], what[count] = share, sample[begin + k]
                     left[what[count]] *= 1.0 - share
                     for axis in range(5):
-                        slopes[count, axis] = lanes[(_SURFACE + 1 + axis) * _LANES + k]
+                        slopes[count, axis] = batch[(_SURFACE + 1 + axis) * _BATCH + k]
                     count += 1
         first[m + 1] = count
     total = np.zeros((len(positions), 5))
