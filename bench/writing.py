@@ -3,11 +3,13 @@
 python bench/writing.py                      50 000 plans in 500 commits by 4 processes
 python bench/writing.py --plans 4000         fewer, in commits of a hundred
 python bench/writing.py --keep DIR           keep the catalog
+python bench/writing.py --peer               the same rows by plain delta-rs, too: append, compact at the end
 """
 
 from __future__ import annotations
 
 import argparse
+import functools
 import gc
 import hashlib
 import json
@@ -18,9 +20,12 @@ import tempfile
 import time
 from pathlib import Path
 
+import deltalake
 import numpy as np
 
 from upplied.catalog import Catalog, export_tables, open_catalog
+from upplied.catalog.schema import plan_rows, rows
+from upplied.catalog.schema.tables import TABLES
 from upplied.config import settings_for
 from upplied.records import Demonstration, Measures, Plan, Registration, Structure, Trajectory
 
@@ -29,19 +34,36 @@ BATCH = 100  # plans of a commit
 PLANS_OF_A_TARGET = 10
 
 
-def fill(place: str, first: int, last: int, step: int) -> None:
-    """Commit every `step`-th batch; print what it took, as JSON."""
-    catalog = open_catalog(place)
+def fill(place: str, first: int, last: int, step: int, peer: bool) -> None:
+    """Commit every `step`-th batch to the catalog or by the peer; write what it took, as JSON."""
+    add = functools.partial(append, place) if peer else open_catalog(place).add_plans
     settings = settings_for("recommended")
     commits = []
     for batch in range(first, last, step):
         plans = [planned(number, settings) for number in range(batch * BATCH, (batch + 1) * BATCH)]
         began, cpu = time.perf_counter(), time.thread_time()
-        catalog.add_plans(plans)
+        add(plans)
         commits.append((time.perf_counter() - began, time.thread_time() - cpu))
-    del catalog
     about = {"longest": max(commits), "dearest": max(cpu for _, cpu in commits), **spent()}
     Path(place, f"writer-{first}.json").write_text(json.dumps(about))
+
+
+def append(place: str, plans: list[tuple[str, Plan, dict]]) -> None:
+    """The rows of plans by delta-rs alone: no row is sealed, and no plan is known again or makes way."""
+    added = [{"commit_id": "", **plan_rows.transfer_row(*plan)} for plan in plans]
+    steps = plan_rows.waypoint_table({plan_rows.transfer_id(key): plan for key, plan, _ in plans})
+    for name, table in (("waypoints", steps), ("transfers", rows.table_of(TABLES["transfers"], added))):
+        deltalake.write_deltalake(f"{place}/{name}", table, mode="append")
+
+
+def compact(place: str) -> dict[str, float]:
+    """What it costs to merge the peer's files, in a process of its own."""
+    began = spent()["cpu"]
+    for name in ("waypoints", "transfers"):
+        table = deltalake.DeltaTable(f"{place}/{name}")
+        table.optimize.compact()
+        table.vacuum(0, dry_run=False, enforce_retention_duration=False)
+    return {**spent(), "cpu": spent()["cpu"] - began}
 
 
 def planned(number: int, settings, again: int = 0) -> tuple[str, Plan, dict]:
@@ -114,6 +136,7 @@ def main() -> None:
     )
     options.add_argument("--plans", type=int, default=50_000)
     options.add_argument("--writers", type=int, default=4)
+    options.add_argument("--peer", action="store_true", help="by plain delta-rs as well")
     options.add_argument("--keep", type=Path, help="folder of the catalog")
     chosen = options.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
@@ -121,40 +144,58 @@ def main() -> None:
         catalog = open_catalog(place / "catalog").create()
         stage(catalog, chosen.plans // PLANS_OF_A_TARGET)
         empty = size_mb(place)
-        write(catalog, chosen.plans // BATCH, chosen.writers, empty)
+        cost = write(place / "catalog", chosen.plans // BATCH, chosen.writers)
+        root = Path(catalog.location)
+        table("the catalog", cost, size_mb(root) - empty, live_mb(catalog))
+        assert len(catalog.transfers(columns=["transfer_id"])) == chosen.plans
+        if chosen.peer:
+            peer = write(place / "peer", chosen.plans // BATCH, chosen.writers, peer=True)
+            merging = compact(str(place / "peer"))
+            live = size_mb(place / "peer")
+            table("plain delta-rs", peer, live, live)
+            print(f"  {'compacting in the end, CPU-s':30}{merging['cpu']:10.2f}")
+            print(f"  {'the catalog for one of it':30}{cost['cpu'] / (peer['cpu'] + merging['cpu']):10.2f}")
         publish(catalog, place / "out", chosen.plans)
 
 
-def write(catalog: Catalog, commits: int, writers: int, empty: float) -> None:
-    """The plans, by several processes."""
+def write(place: Path, commits: int, writers: int, peer: bool = False) -> dict[str, float]:
+    """What the plans cost by several processes: CPU and wall seconds, MB, and of commits the worst."""
     spawn = multiprocessing.get_context("spawn")
+    place.mkdir(exist_ok=True)
     began = time.perf_counter()
     processes = [
-        spawn.Process(target=fill, args=(str(catalog.location), at, commits, writers))
-        for at in range(writers)
+        spawn.Process(target=fill, args=(str(place), at, commits, writers, peer)) for at in range(writers)
     ]
     for process in processes:
         process.start()
     for process in processes:
         process.join()
     took, busy = time.perf_counter() - began, os.getloadavg()[0]
-    root = Path(catalog.location)
-    results = [json.loads(path.read_text()) for path in root.glob("writer-*.json")]
+    results = [json.loads(path.read_text()) for path in place.glob("writer-*.json")]
     longest = max(one["longest"] for one in results)
-    rows = {
-        "CPU, s": sum(one["cpu"] for one in results),
-        "wall, s": took,
-        "processes that were busy": busy,
-        "longest commit, s": longest[0],
-        "longest commit, CPU-s": longest[1],
-        "dearest commit, CPU-s": max(one["dearest"] for one in results),
-        "peak memory of a writer, MB": max(one["mb"] for one in results),
-        "written, MB": size_mb(root) - empty,
-        "live, MB": live_mb(catalog),
-        "plans": len(catalog.transfers(columns=["transfer_id"])),
+    print(f"{commits} commits of {BATCH} plans by {writers} processes, {busy:.1f} of them busy, {took:.0f} s")
+    return {
+        "cpu": sum(one["cpu"] for one in results),
+        "longest": longest[0],
+        "longest_cpu": longest[1],
+        "dearest": max(one["dearest"] for one in results),
+        "mb": max(one["mb"] for one in results),
     }
-    print(f"{commits} commits of {BATCH} plans by {writers} processes")
-    for name, value in rows.items():
+
+
+def table(title: str, cost: dict[str, float], written_mb: float, live: float) -> None:
+    """Print what one way of writing costs."""
+    print(title)
+    named = {
+        "CPU, s": cost["cpu"],
+        "longest commit, s": cost["longest"],
+        "longest commit, CPU-s": cost["longest_cpu"],
+        "dearest commit, CPU-s": cost["dearest"],
+        "peak memory of a writer, MB": cost["mb"],
+        "written, MB": written_mb,
+        "live, MB": live,
+    }
+    for name, value in named.items():
         print(f"  {name:30}{value:10.2f}")
 
 
