@@ -39,8 +39,9 @@ class RegistrationSettings:
     # accepted, 96.5 and 0.3 % with the samples (bench/acceptance.py, which also calibrates on halves).
     acceptance: float | None = None
     # Least probability that most of the inspected surface can be shown (`planning.carry.forecast`); it
-    # replaces the limits above; None: they decide. Calibrated by bench/forecast.py. Of 58 real pairs of
-    # one kind, one lies between 0.5 and 0.6 and shows 92 %; of 69 pairs of different kinds none does.
+    # replaces the limits above; None: they decide. Calibrated by bench/forecast.py. Of 54 real pairs of
+    # one kind that can show at least 90 % two have less than 0.77 (0.58 and 0.61: their parts are doubtful,
+    # too); of 162 pairs of different kinds one has more than 0.5 (0.60).
     least_probability: float | None = None
 
 
@@ -107,7 +108,9 @@ class RefineSettings:
     least_counterpart: float = 0.5
     # Maximum number of passes added on each side of a demonstrated one to keep its mm/px; 0: none.
     added_passes: int = 3
-    longer: float = 1.25  # maximum flight time over the demonstration's, scaled by the ratio of the areas
+    # Flight time over the demonstration's, scaled by the ratio of the areas, beyond which each percent has to
+    # show a percent more.
+    longer: float = 1.25
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from upplied.planning.carry.standoff import Standoff
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms import Term
-from upplied.planning.trajectory.terms.axis import Axis, aims, angles, axes
+from upplied.planning.trajectory.terms.axis import Aims, Axis, aims_of, axes
 from upplied.planning.trajectory.terms.coverage import Coverage
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
 from upplied.planning.trajectory.view import View
@@ -66,11 +66,12 @@ def term(name: str, view: View) -> Term:
     standoff = Standoff(np.arange(0, STATIONS, 3), seen, np.linspace(3, 9, 5))
     airspace = Airspace(view.scene, 4.5, Surroundings(ground_z_m=3.5, ceiling_z_m=4.8), 0.5)
     turned = np.array([[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]])
+    narrow = np.tile(turned @ np.diag([1.0, 3.0, 1.5]) @ turned.T, (5, 1, 1))
     cosines = np.where(view.cloud.points[:, 0] > 0, np.cos(np.radians(40)), 0.0)
     frontal = replace(view, least_cosine=cosines)
     around = replace(view, camera=replace(view.camera, hfov_deg=220))
     return {
-        "axis": lambda: Axis(seen[0][:5], np.array([0.0, 0.1, np.nan, 0.3, 0.05]), 3),
+        "axis": lambda: Axis(Aims(seen[0][:5], narrow), np.array([0.0, 0.1, np.nan, 0.3, 0.05]), 3),
         "clearance": lambda: Clearance.of(airspace, path),
         "coverage": lambda: coverage(view, path, 0.15),
         "frontal": lambda: coverage(frontal, path, 0.15),
@@ -211,7 +212,7 @@ def test_a_camera_turned_aside_once_and_for_all_costs_no_turning():
 def test_an_axis_beside_the_inspected_surface_costs_what_the_expert_did_not_look_aside():
     """A camera 10 m before a patch, which it looks 0.3 rad past; the expert looked 0.1 rad past it."""
     path = Flown(np.zeros((4, 3)), np.full(4, 0.3), np.zeros(4))
-    patch = np.tile([10.0, 0, 0], (4, 1))
+    patch = Aims(np.tile([10.0, 0, 0], (4, 1)), np.tile(np.eye(3), (4, 1, 1)))
     past = 2 * np.sin(0.15) - 0.1
     assert Axis(patch, np.full(4, 0.1), 1).value(path)[0] == pytest.approx(past**2)
     assert Axis(patch, np.full(4, 0.4), 1).value(path)[0] == 0
@@ -224,12 +225,29 @@ def test_the_aim_is_the_inspected_surface_next_to_the_optical_axis():
     patches = np.array([[10.0, 1, 0], [10 * np.cos(0.8), 10 * np.sin(0.8), 0]])
     place, ahead = np.zeros((1, 3)), axes(np.zeros(1), np.zeros(1))
     weight = np.array([1.0, 100.0])
-    near = aims(place, ahead, patches, weight, np.array([[True, True]]))
-    np.testing.assert_allclose(near[0], patches[0], atol=1e-6)
-    far = aims(place, ahead, patches, weight, np.array([[False, True]]))
-    np.testing.assert_allclose(far[0], patches[1])
-    assert angles(place, ahead, far) == pytest.approx(2 * np.sin(0.4))
-    assert np.isnan(aims(place, ahead, patches, weight, np.array([[False, False]]))).all()
+    near = aims_of(place, ahead, patches, weight, np.array([[True, True]]))
+    np.testing.assert_allclose(near.at[0], patches[0], atol=1e-6)
+    far = aims_of(place, ahead, patches, weight, np.array([[False, True]]))
+    np.testing.assert_allclose(far.at[0], patches[1])
+    aside, ahead_of_it = 2 * np.sin(0.8), 1 - np.cos(0.8)  # one patch is as narrow as can be
+    assert far.angles(place, ahead) == pytest.approx(np.hypot(aside, ahead_of_it))
+    assert np.isnan(aims_of(place, ahead, patches, weight, np.array([[False, False]])).at).all()
+
+
+def test_beside_a_narrow_surface_an_axis_is_dearer_than_beside_a_wide_one():
+    """A pole of 0.2 m and a wall, 10 m ahead of a camera that looks 0.1 rad aside, and 0.1 rad up."""
+    place, ahead = np.zeros((1, 3)), axes(np.zeros(1), np.zeros(1))
+    grid = np.linspace(-1, 1, 41)
+    y, z = (part.ravel() for part in np.meshgrid(grid, 5 * grid))
+    wall = np.column_stack([np.full(len(y), 10.0), 5 * y, z])
+    pole = wall * [1, 0.02, 1]
+    seen, weight = np.ones((1, len(y)), bool), np.ones(len(y))
+    aside, up = axes(np.full(1, 0.1), np.zeros(1)), axes(np.zeros(1), np.full(1, 0.1))
+    for surface, sideways in ((wall, 0.1), (pole, 0.2)):
+        aims = aims_of(place, ahead, surface, weight, seen)
+        assert aims.angles(place, ahead) == pytest.approx(0, abs=1e-6)
+        assert aims.angles(place, aside) == pytest.approx(sideways, rel=0.06)
+        assert aims.angles(place, up) == pytest.approx(0.1, rel=0.06)
 
 
 def test_stand_off_costs_nothing_within_its_tolerance():

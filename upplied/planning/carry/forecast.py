@@ -24,6 +24,7 @@ from upplied.records import Cloud, Floats, Record, Registration
 
 _LEAST = 16  # patches: of fewer nothing is told
 _MOST = 1500  # patches that are asked
+_EVEN = 0.5  # odds
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,19 +136,19 @@ def unlikely(likely: Forecast, least: float, wholes: Registration) -> str:
     return reason if wholes.accepted else f"{reason}; {wholes.reason}"
 
 
-def unlikely_together(likely: Forecast, counterpart: float, least: float) -> str:
+def unlikely_together(likely: Forecast, counterpart: float) -> str:
     """Why a transfer is refused that may show the wrong part, in words; empty where it is not.
 
     To show what was inspected takes both: that it can be shown, and that its counterpart (a probability, NaN
-    where it is not known) is the right one.
+    where it is not known) is the right one, and both are to be likelier than not.
     """
     both = likely.probability * counterpart
-    if not both < least:
+    if not both < _EVEN:
         return ""
     return (
         f"what was inspected cannot be shown here for certain: it can with probability "
         f"{likely.probability:.2f}, and its counterpart is the right one with {counterpart:.2f}; {both:.2f} "
-        f"together, {least:g} is required (registration.least_probability); {likely.evidence}"
+        f"together, {_EVEN:g} is required; {likely.evidence}"
     )
 
 

@@ -19,7 +19,7 @@ from upplied.planning.trajectory.optimise import ALIKE, Optimised, Problem, Star
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import demonstrated_speed
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.terms.axis import aims, angles
+from upplied.planning.trajectory.terms.axis import aims_of
 from upplied.planning.trajectory.terms.path import Shape
 from upplied.planning.trajectory.view import View
 from upplied.records import Floats, Waypoints
@@ -84,8 +84,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     best = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
     every, none = np.arange(len(flown)), np.zeros(len(flown), bool)
     limit_s = flyable.allowed_s(view, starts[0].safe)
-    fitting, whole = flyable.in_time(best, every, none, limit_s)
-    alone = fitting or whole  # where it cannot be drawn back as far as that, it is flown as it is
+    alone, _ = flyable.in_time(best, every, none, limit_s)
     if goal.standoff.in_metres and goal.height_m is None and settings.refine.added_passes:
         return _with_passes(problem, best, alone, flyable, limit_s)
     return alone.waypoints
@@ -95,8 +94,8 @@ def _with_passes(
     problem: Problem, best: Optimised, alone: Result, flyable: Flyable, limit_s: float
 ) -> Waypoints:
     """The flight with passes added, where they show more than it does alone in the time that there is."""
-    least, settings = alone.shown + ALIKE, flyable.settings
-    if least > 1:
+    least, settings = alone.worth(limit_s) + ALIKE, flyable.settings
+    if alone.shown + ALIKE > 1:
         return alone.waypoints
     path, pace = problem.starts[0].safe, Pace(problem.speed_mps, problem.pan_radps)
     half_rad = _half_rad(flyable.carried.take, settings)
@@ -115,11 +114,11 @@ def _with_passes(
             fitting, whole = flyable.in_time(result, longer.origin, longer.added, limit_s)
         except RefusedError:  # no safe way along the passes: the flight without them has one
             break
-        results += [fitting] if fitting and fitting.shown >= least else []
-        if fitting is whole or whole.shown < least:
+        results += [fitting] if fitting.worth(limit_s) >= least else []
+        if whole.taken_s <= limit_s or whole.shown < least:
             break
         most_s -= whole.taken_s - _LESS * limit_s
-    return max(results, key=lambda one: one.shown, default=alone).waypoints
+    return max(results, key=lambda one: one.worth(limit_s), default=alone).waypoints
 
 
 def _longer(
@@ -183,7 +182,8 @@ def _aside(take: Take) -> Floats:
     axis, weight = optical_axis(flight.quat_xyzw), take.inspection.attention.weight
     inspected = np.flatnonzero(weight > 0)
     share, seen = (weight * cloud.areas)[inspected], take.inspection.visibility.seen[:, inspected]
-    return angles(flight.positions, axis, aims(flight.positions, axis, cloud.points[inspected], share, seen))
+    aims = aims_of(flight.positions, axis, cloud.points[inspected], share, seen)
+    return aims.angles(flight.positions, axis)
 
 
 def _view(take: Take, goal: Goal, settings: Settings) -> View:

@@ -1,4 +1,4 @@
-"""Paths as they are flown: safe, with stations close together, and no longer than there is time for."""
+"""Paths as they are flown: safe, with stations close together, and little longer than there is time for."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from upplied.records import Bools, Floats, Ints, Record, Waypoints
 
 _STEP_M = 0.5  # largest leg of the result
 _HALVINGS = 20  # of the way to the demonstrated shape
-_DRAWN_BACK = 4  # paths between the start and the result, of which the farthest in time is flown
+_DRAWN_BACK = 4  # paths between the start and the result, that are asked whether they are in time
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,6 +34,10 @@ class Result(Record):
     waypoints: Waypoints
     taken_s: float
     shown: float
+
+    def worth(self, limit_s: float) -> float:
+        """What it shows, less the share of a time by which it takes longer."""
+        return self.shown - max(self.taken_s / limit_s - 1, 0.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,28 +72,24 @@ class Flyable(Record):
             further,
         )
 
-    def in_time(
-        self, result: Optimised, origin: Ints, added: Bools, limit_s: float
-    ) -> tuple[Result | None, Result]:
-        """As much of a result as is flown in a time, drawn back to its start, and the whole of it.
+    def in_time(self, result: Optimised, origin: Ints, added: Bools, limit_s: float) -> tuple[Result, Result]:
+        """What of a result is worth most in a time, drawn back to its start or not, and the whole of it.
 
-        The first is None where none of it is, and the second itself where all of it is.
+        What takes a percent longer has to show a percent more: no second decides.
         """
         whole = self._partly(result, 1.0, origin, added)
+        within, beyond, parts = 0.0, 1.0, [whole]
         if whole.taken_s <= limit_s:
             return whole, whole
-        within, beyond, fitting = 0.0, 1.0, None
         for _ in range(_DRAWN_BACK):
             share = (within + beyond) / 2
             try:
-                part = self._partly(result, share, origin, added)
+                parts.append(self._partly(result, share, origin, added))
             except RefusedError:  # between two paths that can be made safe lies one that can not
-                part = whole
-            if part.taken_s <= limit_s:
-                within, fitting = share, part
-            else:
                 beyond = share
-        return fitting, whole
+                continue
+            within, beyond = (share, beyond) if parts[-1].taken_s <= limit_s else (within, share)
+        return max(parts, key=lambda part: part.worth(limit_s)), whole
 
     def _partly(self, result: Optimised, share: float, origin: Ints, added: Bools) -> Result:
         part = result if share == 1 else result.partly(share)

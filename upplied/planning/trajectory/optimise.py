@@ -22,7 +22,7 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory.state import Flown, State
 from upplied.planning.trajectory.terms import Term
-from upplied.planning.trajectory.terms.axis import Axis, aims, axes
+from upplied.planning.trajectory.terms.axis import Axis, aims_of, axes
 from upplied.planning.trajectory.terms.coverage import Coverage
 from upplied.planning.trajectory.terms.hidden import Hidden
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
@@ -32,7 +32,6 @@ from upplied.records import Bools, Floats, Ints, Record
 _OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond the limit may come within it
 _WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and last: far first, then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
-_COMFORTABLE = 2.5  # safety distances, at which to come nearer costs nothing yet
 _CORRECTIONS = 12  # that L-BFGS keeps
 _FURTHER = 3  # rounds at most, while the path still comes too near
 _DEARER = 10.0  # times as dear to come too near, in each further round: so that it ends
@@ -83,6 +82,15 @@ class Problem(Record):
             speed_mps=self.speed_mps[origin],
             aside_rad=self.aside_rad[origin],
         )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sight(Record):
+    """What is in reach of S stations of a path, every `stride`-th."""
+
+    stride: int
+    free: Bools  # (S, m) which samples each would see with its camera turned there
+    axis: Axis
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -183,9 +191,25 @@ class _Search(Record):
         return float(self.need @ self.problem.view.shown(path.positions, quats, self.samples))
 
     def value(self, variables: Floats) -> float:
-        """Share of the need that is truly seen, less what the lasting terms cost."""
+        """Share of the need that is truly seen, less what the lasting terms and the optical axis cost."""
         path = self.state.flown(variables)
-        return self.shown(variables) - sum(weight * term.value(path)[0] for weight, term in self.lasting)
+        terms = [*self.lasting, (self.weights.axis, self.sight(path).axis)]
+        return self.shown(variables) - sum(weight * term.value(path)[0] for weight, term in terms)
+
+    def sight(self, path: Flown) -> Sight:
+        """What is in reach of every so many stations of a path, and what their cameras should look at."""
+        view, samples = self.problem.view, self.samples
+        stride = max(1, round(_APART * len(path) / _progress(self.problem, path)))
+        # As far again as the widest border reaches: the path moves until lines of sight are asked for again.
+        farthest_m = (1 + 2 * _WIDEST) * view.farthest_m
+        oblique = replace(view.settings, max_incidence_deg=_OBLIQUE_DEG)
+        nearly = replace(view, farthest_m=farthest_m, settings=oblique, least_cosine=None)
+        places, station = path.positions[::stride], np.arange(0, len(path), stride)
+        free = nearly.reach(places, samples, station)
+        inspected = np.where(view.inspected[samples], self.need, 0.0)
+        axis = axes(path.yaw[::stride], path.pitch[::stride])
+        aims = aims_of(places, axis, view.cloud.points[samples], inspected, free)
+        return Sight(stride, free, Axis(aims, self.problem.aside_rad[::stride], stride))
 
     def worth(self, variables: Floats) -> float:
         """Its value, and 1 less where it comes too near: once pushed away it may show anything."""
@@ -224,24 +248,14 @@ class _Search(Record):
         search begins among those near to it, and so near to each other whatever the last bit says.
         """
         problem, weights, view, samples = self.problem, self.weights, self.problem.view, self.samples
-        stride = max(1, round(_APART * len(path) / _progress(self.problem, path)))
-        oblique = replace(view.settings, max_incidence_deg=_OBLIQUE_DEG)
-        # As far again as the widest border reaches: the path moves until lines of sight are asked for again.
-        farthest_m = (1 + 2 * _WIDEST) * view.farthest_m
-        nearly = replace(view, farthest_m=farthest_m, settings=oblique, least_cosine=None)
-        places, station = path.positions[::stride], np.arange(0, len(path), stride)
-        free = nearly.reach(places, samples, station)
-        inspected = np.where(view.inspected[samples], self.need, 0.0)
-        axis = axes(path.yaw[::stride], path.pitch[::stride])
-        aim = aims(places, axis, view.cloud.points[samples], inspected, free)
+        sight = self.sight(path)
         nearest_m = float(problem.airspace.scene.distance(self.state.flown(self.first).positions).min())
-        comfortable_m = min(nearest_m, _COMFORTABLE * problem.airspace.clearance_m)
         return [
-            (1.0, Coverage.of(view, samples, self.need, free, width, stride)),
+            (1.0, Coverage.of(view, samples, self.need, sight.free, width, sight.stride)),
             (1.0, Hidden.of(view, problem.airspace, path, _standoff_m(problem))),
-            (weights.axis, Axis(aim, problem.aside_rad[::stride], stride)),
+            (weights.axis, sight.axis),
             *((dearer * weights.clearance, limit) for limit in limits),
-            (weights.clearance, limits[-1].no_nearer(comfortable_m)),
+            (weights.clearance, limits[-1].no_nearer(nearest_m)),
             *self.lasting,
             *([((_EARLY - 1) * weights.leaving, self.leaving)] if early else []),
         ]
