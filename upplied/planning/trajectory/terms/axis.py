@@ -28,7 +28,7 @@ class Aims(Record):
         return self.measured(axis - ray / np.maximum(np.linalg.norm(ray, axis=1, keepdims=True), 1e-9))[0]
 
     def measured(self, apart: Floats) -> tuple[Floats, Floats]:
-        """How long differences of directions (S, 3) are, (S,), and half the slopes of their squares, (S, 3)."""
+        """Lengths (S,) of differences of directions (S, 3), and half the slopes of their squares (S, 3)."""
         pull = np.einsum("sij,sj->si", self.metric, apart)
         return np.sqrt(np.maximum((apart * pull).sum(axis=1), 0)), pull
 
