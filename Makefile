@@ -23,9 +23,10 @@ help: ## list what make can do
 # Packages as the lock $(1) pins them, told in one line that moves on instead of pip's many, which are in .venv/install.log.
 define LOCKED
 @set -o pipefail; $(BIN)/python -m pip install --disable-pip-version-check --no-deps --require-hashes --only-binary :all: \
-	--progress-bar off -r $(1) 2>&1 | awk -v of=$$(grep -c '^[A-Za-z].*==' $(1)) -v all=.venv/install.log '{ print > all } \
+	--no-compile --progress-bar off -r $(1) 2>&1 | awk -v of=$$(grep -c '^[A-Za-z].*==' $(1)) -v all=.venv/install.log '{ print > all } \
 	/^Collecting/ { n++; printf "\r      %d of at most %d packages", n, of; fflush() } \
 	/^Installing/ { printf "\n      unpacking them\n"; fflush() }' || { tail -20 .venv/install.log; exit 1; }
+@$(BIN)/python -m compileall -qq -j 0 .venv/lib || true  # on every core; pip does it on one
 endef
 
 $(RUNS): requirements-runtime.lock pyproject.toml setup.py

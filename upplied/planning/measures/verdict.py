@@ -144,7 +144,7 @@ def odd_shape(measures: Measures, settings: Settings) -> tuple[str, ...]:
 
 
 def slow(measures: Measures, takes: Sequence[Take], settings: Settings) -> tuple[str, ...]:
-    """That the flight takes longer than an optimised path may, in words."""
+    """That the flight takes longer than is usual, in words."""
     if settings.refine.method != "view":
         return ()
     limit_s = settings.refine.longer * _at_size(takes, settings)[1]
