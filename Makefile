@@ -26,7 +26,7 @@ define LOCKED
 	--no-compile --progress-bar off -r $(1) 2>&1 | awk -v of=$$(grep -c '^[A-Za-z].*==' $(1)) -v all=.venv/install.log '{ print > all } \
 	/^Collecting/ { n++; printf "\r      %d of at most %d packages", n, of; fflush() } \
 	/^Installing/ { printf "\n      unpacking them\n"; fflush() }' || { tail -20 .venv/install.log; exit 1; }
-@$(BIN)/python -m compileall -qq -j 0 .venv/lib || true  # on every core; pip does it on one
+@$(BIN)/python -m compileall -qq -j 0 .venv/lib >> .venv/install.log 2>&1 || true  # on every core; pip does it on one
 endef
 
 $(RUNS): requirements-runtime.lock pyproject.toml setup.py
