@@ -166,7 +166,7 @@ def _on_pair(
     plan = replace(plan, counterparts=counterparts, measures=known, warnings=warnings)
     unsure = undecided(counterparts, settings)
     if not unsure and least is not None:
-        unsure = unlikely_together(likely, known.counterpart_probability)
+        unsure = unlikely_together(likely, known.counterpart_probability, least)
     return (replace(plan, status="refused", reason=unsure) if unsure else plan), takes
 
 

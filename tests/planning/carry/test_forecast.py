@@ -113,7 +113,8 @@ def test_evidence_only_counts_against() -> None:
 
 def test_a_likely_transfer_to_a_doubtful_part_is_refused_with_both_figures() -> None:
     likely = Forecast(0.68, "matched surface 98 %")
-    reason = unlikely_together(likely, 0.62)
+    reason = unlikely_together(likely, 0.62, 0.65)
     assert "0.68" in reason and "0.62" in reason and "0.42 together, 0.5 is required" in reason
-    assert unlikely_together(likely, 0.8) == ""
-    assert unlikely_together(likely, float("nan")) == ""
+    assert unlikely_together(likely, 0.8, 0.65) == ""
+    assert unlikely_together(likely, 0.62, 0.4) == ""  # a person requires less
+    assert unlikely_together(likely, float("nan"), 0.65) == ""

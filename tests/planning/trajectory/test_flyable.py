@@ -71,6 +71,11 @@ def test_where_the_start_takes_longer_already_what_is_flown_is_worth_most() -> N
     assert fitting.taken_s == pytest.approx(300 + 100 / 16) and fitting.shown == 0.5 + 1 / 32
 
 
+def test_with_no_time_at_all_the_shortest_is_flown() -> None:
+    fitting, _ = in_time(lambda share: 100 + 100 * share, 0.0)
+    assert fitting.taken_s == pytest.approx(100 + 100 / 16)
+
+
 def test_a_part_that_cannot_be_made_safe_is_passed_by_and_the_whole_says_why() -> None:
     def seconds(share: float) -> float:
         if share == 0.5:

@@ -136,19 +136,21 @@ def unlikely(likely: Forecast, least: float, wholes: Registration) -> str:
     return reason if wholes.accepted else f"{reason}; {wholes.reason}"
 
 
-def unlikely_together(likely: Forecast, counterpart: float) -> str:
+def unlikely_together(likely: Forecast, counterpart: float, least: float) -> str:
     """Why a transfer is refused that may show the wrong part, in words; empty where it is not.
 
     To show what was inspected takes both: that it can be shown, and that its counterpart (a probability, NaN
-    where it is not known) is the right one, and both are to be likelier than not.
+    where it is not known) is the right one. Both together are to be likelier than not, or as likely as `least`
+    where less is required of the one.
     """
     both = likely.probability * counterpart
-    if not both < _EVEN:
+    if not both < min(least, _EVEN):
         return ""
     return (
         f"what was inspected cannot be shown here for certain: it can with probability "
         f"{likely.probability:.2f}, and its counterpart is the right one with {counterpart:.2f}; {both:.2f} "
-        f"together, {_EVEN:g} is required; {likely.evidence}"
+        f"together, {min(least, _EVEN):g} is required (registration.least_probability, at most even odds); "
+        f"{likely.evidence}"
     )
 
 

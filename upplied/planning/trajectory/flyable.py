@@ -37,7 +37,7 @@ class Result(Record):
 
     def worth(self, limit_s: float) -> float:
         """What it shows, less the share of a time by which it takes longer."""
-        return self.shown - max(self.taken_s / limit_s - 1, 0.0)
+        return self.shown - max(self.taken_s / max(limit_s, 1e-9) - 1, 0.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
