@@ -140,8 +140,8 @@ def unlikely_together(likely: Forecast, counterpart: float, least: float) -> str
     """Why a transfer is refused that may show the wrong part, in words; empty where it is not.
 
     To show what was inspected takes both: that it can be shown, and that its counterpart (a probability, NaN
-    where it is not known) is the right one. Both together are to be likelier than not, or as likely as `least`
-    where less is required of the one.
+    where it is not known) is the right one. Both together are to be likelier than not, or as likely as
+    `least` where less is required of the one.
     """
     both = likely.probability * counterpart
     if not both < min(least, _EVEN):
