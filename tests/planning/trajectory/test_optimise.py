@@ -202,7 +202,7 @@ def test_early_rounds_stay_nearer_to_the_carried_flight(wall: View) -> None:
     path = along(height=3.0)
     search = optimise(problem(wall, path), 0.3, OptimiseSettings()).search
     limits = [Clearance.of(search.problem.airspace, path)]
-    early, late = (search.terms(path, 0.1, first, limits) for first in (True, False))
+    early, late = (search.terms(path, search.sight(path), 0.1, first, limits) for first in (True, False))
     moved = replace(path, positions=path.positions + np.array([0.0, 0.0, 2.0]))
     cost = [sum(weight * term.value(moved)[0] for weight, term in terms) for terms in (early, late)]
     leaving = search.weights.leaving * search.leaving.value(moved)[0]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize
@@ -20,22 +21,21 @@ from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
+from upplied.planning.trajectory.sight import WIDEST, Sight
 from upplied.planning.trajectory.state import Flown, State
 from upplied.planning.trajectory.terms import Term
-from upplied.planning.trajectory.terms.axis import Axis, aims_of, axes
 from upplied.planning.trajectory.terms.coverage import Coverage
 from upplied.planning.trajectory.terms.hidden import Hidden
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
 from upplied.planning.trajectory.view import View
 from upplied.records import Bools, Floats, Ints, Record
 
-_OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond the limit may come within it
-_WIDEST, _NARROWEST = 0.20, 0.04  # of the soft coverage's borders, first and last: far first, then exactly
+_NARROWEST = 0.04  # of the soft coverage's borders, last: far first (`sight.WIDEST`), then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _CORRECTIONS = 12  # that L-BFGS keeps
 _FURTHER = 3  # rounds at most, while the path still comes too near
 _DEARER = 10.0  # times as dear to come too near, in each further round: so that it ends
-_EARLY = _WIDEST / _NARROWEST  # times as dear, in the first half of the rounds, to leave the carried flight
+_EARLY = WIDEST / _NARROWEST  # times as dear, in the first half of the rounds, to leave the carried flight
 #: Of the need, by which one path is no better than another: as near as coverage is known.
 ALIKE = 0.01
 _LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
@@ -85,15 +85,6 @@ class Problem(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sight(Record):
-    """What is in reach of S stations of a path, every `stride`-th."""
-
-    stride: int
-    free: Bools  # (S, m) which samples each would see with its camera turned there
-    axis: Axis
-
-
-@dataclass(frozen=True, eq=False, repr=False)
 class Optimised(Record):
     """The result of a search."""
 
@@ -135,11 +126,11 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     searches = [_Search.of(problem, start, samples, need, shape_weight, weights) for start in problem.starts]
     if len(samples) == 0:
         return Optimised(searches[0], searches[0].first)
-    first = [search.value(search.first) for search in searches]
+    first = [search.value(search.first, search.first_sight) for search in searches]
     carried, search = searches[0], searches[_as_good(first)[0]]
     worth, variables = search.improved()
     least = carried.shown(carried.first) - _LOST if carried.is_clear(carried.first) else 0.0
-    if worth < carried.worth(carried.first) + ALIKE or search.shown(variables) < least:
+    if worth < carried.worth(carried.first, carried.first_sight) + ALIKE or search.shown(variables) < least:
         return Optimised(carried, carried.first)
     return Optimised(search, variables)
 
@@ -190,30 +181,25 @@ class _Search(Record):
         quats = from_yaw_pitch(path.yaw, path.pitch)
         return float(self.need @ self.problem.view.shown(path.positions, quats, self.samples))
 
-    def value(self, variables: Floats) -> float:
+    @cached_property
+    def first_sight(self) -> Sight:
+        """Of the start."""
+        return self.sight(self.state.flown(self.first))
+
+    def value(self, variables: Floats, sight: Sight) -> float:
         """Share of the need that is truly seen, less what the lasting terms and the optical axis cost."""
         path = self.state.flown(variables)
-        terms = [*self.lasting, (self.weights.axis, self.sight(path).axis)]
+        terms = [*self.lasting, (self.weights.axis, sight.axis)]
         return self.shown(variables) - sum(weight * term.value(path)[0] for weight, term in terms)
 
     def sight(self, path: Flown) -> Sight:
-        """What is in reach of every so many stations of a path, and what their cameras should look at."""
-        view, samples = self.problem.view, self.samples
+        """What a path's cameras may see, and should look at."""
         stride = max(1, round(_APART * len(path) / _progress(self.problem, path)))
-        # As far again as the widest border reaches: the path moves until lines of sight are asked for again.
-        farthest_m = (1 + 2 * _WIDEST) * view.farthest_m
-        oblique = replace(view.settings, max_incidence_deg=_OBLIQUE_DEG)
-        nearly = replace(view, farthest_m=farthest_m, settings=oblique, least_cosine=None)
-        places, station = path.positions[::stride], np.arange(0, len(path), stride)
-        free = nearly.reach(places, samples, station)
-        inspected = np.where(view.inspected[samples], self.need, 0.0)
-        axis = axes(path.yaw[::stride], path.pitch[::stride])
-        aims = aims_of(places, axis, view.cloud.points[samples], inspected, free)
-        return Sight(stride, free, Axis(aims, self.problem.aside_rad[::stride], stride))
+        return Sight.of(path, stride, self.problem.view, self.samples, self.need, self.problem.aside_rad)
 
-    def worth(self, variables: Floats) -> float:
+    def worth(self, variables: Floats, sight: Sight) -> float:
         """Its value, and 1 less where it comes too near: once pushed away it may show anything."""
-        return self.value(variables) - (not self.is_clear(variables))
+        return self.value(variables, sight) - (not self.is_clear(variables))
 
     def is_clear(self, variables: Floats) -> bool:
         """Whether the path keeps the safety distance, the floor and the ceiling."""
@@ -223,9 +209,9 @@ class _Search(Record):
     def improved(self) -> tuple[float, Floats]:
         """The best of the rounds, and what it is worth."""
         weights, state = self.weights, self.state
-        variables, results = self.first, []
+        variables, sight, results = self.first, self.first_sight, []
         limits: list[Clearance] = []
-        widths = np.geomspace(_WIDEST, _NARROWEST, weights.rounds)
+        widths = np.geomspace(WIDEST, _NARROWEST, weights.rounds)
         for number, width in enumerate([*widths, *widths[-1:].repeat(_FURTHER)]):
             further, early = number - weights.rounds + 1, number < weights.rounds // 2
             if further > 0 and self.is_clear(variables):
@@ -233,14 +219,21 @@ class _Search(Record):
             path = state.flown(variables)
             # In further rounds, what was nearest before holds, too: out of a corner no other way leads.
             limits = [*(limits if further > 0 else []), Clearance.of(self.problem.airspace, path)]
-            terms = self.terms(path, float(width), early, limits, _DEARER ** max(further, 0))
+            terms = self.terms(path, sight, float(width), early, limits, _DEARER ** max(further, 0))
             variables = self.solved(variables, terms)
+            sight = self.sight(state.flown(variables))
             if not early:
-                results.append((self.worth(variables), variables))
+                results.append((self.worth(variables, sight), variables))
         return results[_as_good([worth for worth, _ in results])[-1]]
 
     def terms(
-        self, path: Flown, width: float, early: bool, limits: Sequence[Clearance], dearer: float = 1.0
+        self,
+        path: Flown,
+        sight: Sight,
+        width: float,
+        early: bool,
+        limits: Sequence[Clearance],
+        dearer: float = 1.0,
     ) -> list[tuple[float, Term]]:
         """The terms, with what stands in the way and, last of the limits, what is near from this path.
 
@@ -248,7 +241,6 @@ class _Search(Record):
         search begins among those near to it, and so near to each other whatever the last bit says.
         """
         problem, weights, view, samples = self.problem, self.weights, self.problem.view, self.samples
-        sight = self.sight(path)
         nearest_m = float(problem.airspace.scene.distance(self.state.flown(self.first).positions).min())
         return [
             (1.0, Coverage.of(view, samples, self.need, sight.free, width, sight.stride)),
