@@ -1,4 +1,4 @@
-"""The catalog against pyarrow's own scan of the same bytes, one trajectory among many, commits, memory.
+"""The catalog against pyarrow's own scan of its bytes, one trajectory among many, verify, commits, memory.
 
 python bench/catalog.py              100 000 transfers, 3 million waypoints
 python bench/catalog.py --full       1 million transfers, 30 million waypoints
@@ -22,8 +22,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
+import pyarrow.parquet as pq
 
-from upplied.catalog import Catalog, compact, open_catalog
+from upplied.catalog import Catalog, compact, open_catalog, verify
 from upplied.catalog.schema.steps import pose_arrays, poses_sha256
 from upplied.catalog.schema.tables import STEPS, TABLES
 from upplied.config import settings_for
@@ -212,6 +213,22 @@ def one_trajectory(catalog: Catalog) -> None:
     )
 
 
+def checks(catalog: Catalog) -> None:
+    """What it costs to verify all of it, beside decoding every Parquet file once, on one thread."""
+    files = sorted(Path(catalog.location).rglob("*.parquet"))
+    acts: dict[str, Callable[[], Any]] = {
+        "decoding every file": lambda: sum(len(pq.read_table(file, use_threads=False)) for file in files),
+        "verify": lambda: len(verify(catalog)),
+    }
+    took = []
+    for what, act in acts.items():
+        wall, cpu = time.perf_counter(), time.process_time()
+        act()
+        took.append(time.process_time() - cpu)
+        print(f"{what}: {time.perf_counter() - wall:.2f} s, {took[-1]:.2f} CPU s")
+    print(f"verify for one decoding of {len(files)} files: {took[1] / took[0]:.2f}")
+
+
 def commits(catalog: Catalog) -> None:
     """Results of 256 targets in one commit, 200 waypoints each."""
     rng = np.random.default_rng(1)
@@ -260,6 +277,7 @@ def main() -> None:
         one_trajectory(catalog)
         print(f"peak memory {peak_mb():.0f} MB")
         reads(catalog)
+        checks(catalog)
         print(f"peak memory {peak_mb():.0f} MB")
         commits(catalog)
 

@@ -13,7 +13,7 @@ from catalog_records import demonstration, differences, key_of, plan, structure
 
 from upplied.catalog import export_dataset, import_dataset, open_catalog, recipe, verify
 from upplied.catalog.schema.tables import TABLES
-from upplied.catalog.verbs.dataset_files import EXCHANGED
+from upplied.catalog.verbs.exporting import EXCHANGED
 from upplied.catalog.verbs.recipes import siblings_of
 from upplied.errors import CatalogError, InputError
 
@@ -105,7 +105,7 @@ def test_a_name_that_means_something_else_here_is_not_overwritten(folder, tmp_pa
 
 def resigned(folder: Path) -> None:
     """Make the hashes of `dataset.json` right again, as somebody would who means harm."""
-    from upplied.catalog.verbs.dataset_files import _sha256
+    from upplied.catalog.verbs.exporting import _sha256
 
     about = json.loads((folder / "dataset.json").read_text())
     about["files"] = {name: _sha256(folder / name) for name in about["files"]}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -48,8 +49,10 @@ def test_what_must_not_be_replaced_is_not(tmp_path: Path) -> None:
 
 
 def test_a_draft_becomes_the_current_generation(tmp_path: Path) -> None:
-    assert current(tmp_path) is None
-    said = Generation("one", {"transfers": 3}, {"transfers": 5}, {"a.parquet": "x"})
+    assert current(tmp_path) == Generation()
+    said = Generation(
+        "one", {"transfers": 3}, {"transfers": 5}, "x", {"transfers": 7}, {"transfers": {"box": 5}}
+    )
     for number in (1, 2, 3):
         switch(tmp_path, draft(tmp_path, text=str(number)), said)
         assert os.readlink(tmp_path / "tables" / "current") == f"g{number:06d}"
@@ -90,23 +93,33 @@ def test_without_a_current_one_all_are_kept(tmp_path: Path) -> None:
     assert len(names(tmp_path)) == 3
 
 
-def test_files_made_from_the_same_are_taken_over(tmp_path: Path) -> None:
-    switch(tmp_path, draft(tmp_path, file="old"), Generation("one", parts={"file": "x", "gone": "x"}))
-    tables = tmp_path / "tables"
-    folder, before = draft(tmp_path), Before(tables, current(tmp_path))
-    assert before.linked(folder, "file", Generation(parts={"file": "x"}))
+def test_files_of_before_are_taken_over(tmp_path: Path) -> None:
+    switch(tmp_path, draft(tmp_path, file="old"), Generation("one"))
+    folder, before = draft(tmp_path), Before(tmp_path / "tables", current(tmp_path))
+    assert before.linked(folder, "file")
     assert (folder / "file").read_text() == "old" and (folder / "file").stat().st_nlink == 2
-    assert not before.linked(folder, "file", Generation(parts={"file": "y"}))
-    assert not before.linked(folder, "gone", Generation(parts={"gone": "x"}))
-    assert not Before(tables, None).linked(folder, "file", Generation(parts={"file": "x"}))
+    assert not before.linked(folder, "gone")
+    assert not Before(tmp_path / "nowhere", Generation()).linked(folder, "file")
+
+
+def test_what_is_newest_is_told_by_the_last_rows_and_by_its_files(tmp_path: Path) -> None:
+    said = Generation("one", columns="x", added={"flights": 7, "transfers": 8})
+    switch(tmp_path, draft(tmp_path, file="old"), said)
+    before = Before(tmp_path / "tables", current(tmp_path))
+    assert before.is_newest(said)
+    others = ({"catalog": "two"}, {"columns": "y"}, {"added": {"flights": 7, "transfers": 9}})
+    for other in others:
+        assert not before.is_newest(replace(said, **other)), other
+    assert said.has_same("flights", replace(said, added={"flights": 7}))
+    (tmp_path / "tables" / "current" / "file").unlink()
+    assert not Before(tmp_path / "tables", current(tmp_path)).is_newest(said), "a file is gone"
 
 
 def test_a_file_is_found_by_what_it_is_whatever_it_holds(tmp_path: Path) -> None:
-    generation = Generation("one", parts={"plain.parquet": "x"})
-    switch(tmp_path, draft(tmp_path, **{"1-of-2-aa.parquet": "one"}), generation)
+    switch(tmp_path, draft(tmp_path, **{"1-of-2-aa.parquet": "one"}), Generation("one"))
     before = Before(tmp_path / "tables", current(tmp_path))
     like = before.like("1-of-2-cc.parquet")
     assert like is not None and like.read_text() == "one"
     for file in ("2-of-2-cc.parquet", "1-of-4-aa.parquet", "plain.parquet"):
         assert before.like(file) is None, "a file that is gone, of other parts, or of no parts"
-    assert Before(tmp_path / "tables", None).like("1-of-2-aa.parquet") is None
+    assert Before(tmp_path / "nowhere", Generation()).like("1-of-2-aa.parquet") is None

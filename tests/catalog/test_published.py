@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -330,3 +331,114 @@ def test_what_is_published_says_of_which_catalog_and_when(catalog, tmp_path):
     assert said["rows"]["waypoints"] == 360
     with pytest.raises(CatalogError, match="nothing is published"):
         published_tables(tmp_path / "nowhere")
+
+
+def published_files(place: Path) -> dict[str, pd.DataFrame]:
+    """Every table file that a reader finds, by its name, and its rows."""
+    root = (place / "tables" / "current").resolve()
+    return {str(path.relative_to(root)): pd.read_parquet(path) for path in root.rglob("*.parquet")}
+
+
+def assert_as_anew(catalog: Catalog, place: Path, anew: Path) -> None:
+    """What is published in a place, over what was there, is what a first publication gives, file by file."""
+    counts = export_tables(catalog, place)
+    assert counts == export_tables(catalog, anew)
+    left, right = published_files(place), published_files(anew)
+    assert left.keys() == right.keys()
+    for name, rows in left.items():
+        pd.testing.assert_frame_equal(rows, right[name])
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory) -> Catalog:
+    """A catalog whose tables are many files, if these are small."""
+    made = open_catalog(tmp_path_factory.mktemp("many"))
+    made.add_structures([structure("boxy"), *(structure(f"t{at}", at % 3) for at in range(24))])
+    made.add_demonstrations([demonstration(), demonstration("other")])
+    made.add_plans([(key_of(at), plan(f"t{at}", at % 3), {"planned_at": night(0)}) for at in range(24)])
+    return made
+
+
+def test_what_changed_since_is_published_as_all_of_it_would_be(many, tmp_path, monkeypatch):
+    monkeypatch.setattr(published.parted, "_PLANS", 3)
+    monkeypatch.setattr(published.parted, "_STEPS", 100)
+    catalog, place = copied(many, tmp_path / "catalog"), tmp_path / "out"
+    first = [key_of(at)[:20] for at in range(24)]
+
+    def add(key: str, target: str, number: int, month: int = 1, **about: str) -> None:
+        catalog.add_plans([(key_of(key), plan(target, number), {"planned_at": night(month), **about})])
+
+    changes = {
+        "another plan": lambda: add("again", "t1", 7),
+        "a structure and its plan": lambda: (
+            catalog.add_structures([structure("t2", 5)]),
+            add("new", "t2", 5),
+        ),
+        "a release": lambda: catalog.release(first[3], "me", force=["verdict"]),
+        "a newer plan than the one in force": lambda: add("later", "t3", 8),
+        "one in force and one reviewed": lambda: (
+            catalog.release(first[4], "me", force=["verdict"]),
+            catalog.review(first[5], "me"),
+        ),
+        "a recall": lambda: catalog.reject(first[4], "me"),
+        "a structure that is retired": lambda: catalog.retire_structures(["t6"]),
+        "a plan for comparison": lambda: add("beside", "t7", 9, purpose="experiment one"),
+        "a plan without a path": lambda: catalog.add_plans(
+            [(key_of("none"), replace(plan("t8", 1), status="refused", trajectory=None), {})]
+        ),
+        "merged files": lambda: compact(catalog),
+        "nothing": lambda: None,
+    }
+    asked, foremost = [], Catalog.foremost
+
+    def noted(self, columns, ids=None):
+        asked.append(None if ids is None else len(ids))
+        return foremost(self, columns, ids)
+
+    export_tables(catalog, place)
+    assert sum(name.startswith(("transfers", "waypoints")) for name in stamps(place)) > 12
+    for number, (what, change) in enumerate(changes.items()):
+        change()
+        asked.clear()
+        before = stamps(place)
+        with monkeypatch.context() as patched:
+            patched.setattr(Catalog, "foremost", noted)
+            export_tables(catalog, place)
+        assert len(asked) == (what not in ("merged files", "nothing")), what
+        assert all(count is not None and count <= 6 for count in asked), f"{what}: all plans were read"
+        new = {name for name, stamp in stamps(place).items() if before.get(name) != stamp}
+        assert sum(name.startswith(("transfers", "waypoints")) for name in new) <= 5, what
+        assert_as_anew(catalog, place, tmp_path / f"anew-{number}")
+    catalog.add_demonstrations([demonstration("other", 1)])
+    for number in range(30):
+        add(f"grown {number}", "t9", number % 3, demonstration_sha256=str(number))
+    catalog.add_plans([(key_of("x", at), plan(f"t{at}", 2, preset="paper"), {}) for at in range(20)])
+    assert_as_anew(catalog, place, tmp_path / "grown")
+
+
+def test_what_was_published_of_another_history_is_published_anew(many, tmp_path, monkeypatch):
+    monkeypatch.setattr(published.parted, "_PLANS", 3)
+    monkeypatch.setattr(published.parted, "_STEPS", 100)
+    catalog, place = copied(many, tmp_path / "catalog"), tmp_path / "out"
+    shutil.copytree(catalog.location, tmp_path / "backup")
+    catalog.add_plans([(key_of("lost"), plan("t1", 7), {"planned_at": night(1)})])
+    export_tables(catalog, place)
+    restored = open_catalog(tmp_path / "backup")
+    for number in range(3):  # it comes further than what was published
+        restored.add_plans([(key_of("other", number), plan(f"t{number + 4}", 7), {"planned_at": night(1)})])
+    assert_as_anew(restored, place, tmp_path / "anew")
+
+
+@pytest.mark.parametrize("damage", ["gone", "unreadable"])
+def test_a_file_of_before_that_is_no_good_is_made_again(many, tmp_path, monkeypatch, damage):
+    monkeypatch.setattr(published.parted, "_PLANS", 3)
+    catalog, place = copied(many, tmp_path / "catalog"), tmp_path / "out"
+    export_tables(catalog, place)
+    for path in (place / "tables" / "current").resolve().glob("transfers.parquet/*/*.parquet"):
+        if "t1" in set(pd.read_parquet(path)["target_id"]):
+            path.unlink()
+            if damage == "unreadable":
+                path.write_bytes(b"PAR1 and no more")
+    if damage == "unreadable":
+        catalog.add_plans([(key_of("again"), plan("t1", 7), {"planned_at": night(1)})])
+    assert_as_anew(catalog, place, tmp_path / "anew")

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from upplied.catalog.schema.dictionary import data_dictionary
-from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES
+from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, data_dictionary
 
 ROOT = Path(__file__).parents[2]
 
@@ -38,7 +37,7 @@ def test_required_columns_are_declared(name: str):
 
 def test_the_dictionary_is_current():
     written = (ROOT / "catalog" / "README.md").read_text(encoding="utf-8")
-    assert written == data_dictionary(), "run: python -m upplied.catalog.schema.dictionary"
+    assert written == data_dictionary(), "run: python -m upplied.catalog.schema.tables"
 
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=lambda table: table.name)

@@ -10,7 +10,7 @@ from catalog_records import copied, demonstration, key_of, plan, structure
 
 from upplied.catalog import open_catalog
 from upplied.catalog.database import Catalog
-from upplied.catalog.verbs.splits import split_of
+from upplied.catalog.verbs.exporting import split_of
 from upplied.cli import main
 from upplied.errors import InputError
 from upplied.outputs.learning import export_tum

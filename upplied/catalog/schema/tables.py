@@ -1,7 +1,7 @@
 """The tables of the catalog, declared once in ``tables.csv`` and ``columns.csv``: key, type, unit, meaning.
 
-Stored tables, published Parquet, checks and data dictionary follow from there. A row without a type is the
-column of that name as the last table above has it.
+Stored tables, published Parquet, checks and ``catalog/README.md`` (by ``python -m`` with this module) follow
+from there. A row without a type is the column of that name as the last table above has it.
 
 A table's schema version is one of its properties. Columns may be added without raising it: an older program
 keeps what it does not know, and reads past it. It is raised where an older program would go wrong, which
@@ -23,6 +23,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
+from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -173,3 +174,26 @@ def in_schema(rows: pa.Table, schema: pa.Schema) -> pa.Table:
         column = known[field.name] if field.name in known else pa.nulls(len(rows), field.type)
         columns.append(column if column.type == field.type else column.cast(field.type))
     return pa.table(columns, schema=schema)
+
+
+def data_dictionary() -> str:
+    """The data dictionary as Markdown, for people who open the tables."""
+    preface = files(__package__).joinpath("dictionary.md").read_text(encoding="utf-8")
+    parts = [preface.format(version=SCHEMA_VERSION)]
+    for table in TABLES.values():
+        parts.append(f"## {table.name}\n\n{table.meaning[0].upper()}{table.meaning[1:]}.\n")
+        parts.append("| column | type | unit | meaning | constraint |\n|---|---|---|---|---|")
+        parts += [
+            f"| `{c.name}` | {_TYPES[c.type]} | {c.unit} | {c.meaning} | {c.constraint} |"
+            for c in table.columns
+        ]
+        parts.append("")
+    return "\n".join(parts).rstrip() + "\n"
+
+
+_NAMES = {"text": "text", "real": "float64", "whole": "int64", "truth": "bool", "moment": "time, UTC, us"}
+_TYPES = {TYPES[word]: name for word, name in _NAMES.items()}
+
+
+if __name__ == "__main__":
+    Path(__file__).parents[3].joinpath("catalog", "README.md").write_text(data_dictionary(), "utf-8")

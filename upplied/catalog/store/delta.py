@@ -167,6 +167,12 @@ class StoredTable(OpenTable):
         """The same table, opened anew: for who works on it while others write through this one."""
         return StoredTable(self._root, self.declared, self._identity)
 
+    def newest(self) -> tuple[int, int]:
+        """The version, and when the last rows were added (microseconds); -1 where there are none."""
+        delta = self.delta()
+        added = None if delta is None else delta.transaction_version(_ORDER)
+        return -1 if delta is None else delta.version(), -1 if added is None else added
+
     def _append_next(self, rows: pa.Table) -> int:
         """Commit rows as the next in order; where another writer was faster, they are numbered anew.
 

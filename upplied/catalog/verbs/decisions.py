@@ -75,21 +75,18 @@ class Deciding(OwnSettings):
         used = set(self.structures()["structure_id"])
         return every[every["target_id"].isin(used)].reset_index(drop=True)
 
-    def foremost(self, columns: Sequence[str]) -> pd.DataFrame:
+    def foremost(self, columns: Sequence[str], ids: Sequence[str] | None = None) -> pd.DataFrame:
         """The newest plans, but the one in force in the place of the newest of its pair and preset.
 
-        A plan in force whose demonstration is retired stays.
+        A plan in force whose demonstration is retired stays. `ids`: of these plans alone.
         """
         read = list(dict.fromkeys([*columns, *ordering.PAIR, "purpose"]))
-        newest = self.transfers(columns=read)
+        newest = self.transfers(columns=read, ids=ids)
         if not self.standing().in_force:  # else every plan would be read once more to find none
             return newest
-        force = self.transfers(in_force=True, columns=read)
-        force = force[force["purpose"] == ""]
-        pair = pd.MultiIndex.from_frame(newest[ordering.PAIR])
-        left = newest[~pair.isin(pd.MultiIndex.from_frame(force[ordering.PAIR]))]
-        every = pd.concat([left, force]) if len(left) else force
-        return every.sort_values(ordering.PAIR, kind="stable").reset_index(drop=True)
+        force = self.transfers(in_force=True, columns=read, ids=ids)
+        every = pd.concat([force[force["purpose"] == ""], newest]).drop_duplicates(ordering.PAIR)
+        return every.sort_values(ordering.PAIR, kind="stable", ignore_index=True)
 
     def review(self, transfer_id: str, by: str, note: str = "") -> str:
         """Say that somebody looked at a plan and found nothing against it; the name of the decision."""

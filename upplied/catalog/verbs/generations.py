@@ -1,6 +1,6 @@
 """Generations of published tables: what one holds, which may follow, and how it becomes the current one.
 
-``published.json`` tells its catalog, how far that had come, and what each file was made from.
+``published.json`` tells its catalog, how far that had come, and how the files are cut.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,21 +29,15 @@ class Generation:
     catalog: str = ""  # its name; empty where an older program made it
     versions: dict[str, int] = field(default_factory=dict)  # of the catalog's tables, at least
     rows: dict[str, int] = field(default_factory=dict)
-    parts: dict[str, str] = field(default_factory=dict)  # file of a whole table -> what it was made from
     columns: str = ""  # hash of what the program knew of the tables; empty where an older one made it
+    added: dict[str, int] = field(default_factory=dict)  # which rows were each table's last, at least
+    weights: dict[str, dict[str, int]] = field(default_factory=dict)  # table -> kind -> rows or steps
+    files: int = 0
 
-    def has_same(self, name: str, before: Generation | None) -> bool:
-        """Whether a table is, by its version, as it was published before; if so, it is noted as it was."""
-        file = f"{name}.parquet"
-        if (
-            before is None
-            or (before.catalog, before.columns) != (self.catalog, self.columns)
-            or before.versions.get(name, -1) != self.versions[name]
-            or file not in before.parts
-        ):
-            return False
-        self.parts[file], self.rows[name] = before.parts[file], before.rows[name]
-        return True
+    def has_same(self, name: str, before: Generation) -> bool:
+        """Whether a table has the rows that were published before, and this program says the same of them."""
+        now, then = ((one.catalog, one.columns, one.added.get(name)) for one in (self, before))
+        return now == then
 
 
 def check(place: Path, before: Generation, now: Generation, transfers: int) -> None:
@@ -64,19 +57,17 @@ def check(place: Path, before: Generation, now: Generation, transfers: int) -> N
 class Before:
     """The files of the generation before in a folder of generations, for those that take its place."""
 
-    def __init__(self, tables: Path, generation: Generation | None) -> None:
-        self._generation, self._place = generation, (tables / "current").resolve()
-        folders = os.walk(self._place) if generation is not None else ()
+    def __init__(self, tables: Path, generation: Generation) -> None:
+        self.generation, self._place = generation, (tables / "current").resolve()
         # As texts, and a folder once: a large fleet has a thousand files.
-        above = len(f"{self._place}/")
-        self._files = {f"{folder}/{name}"[above:] for folder, _, names in folders for name in names}
+        above, folders = len(f"{self._place}/"), os.walk(self._place)
+        self.files = {f"{folder}/{name}"[above:] for folder, _, names in folders for name in names}
         self._folders = set[str]()
-        self._named = {file.rpartition("-")[0]: file for file in self._files if "-" in file}
+        self._named = {file.rpartition("-")[0]: file for file in self.files if "-" in file}
 
-    def linked(self, draft: Path, file: str, now: Generation) -> bool:
-        """Whether a file was published before, made from the same, and now is in the draft as well."""
-        parts = self._generation.parts if self._generation is not None else {}
-        if file not in self._files or parts.get(file, "") != now.parts.get(file, ""):
+    def linked(self, draft: Path, file: str) -> bool:
+        """Whether a file of this name was published before, and now is in the draft as well."""
+        if file not in self.files:
             return False
         there, goal = f"{self._place}/{file}", f"{draft}/{file}"
         if (folder := os.path.dirname(goal)) not in self._folders:
@@ -93,25 +84,21 @@ class Before:
         name = self._named.get(file.rpartition("-")[0])
         return self._place / name if name else None
 
-    def is_as(self, now: Generation, parted: Iterable[str]) -> bool:
-        """Whether it holds what a generation holds, and these files that are named by what they hold."""
-        was = self._generation
-        return (
-            was is not None
-            and was.catalog == now.catalog
-            and now.parts.items() <= was.parts.items()
-            and self._files == {_ABOUT, *now.parts, *parted}
-        )
+    def is_newest(self, now: Generation) -> bool:
+        """Whether it has all rows that there are, and all its files are there."""
+        every = len(self.files) == self.generation.files
+        return every and all(now.has_same(name, self.generation) for name in now.added)
 
 
 def switch(place: Path, draft: Path, now: Generation) -> None:
     """Make the draft the current generation, in one step once all of it is on the disk."""
-    tables = place / "tables"
+    tables, folders = place / "tables", list(os.walk(draft))
+    now.files = 1 + sum(len(files) for _, _, files in folders)
     with (draft / _ABOUT).open("w") as sink:
         json.dump(asdict(now), sink, indent=0, sort_keys=True)
         sink.flush()
         os.fsync(sink.fileno())
-    for folder, _, _ in os.walk(draft):
+    for folder, _, _ in folders:
         sync_path(Path(folder))
     name = f"g{max([int(path.name[1:]) for path in _generations(tables)], default=0) + 1:06d}"
     os.replace(draft, tables / name)
@@ -149,15 +136,17 @@ def clean(tables: Path) -> None:
             shutil.rmtree(path)  # older, or never switched to
 
 
-def current(place: Path) -> Generation | None:
-    """What is published there; None where nothing is, or an older program published it."""
+def current(place: Path) -> Generation:
+    """What is published there; nothing where nothing is, or an older program published it."""
     path = place / "tables" / "current" / _ABOUT
     try:
         known: Any = json.loads(path.read_text("utf-8"))
-        versions, rows, parts = (dict(known[name]) for name in ("versions", "rows", "parts"))
-        return Generation(str(known["catalog"]), versions, rows, parts, str(known.get("columns", "")))
+        versions, rows = (dict(known[name]) for name in ("versions", "rows"))
+        added, weights = (dict(known.get(name, {})) for name in ("added", "weights"))
+        about = str(known.get("columns", "")), added, weights, int(known.get("files", 0))
+        return Generation(str(known["catalog"]), versions, rows, *about)
     except FileNotFoundError:
-        return None
+        return Generation()
     except (OSError, ValueError, KeyError, TypeError) as error:
         remedy = f"remove {path.parents[1]} and publish again"
         raise CatalogError(str(path), f"is damaged: {error}", "", remedy) from None

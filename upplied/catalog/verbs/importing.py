@@ -18,7 +18,7 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import run_starts, unlike
 from upplied.catalog.schema.tables import TABLES, in_schema, missing, upgraded
 from upplied.catalog.store.contents import CONTENTS, NAMED_CONTENTS, States, file_name
-from upplied.catalog.verbs.dataset_files import DATASET, EXCHANGED, check_files
+from upplied.catalog.verbs.exporting import DATASET, EXCHANGED, check_files
 from upplied.catalog.verbs.ordering import by_commit
 from upplied.catalog.verbs.recipes import Recipe, settings_of, siblings_of
 from upplied.catalog.verbs.verification import Values

@@ -6,9 +6,11 @@ What a changed file has in common with the one before is taken from there: a cha
 from __future__ import annotations
 
 import hashlib
+import re
 import zlib
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
 from itertools import accumulate, groupby, pairwise
 from operator import itemgetter
 
@@ -20,62 +22,128 @@ import pyarrow.parquet as pq
 
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema.steps import checked
-from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, Table
+from upplied.catalog.schema.tables import MOMENT, SCHEMA_VERSION, TABLES, Table
 from upplied.catalog.store.chain import decoded
 from upplied.catalog.verbs import custody, queries
-from upplied.catalog.verbs.generations import Before
-from upplied.catalog.verbs.ordering import DERIVED
+from upplied.catalog.verbs.generations import Before, Generation
+from upplied.catalog.verbs.ordering import DERIVED, PAIR
 from upplied.catalog.verbs.queries import NAMED
 from upplied.checks import check_id
 from upplied.config import digest
-from upplied.records import Floats, Ints
 
 Files = dict[str, pd.DataFrame]  # by name: what names the rows in it, or owns them
+Weights = dict[str, int]  # of each kind: rows, or steps, by which its files are cut
+Named = tuple[pd.DataFrame, Collection[str]]  # what names rows, and files that hold no such rows
 
 _PLANS = 256  # of a file, about: what a changed plan makes us write again
 _STEPS = 4000
 _FILES = 1024  # of a kind at most: as many as one still lists, links and opens at once
 _LOT = 50_000  # plans that are read at a time
+_NAME = re.compile(r"(transfers|waypoints)\.parquet/([^/]+)/(\d{4})-of-(\d{4})-[0-9a-f]{16}\.parquet")
+#: Tables whose rows change what plans are told of, and the column that names these.
+_OF_TARGETS = {"transfers": "target_id", "structures": "structure_id", "decisions": "target_id"}
+#: Of a plan: what names its row, what its steps are found by, and what is decided about it.
+_OF_PLANS = (*NAMED, "kind", "target_id", "n_waypoints", "waypoints_sha256", *DERIVED)
 
 
-@dataclass(frozen=True)
-class Parted:
-    """Rows, and which of them each file holds, in its order."""
-
-    rows: pd.DataFrame  # what names the rows of a table, or owns them
-    files: dict[str, Ints]  # their places, by the name of the file
-
-    def of(self, files: Iterable[str]) -> Files:
-        """The rows of some files."""
-        return {file: self.rows.iloc[self.files[file]] for file in files}
-
-
-def plan_files(plans: pd.DataFrame) -> Parted:
-    """The files of `transfers`."""
-    columns = [*NAMED[:3], *DERIVED]  # all else that a row says follows from its commit
-    return _files("transfers", plans, columns, np.ones(len(plans)), _PLANS)
+def plans_of(catalog: Catalog, was: Before, now: Generation) -> Named:
+    """Plans, all or those in files that may change, by pair, and the files that stay; `now` gets weights."""
+    whole = was.generation.weights and len(was.files) == was.generation.files
+    if whole and now.has_same("demonstrations", was.generation):
+        with suppress(OSError, pa.ArrowException):  # a file of before that cannot be read
+            if (changed := _changed_plans(catalog, was, now)) is not None:
+                return changed
+    rows = catalog.foremost(_OF_PLANS)
+    now.weights = {name: _weights(name, rows) for name in ("transfers", "waypoints")}
+    return rows, ()
 
 
-def step_files(name: str, owners: pd.DataFrame) -> Parted:
-    """The files of `waypoints` or `poses`, of these owners, each with its `kind` and `target_id`."""
-    key = TABLES[name].names[0]
-    names = [key, "commit_id", f"{name}_sha256", f"n_{name}"]
+def _weights(name: str, rows: pd.DataFrame) -> Weights:
+    """How many rows, or steps, there are of each kind."""
+    kinds = rows.groupby("kind")
+    counts = kinds.size() if name == "transfers" else kinds[f"n_{name}"].sum()
+    return {str(kind): int(count) for kind, count in counts.items()}
+
+
+def _changed_plans(catalog: Catalog, was: Before, now: Generation) -> Named | None:
+    """Plans in the files of changed targets; None where that is most of them, or files are cut anew."""
+    before, targets = was.generation, _changed_targets(catalog, was.generation)
+    if targets is None:
+        return None
+    places = {file: named.groups() for file in was.files if (named := _NAME.fullmatch(file))}
+    counts = {(name, kind): int(count) for name, kind, _, count in places.values()}
+    # The number of a file follows from its targets: with the same rest by the least count they are the same.
+    least = {kind: min(counts.get((name, kind), 1) for name in before.weights) for _, kind in counts}
+    rests = {kind: {zlib.crc32(target.encode()) % n for target in targets} for kind, n in least.items()}
+    changed = [f for f, (_, kind, at, _) in places.items() if (int(at) - 1) % least[kind] in rests[kind]]
+    if 2 * len(changed) > len(places):
+        return None
+    table = catalog.tables["transfers"]
+    ids = table.read(pc.field("target_id").isin(pa.array(targets, pa.string())), ["transfer_id"])[0]
+    new, none = catalog.foremost(_OF_PLANS, ids.to_pylist()), table.declared.schema.empty_table()
+    parts = [pq.read_table(was.like(f), columns=list(new)) for f in changed if f.startswith("transfers.")]
+    old = queries.frame(pa.concat_tables([none.select(list(new)), *parts]))
+    gone = old["target_id"].isin(targets)
+    for name, weights in before.weights.items():
+        held = Counter(weights)
+        held.subtract(_weights(name, old[gone]))
+        held.update(_weights(name, new))
+        if any(_count(name, weight) != counts.get((name, kind), 1) for kind, weight in held.items()):
+            return None
+        now.weights[name] = dict(held)
+    both = [rows for rows in (old[~gone], new) if len(rows)] or [new]
+    return pd.concat(both).sort_values(PAIR, ignore_index=True), places.keys() - changed
+
+
+def _changed_targets(catalog: Catalog, before: Generation) -> list[str] | None:
+    """Targets of which more is known than what is published; None where that is of another history."""
+    targets = set[str]()
+    for name, column in _OF_TARGETS.items():
+        last = pa.scalar(before.added[name], pa.int64()).cast(MOMENT)
+        rows = catalog.tables[name].read(pc.field("added_at") >= last, ["added_at", column])
+        known = pc.equal(rows["added_at"], last)
+        if before.added[name] >= 0 and not pc.any(known).as_py():
+            return None
+        targets.update(rows.filter(pc.invert(known))[column].to_pylist())
+    return sorted(targets)
+
+
+def files_of(now: Generation, plans: pd.DataFrame, frames: dict[str, pd.DataFrame]) -> dict[str, Files]:
+    """Of each table that is many files, those that may be new, by what names their rows or owns them."""
+    kinds = dict(zip(frames["structures"]["structure_id"], frames["structures"]["kind"], strict=True))
+    flown = frames["demonstrations"].rename(columns={"structure_id": "target_id"})
+    flown["kind"] = flown["target_id"].map(kinds).fillna("unknown")
+    # All else that a row of plans says follows from its commit.
+    return {
+        "transfers": _files("transfers", plans, [*NAMED[:3], *DERIVED], now.weights["transfers"]),
+        "waypoints": _step_files("waypoints", plans, now.weights["waypoints"]),
+        "poses": _step_files("poses", flown, _weights("poses", flown)),
+    }
+
+
+def _step_files(name: str, owners: pd.DataFrame, weights: Weights) -> Files:
+    """The files of the steps of these owners, each with its `kind` and `target_id`."""
+    key, count = TABLES[name].names[0], f"n_{name}"
+    owners = owners.loc[owners[count] > 0, [key, "commit_id", f"{name}_sha256", count, "kind", "target_id"]]
     order = pc.sort_indices(pa.array(owners[key], pa.string())).to_numpy()  # of each there is one row
-    owners = owners[[*names, "kind", "target_id"]].iloc[order]
-    return _files(name, owners, names[:2], owners[f"n_{name}"].to_numpy(), _STEPS)
+    return _files(name, owners.iloc[order], [key, "commit_id"], weights)
 
 
-def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, most: int) -> Parted:
-    """Rows by file, so that each file has about so much weight; it is named by some columns of its rows."""
+def _count(name: str, weight: int) -> int:
+    """Into how many files a kind of such weight is cut: a power of two."""
+    files = -(-weight // (_PLANS if name == "transfers" else _STEPS))
+    return min(1 << max(files - 1, 0).bit_length(), _FILES)
+
+
+def _files(name: str, rows: pd.DataFrame, columns: list[str], weights: Weights) -> Files:
+    """Rows by file, in so many files as all rows weigh; each is named by some columns of its rows."""
     rows.attrs.clear()  # which pandas copies with every choice of rows
     made_of = digest([SCHEMA_VERSION, TABLES[name].names])
     texts = queries.named(rows, columns)
-    files: dict[str, Ints] = {}
+    files: Files = {}
     for kind, at in rows.groupby("kind").indices.items():
         folder = f"{name}.parquet/{check_id(str(kind), 'kind')}"
-        count = 1
-        while count < _FILES and weight[at].sum() > count * most:
-            count *= 2
+        count = _count(name, weights[kind])
         number, targets = pd.factorize(rows["target_id"].iloc[at])
         bucket = np.array([zlib.crc32(target.encode()) % count for target in targets.tolist()])[number]
         order = np.argsort(bucket, kind="stable")
@@ -84,9 +152,9 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weight: Floats, mo
         for first, end in pairwise([0, *ends]):
             sha256 = hashlib.sha256("\n".join([made_of, *held[first:end]]).encode()).hexdigest()
             file = f"{folder}/{bucket[first] + 1:04}-of-{count:04}-{sha256[:16]}.parquet"
-            files[file] = at[order[first:end]]
-    nothing = {f"{name}.parquet/none-{made_of[:16]}.parquet": np.empty(0, np.int64)}
-    return Parted(rows, files or nothing)
+            files[file] = rows.iloc[at[order[first:end]]]
+    nothing = {f"{name}.parquet/none-{made_of[:16]}.parquet": rows[:0]}
+    return files if any(weights.values()) else nothing
 
 
 def rows_of(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:
@@ -152,6 +220,7 @@ def _lots(files: Files, weights: Iterable[float], most: int) -> Iterator[list[st
 def _before(was: Before, file: str, declared: Table) -> pa.Table:
     """What was in the file of before; nothing where there was none, or one of other columns."""
     path = was.like(file)
-    if path is None or pq.read_schema(path).names != declared.names:
-        return declared.schema.empty_table()
-    return pq.read_table(path).cast(declared.schema)
+    with suppress(OSError, pa.ArrowException):  # one that cannot be read is made without it
+        if path is not None and pq.read_schema(path).names == declared.names:
+            return pq.read_table(path).cast(declared.schema)
+    return declared.schema.empty_table()

@@ -7,15 +7,13 @@ its readers. (Who reads more than one table asks `published_tables` for the path
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import shutil
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -25,16 +23,12 @@ from upplied.catalog.store.chain import decoded
 from upplied.catalog.store.locking import locked
 from upplied.catalog.verbs import parted
 from upplied.catalog.verbs.generations import Before, Generation, check, clean, current, switch
-from upplied.catalog.verbs.ordering import DERIVED
-from upplied.catalog.verbs.queries import NAMED
 from upplied.config import digest
 from upplied.errors import CatalogError
 
 _ROW_GROUP = 16_384
 #: What a publication says depends on these, too: a newer program knows more columns.
 _COLUMNS = digest([SCHEMA_VERSION, {name: table.names for name, table in TABLES.items()}])
-#: Of a plan: what names its row, what its steps are found by, and what is decided about it.
-_OF_PLANS = (*NAMED, "kind", "target_id", "n_waypoints", "waypoints_sha256", *DERIVED)
 
 
 def export_tables(catalog: Catalog, folder: str | os.PathLike[str], force: bool = False) -> dict[str, int]:
@@ -98,64 +92,46 @@ def published_tables(folder: str | os.PathLike[str]) -> dict[str, Path]:
 
 def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, int]:
     """As `export_tables`, by who holds the lock of the folder."""
-    before = current(place)
-    # Asked before the rows are read: what is published is at least as new as it says.
-    versions = {name: -1 if (d := t.delta()) is None else d.version() for name, t in catalog.tables.items()}
-    transfers, demonstrations = catalog.foremost(_OF_PLANS), catalog.demonstrations()
-    structures = catalog.structures()
-    others = ("flights", "decisions", "overruled", "requirements", "edits", "flight_photos", "findings")
-    whole: dict[str, Callable[[], pd.DataFrame]] = {name: getattr(catalog, name) for name in others}
-    whole |= {"demonstrations": lambda: demonstrations, "structures": lambda: structures}
-    whole["settings"] = catalog.declared_settings
-    now = Generation(catalog.identity.required(), versions, columns=_COLUMNS)
-    if before is not None and not force:
-        check(place, before, now, len(transfers))
-    kinds = dict(zip(structures["structure_id"], structures["kind"], strict=True))
-    of_demonstrations = demonstrations.rename(columns={"structure_id": "target_id"})
-    of_demonstrations["kind"] = of_demonstrations["target_id"].map(kinds).fillna("unknown")
-    planned = transfers[transfers["n_waypoints"] > 0]
-    parts = {
-        "transfers": parted.plan_files(transfers),
-        "waypoints": parted.step_files("waypoints", planned),
-        "poses": parted.step_files("poses", of_demonstrations),
-    }
+    before, now = current(place), Generation(catalog.identity.required(), columns=_COLUMNS)
     tables = place / "tables"
+    was = Before(tables, before)
+    for name, table in catalog.tables.items():  # before the rows are read: they are at least as new
+        now.versions[name], now.added[name] = table.newest()
+    if was.is_newest(now):
+        return {name: before.rows[name] for name in TABLES if name in before.rows}
+    plans, same = parted.plans_of(catalog, was, now)
+    frames = {"demonstrations": catalog.demonstrations(), "structures": catalog.structures()}
+    now.rows = {name: sum(weights.values()) for name, weights in now.weights.items()}
+    if not force:
+        check(place, before, now, now.rows["transfers"])
+    files = parted.files_of(now, plans, frames)
     draft = tables / f".{uuid.uuid4().hex[:8]}.draft"
     try:
         clean(tables)
         draft.mkdir(parents=True)
-        was = Before(tables, before)
-        now.rows["transfers"] = len(transfers)
-        for name, owners in (("waypoints", planned), ("poses", demonstrations)):
-            now.rows[name] = int(owners[f"n_{name}"].sum())
-        for name, frame in whole.items():
-            if not now.has_same(name, before) or not was.linked(draft, f"{name}.parquet", now):
-                _put_frame(was, draft, name, frame(), now)
-        for name, files in parts.items():
-            new = files.of([file for file in sorted(files.files) if not was.linked(draft, file, now)])
-            for file, rows in parted.rows_of(catalog, was, name, new):
-                write(draft / file, TABLES[name], iter([rows]))
-        if not was.is_as(now, [file for files in parts.values() for file in files.files]):
-            switch(place, draft, now)
+        for name in [table for table in TABLES if table not in files]:
+            file = f"{name}.parquet"
+            if now.has_same(name, before) and was.linked(draft, file):
+                now.rows[name] = before.rows[name]
+                continue
+            asked_by = {"settings": "declared_settings"}.get(name, name)
+            frame = frames[name] if name in frames else getattr(catalog, asked_by)()
+            rows = pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)
+            now.rows[name] = write(draft / file, TABLES[name], iter([rows]))
+        for file in same:
+            was.linked(draft, file)
+        for name, by_file in files.items():
+            new = {file: rows for file, rows in sorted(by_file.items()) if not was.linked(draft, file)}
+            for file, steps in parted.rows_of(catalog, was, name, new):
+                write(draft / file, TABLES[name], iter([steps]))
+        now.rows["poses"] = int(frames["demonstrations"]["n_poses"].sum())
+        switch(place, draft, now)
     except OSError as error:
         remedy = "free space or rights; what was there still is"
         raise CatalogError(str(place), f"cannot be written: {error}", "", remedy) from None
     finally:
         shutil.rmtree(draft, ignore_errors=True)
     return {name: now.rows[name] for name in TABLES if name in now.rows}
-
-
-def _put_frame(was: Before, draft: Path, name: str, frame: pd.DataFrame, now: Generation) -> None:
-    """Write a table that is one file, unless it was published just so."""
-    file = f"{name}.parquet"
-    rows = pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)
-    now.rows[name] = len(rows)
-    sink = pa.BufferOutputStream()  # the rows as they are encoded
-    with pa.ipc.new_stream(sink, rows.schema) as writer:
-        writer.write_table(rows.combine_chunks(), max_chunksize=_ROW_GROUP)
-    now.parts[file] = digest([SCHEMA_VERSION, hashlib.sha256(sink.getvalue()).hexdigest()])
-    if not was.linked(draft, file, now):
-        write(draft / file, TABLES[name], iter([rows]))
 
 
 def write(path: Path, declared: Table, parts: Iterator[pa.Table]) -> int:

@@ -20,6 +20,7 @@ import pyarrow.dataset as ds
 from upplied.catalog.schema import rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import checked
+from upplied.catalog.schema.tables import MOMENT
 from upplied.catalog.store.delta import StoredTable
 from upplied.catalog.verbs.ordering import NEWEST, PAIR
 from upplied.errors import CatalogError, SettingsError
@@ -105,7 +106,7 @@ def named(rows: pa.Table | pd.DataFrame, names: Sequence[str]) -> pa.Array:
         rows = pa.Table.from_pandas(rows[[*names]], preserve_index=False)
     texts = []
     for column in (rows[name].combine_chunks() for name in names):
-        plain = column.cast(pa.int64()) if pa.types.is_timestamp(column.type) else column
+        plain = column.cast(MOMENT).cast(pa.int64()) if pa.types.is_timestamp(column.type) else column
         texts.append(plain.cast(pa.string()).fill_null(""))
     return pc.binary_join_element_wise(*texts, "\x1f")
 

@@ -13,8 +13,7 @@ import pandas as pd
 
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs.dataset_files import names_of
-from upplied.catalog.verbs.splits import kinds_of
+from upplied.catalog.verbs.exporting import kinds_of, names_of
 from upplied.records import Trajectory
 
 _PART_PCT = 10  # share of what was inspected from which on a part is named in the task

@@ -25,8 +25,7 @@ import pyarrow.parquet as pq
 
 import upplied
 from upplied.catalog.database import Catalog
-from upplied.catalog.verbs.dataset_files import new_folder
-from upplied.catalog.verbs.splits import SHARES, kinds_of, split_of, splits_of
+from upplied.catalog.verbs.exporting import SHARES, kinds_of, new_folder, split_of, splits_of
 from upplied.errors import InputError
 from upplied.files import replace_file
 from upplied.geometry import poses

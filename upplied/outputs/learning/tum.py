@@ -16,8 +16,7 @@ import numpy as np
 import pandas as pd
 
 from upplied.catalog.database import Catalog
-from upplied.catalog.verbs.dataset_files import new_folder
-from upplied.catalog.verbs.splits import splits_of
+from upplied.catalog.verbs.exporting import new_folder, splits_of
 from upplied.errors import InputError
 from upplied.files import replace_file
 from upplied.outputs.learning.episodes import with_path
