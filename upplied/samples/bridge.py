@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upplied.samples.surfaces import Member, Part, assemble, block, pillar
+from upplied.samples.surfaces import Member, assemble, block, pillar
 
 
 @dataclass(frozen=True)
@@ -25,49 +25,24 @@ class BridgeShape:
 
 def bridge(shape: BridgeShape, structure_id: str) -> Member:
     """The mesh of a bridge whose middle stands on the origin."""
-    parts = [_slab(shape), *_parapets(shape)]
-    for number, x in enumerate((-shape.spacing_m / 2, shape.spacing_m / 2), start=1):
-        parts += [_pier(shape, number, x), _cap(shape, number, x)]
-    parts += _abutments(shape)
-    return assemble(structure_id, "bridge", parts, "parametric beam bridge", landmarks=("pier",))
-
-
-def _slab(shape: BridgeShape) -> Part:
     half, wide = shape.length_m / 2, shape.width_m / 2
-    return block(
-        "deck", (-half, -wide, shape.deck_z_m), (half, wide, shape.deck_z_m + shape.deck_m), cells=16
-    )
-
-
-def _parapets(shape: BridgeShape) -> list[Part]:
-    half, wide, top = shape.length_m / 2, shape.width_m / 2, shape.deck_z_m + shape.deck_m
-    return [
+    low, top = shape.deck_z_m, shape.deck_z_m + shape.deck_m
+    parts = [
+        block("deck", (-half, -wide, low), (half, wide, top), cells=16),
         block("parapet_left", (-half, wide - 0.4, top - 0.1), (half, wide, top + 1.1), cells=8),
         block("parapet_right", (-half, -wide, top - 0.1), (half, 0.4 - wide, top + 1.1), cells=8),
     ]
-
-
-def _pier(shape: BridgeShape, number: int, x: float) -> Part:
     level = np.linspace(0, 1, 15)
-    half = np.array(shape.pier_m) / 2 * (1 - shape.taper * level[:, None])
-    return pillar(
-        f"pier_{number}", np.array([x, 0.0]), level * shape.deck_z_m, half, shape.pier_exponent, around=32
-    )
-
-
-def _cap(shape: BridgeShape, number: int, x: float) -> Part:
-    along, across = shape.pier_m[0] / 2 + 0.4, min(shape.width_m / 2 - 0.3, shape.pier_m[1] / 2 + 1.2)
-    return block(
-        f"cap_{number}",
-        (x - along, -across, shape.deck_z_m - 1.2),
-        (x + along, across, shape.deck_z_m + 0.1),
-        cells=3,
-    )
-
-
-def _abutments(shape: BridgeShape) -> list[Part]:
-    half, wide, top = shape.length_m / 2, shape.width_m / 2 + 0.3, shape.deck_z_m + shape.deck_m / 2
-    return [
+    pier = np.array(shape.pier_m) / 2 * (1 - shape.taper * level[:, None])
+    along, across = shape.pier_m[0] / 2 + 0.4, min(wide - 0.3, shape.pier_m[1] / 2 + 1.2)
+    for number, x in enumerate((-shape.spacing_m / 2, shape.spacing_m / 2), start=1):
+        parts += [
+            pillar(f"pier_{number}", np.array([x, 0.0]), level * low, pier, shape.pier_exponent, around=32),
+            block(f"cap_{number}", (x - along, -across, low - 1.2), (x + along, across, low + 0.1), cells=3),
+        ]
+    wide, top = wide + 0.3, low + shape.deck_m / 2
+    parts += [
         block("abutment_back", (-half - 4.0, -wide, 0.0), (-half + 1.0, wide, top), cells=6),
         block("abutment_front", (half - 1.0, -wide, 0.0), (half + 4.0, wide, top), cells=6),
     ]
+    return assemble(structure_id, "bridge", parts, "parametric beam bridge", landmarks=("pier",))

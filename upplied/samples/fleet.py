@@ -11,8 +11,7 @@ from typing import Any
 
 from upplied.errors import InputError
 from upplied.records import Demonstration, Placement, Structure
-from upplied.samples.airliner import airliner
-from upplied.samples.airliner_shapes import AirlinerShape
+from upplied.samples.airliner import AirlinerShape, airliner
 from upplied.samples.bridge import BridgeShape, bridge
 from upplied.samples.pilot import fly
 from upplied.samples.ship import ShipShape, ship

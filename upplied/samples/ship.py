@@ -76,17 +76,13 @@ def _deck(
 ) -> Part:
     """One tier of the superstructure, rounded at its ends and leaning back at the front."""
     stern, bow = (shape.length_m * (share - 0.5) for share in ends)
-    outline = superellipse(48, 5.0)
-    level = np.linspace(0, 1, 7)
-    rings = np.empty((len(level), 48, 3))
-    for row, up in enumerate(level):
-        lean = 0.7 * high * up
-        middle, half = (stern + bow - lean) / 2, (bow - stern - lean) / 2
-        rings[row, :, 0] = middle + half * outline[:, 0]
-        breadth = _plan(rings[row, :, 0] / shape.length_m + 0.5, shape.fullness, 0.92)
-        rings[row, :, 1] = wide * (1 - 0.05 * up) * shape.beam_m / 2 * breadth * outline[:, 1]
-        rings[row, :, 2] = floor + high * up - 0.1 * (up == 0)
-    return loft(name, rings)
+    outline, up = superellipse(48, 5.0), np.linspace(0, 1, 7)[:, None]
+    lean = 0.7 * high * up
+    x = (stern + bow - lean) / 2 + (bow - stern - lean) / 2 * outline[:, 0]
+    breadth = _plan(x / shape.length_m + 0.5, shape.fullness, 0.92)
+    y = wide * (1 - 0.05 * up) * shape.beam_m / 2 * breadth * outline[:, 1]
+    z = np.broadcast_to(floor + high * up - 0.1 * (up == 0), x.shape)
+    return loft(name, np.stack([x, y, z], axis=-1))
 
 
 def _mast(shape: ShipShape, floor: float) -> Part:
@@ -103,16 +99,12 @@ def _mast(shape: ShipShape, floor: float) -> Part:
 def _funnel(shape: ShipShape, floor: float) -> Part:
     assert shape.funnel is not None
     share, length, height = shape.funnel
-    level = np.linspace(0, 1, 6)
-    outline = superellipse(32, 2.6)
-    rings = np.empty((len(level), 32, 3))
-    for row, up in enumerate(level):
-        rings[row, :, 0] = (
-            shape.length_m * (share - 0.5) - 0.3 * height * up + length / 2 * (1 - 0.2 * up) * outline[:, 0]
-        )
-        rings[row, :, 1] = 0.3 * length * (1 - 0.2 * up) * outline[:, 1]
-        rings[row, :, 2] = floor - 0.2 + up * height
-    return loft("funnel", rings)
+    outline, up = superellipse(32, 2.6), np.linspace(0, 1, 6)[:, None]
+    narrow = 1 - 0.2 * up
+    x = shape.length_m * (share - 0.5) - 0.3 * height * up + length / 2 * narrow * outline[:, 0]
+    y = 0.3 * length * narrow * outline[:, 1]
+    z = np.broadcast_to(floor - 0.2 + up * height, x.shape)
+    return loft("funnel", np.stack([x, y, z], axis=-1))
 
 
 def _lifeboats(shape: ShipShape) -> list[Part]:
