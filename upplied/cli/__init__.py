@@ -22,7 +22,6 @@ from upplied.cli import (
     export,
     findings,
     flights,
-    looks,
     pages,
     quickstart,
     recommend,
@@ -65,7 +64,7 @@ _GROUPS = {  # of the help, in the order in which a newcomer needs them
         *(review.review, review.release, review.reject, review.edit),
     ),
     "Fly": (export.fly, export.export, export.brief, flights.app),
-    "Findings": (findings.app, looks.looks, findings.reshoot),
+    "Findings": (findings.app, flights.looks, findings.reshoot),
     "Fleet": (review.in_force, serve.fleet, review.keys),
     "Service": (quickstart.quickstart, serve.serve, serve.deploy, serve.watch, serve.doctor),
 }

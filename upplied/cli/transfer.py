@@ -30,17 +30,8 @@ ReproduceOption = Annotated[str | None, Parameter(help="ID of a plan to compute 
 TimeoutOption = Annotated[float, Parameter(help="Time limit of one structure, in seconds.")]
 DEFAULT_PRESETS = ("recommended", "baseline")
 COLUMNS = LABELS["transfers"]
-_SPARE = (
-    "paper %",
-    "Frechet",
-    "time s",
-    "demo mm/px",
-    "as fine %",
-    "stand-off",
-    "mm/px",
-    "rotation",
-    "seen %",
-)
+_SPARE = ("paper %", "Frechet", "time s", "demo mm/px", "as fine %", "stand-off", "mm/px",
+          "rotation", "seen %")  # fmt: skip
 
 
 def transfer(

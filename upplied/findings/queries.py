@@ -22,6 +22,7 @@ from upplied.planning.correspondence.memo import content_key
 from upplied.records import Floats, Ints, Record
 
 _STRUCTURES = 20  # whose findings are carried and read at once
+_OF_FLIGHT, _OF_LOOK = ("flight_id", "demonstration_id"), ("sampled_m", "incidence_deg")
 _FLIGHTS = 100  # whose looks are read at once; in the order they were added: only the last group grows
 
 
@@ -214,7 +215,7 @@ def flown_looks(
     numbers: dict[str, list[int]] = {}
     for number, (name, _) in spots.items():
         numbers.setdefault(name, []).append(number)
-    columns = ["target_id", "flown_at", "flight_id", "demonstration_id"]
+    columns = ["target_id", "flown_at", *_OF_FLIGHT]
     for some in _groups(catalog):
         if not some["target_id"].isin(list(numbers)).any():
             continue
@@ -226,16 +227,9 @@ def flown_looks(
                 facing = looks.spot[part, 3:] @ spot[3:] > 0
                 nearest = part.start + int(np.where(facing | ~facing.any(), away, np.inf).argmin())
                 if np.isfinite(looks.sampled_m[nearest]):
-                    yield (
-                        number,
-                        {
-                            "looked_at": row["flown_at"],
-                            "flight_id": row["flight_id"],
-                            "demonstration_id": row["demonstration_id"],
-                            "sampled_m": float(looks.sampled_m[nearest]),
-                            "incidence_deg": float(looks.incidence_deg[nearest]),
-                        },
-                    )
+                    flight = {name: row[name] for name in _OF_FLIGHT}
+                    look = {name: float(getattr(looks, name)[nearest]) for name in _OF_LOOK}
+                    yield number, {"looked_at": row["flown_at"], **flight, **look}
 
 
 def remember_looks(catalog: Catalog) -> None:
