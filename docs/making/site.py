@@ -25,16 +25,7 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).parents[2]
 #: What a program may build on, by room.
 MODULES = {
-    "Records": [
-        "upplied.records",
-        "upplied.records.structures",
-        "upplied.records.flights",
-        "upplied.records.planning",
-        "upplied.records.plans",
-        "upplied.errors",
-        "upplied.geometry.poses",
-        "upplied.geometry.scene",
-    ],
+    "Records": ["upplied.records", "upplied.errors", "upplied.geometry.poses", "upplied.geometry.scene"],
     "Inputs": ["upplied.inputs.manifests", "upplied.inputs.meshes", "upplied.inputs.logs"],
     "Planning": [
         "upplied.planning.plan",

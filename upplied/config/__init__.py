@@ -27,3 +27,28 @@ from upplied.config.stages import (
     VisibilitySettings,
     focal_px,
 )
+
+__all__ = [
+    "FIDELITIES",
+    "PRESETS",
+    "CloudSettings",
+    "CorrespondenceSettings",
+    "Fidelity",
+    "InspectionSettings",
+    "OptimiseSettings",
+    "Preset",
+    "RefineSettings",
+    "RegistrationSettings",
+    "RequiredSettings",
+    "RetimeSettings",
+    "RouteSettings",
+    "Settings",
+    "TransferSettings",
+    "VehicleSettings",
+    "VerdictSettings",
+    "ViewpointSettings",
+    "VisibilitySettings",
+    "digest",
+    "focal_px",
+    "settings_for",
+]
