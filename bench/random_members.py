@@ -9,11 +9,9 @@ import numpy as np
 
 from upplied.errors import InputError
 from upplied.samples.airliner import airliner
-from upplied.samples.bridge import BridgeShape, bridge
 from upplied.samples.fleet import SHAPES, shape_of
-from upplied.samples.ship import ShipShape, ship
+from upplied.samples.parametric import BridgeShape, ShipShape, TurbineShape, bridge, ship, turbine
 from upplied.samples.surfaces import Member, box, stamped
-from upplied.samples.turbine import TurbineShape, turbine
 
 
 def random_member(kind: str, seed: int) -> Member:

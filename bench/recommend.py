@@ -22,8 +22,8 @@ from upplied.catalog import Catalog, open_catalog
 from upplied.config import settings_for
 from upplied.errors import RefusedError
 from upplied.planning.plan import plan_transfer
-from upplied.recommend.features import ShapeFeatures, ShapeLibrary, unlikeness
 from upplied.recommend.ranking import Recommendation, recommend
+from upplied.recommend.shapes import ShapeFeatures, ShapeLibrary, unlikeness
 from upplied.records import Structure
 from upplied.samples.pilot import fly
 

@@ -18,7 +18,7 @@ from upplied.fleet.admission import shape_of
 from upplied.fleet.members import Member, judged
 from upplied.inputs.meshes import turn
 from upplied.inputs.rules import StructureSettings, unlike_its_kind
-from upplied.recommend.features import turned
+from upplied.recommend.shapes import turned
 from upplied.samples.fleet import sample_structures
 
 #: By how much too large a structure comes in, and what must be proposed.

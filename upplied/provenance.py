@@ -15,13 +15,7 @@ from pathlib import Path
 
 _PACKAGE = Path(__file__).parent
 #: What a plan is computed by; a change of any line of it, a comment too, counts as a change of the method.
-_SOURCES = (
-    "planning",
-    "checks.py",
-    "geometry",
-    "records",
-    "threads.py",
-)
+_SOURCES = ("planning", "checks.py", "geometry", "records", "threads.py")
 #: Distributions whose results a plan depends on; of Open3D, whichever is installed.
 _LIBRARIES = ("numpy", "scipy", "numba", "open3d", "open3d-cpu")
 

@@ -21,19 +21,14 @@ from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.measures.evaluate import judge
-from upplied.planning.surface.frames import (
-    demonstration_in,
-    frames_for,
-    in_declared,
-    in_frame,
-    structure_in,
-)
+from upplied.planning.surface.frames import demonstration_in, frames_for, in_declared, in_frame, structure_in
 from upplied.records import Demonstration, Floats, Plan, Structure, Trajectory
 from upplied.threads import one_thread
 
 _GRAVITY_MPS2 = 9.81
 _STEP_S = 0.02
 _STEPS = 5  # of which one is returned
+_AHEAD = 10  # steps
 _SETTLE_S = 2.0  # hovering at the end
 _FEET_PER_M = 1 / 0.3048
 
@@ -201,7 +196,9 @@ def _followed(planned: Floats, air: Floats, error: Floats, vehicle: Vehicle) -> 
     """Positions (N, 3) of the point mass under its controller, from hovering in the first wind."""
     frequency, flown = vehicle.stiffness_radps, np.empty_like(planned)
     gain, rate = frequency**2, 2 * vehicle.damping * frequency
-    speeds = _speeds(planned)
+    # The speed that is fed forward is the mean over 0.2 s on each side.
+    padded = np.pad(planned, ((_AHEAD, _AHEAD), (0, 0)), mode="edge")
+    speeds = (padded[2 * _AHEAD :] - padded[: -2 * _AHEAD]) / (2 * _AHEAD * _STEP_S)
     position, velocity = planned[0].copy(), np.zeros(3)
     integral = -vehicle.drag_per_s * air[0]  # leaning into the wind already
     thrust = integral.copy()
@@ -223,14 +220,6 @@ def _followed(planned: Floats, air: Floats, error: Floats, vehicle: Vehicle) -> 
                 "fly slower, or in less wind",
             )
     return flown
-
-
-def _speeds(positions: Floats, reach: int = 10) -> Floats:
-    """Speed (N, 3), m/s, fed forward: the mean over 0.2 s on each side."""
-    padded = np.concatenate(
-        [np.repeat(positions[:1], reach, axis=0), positions, np.repeat(positions[-1:], reach, axis=0)]
-    )
-    return np.asarray((padded[2 * reach :] - padded[: -2 * reach]) / (2 * reach * _STEP_S))
 
 
 def _limited(acceleration: Floats, vehicle: Vehicle) -> Floats:

@@ -126,7 +126,7 @@ def _settings() -> Iterator[str]:
         yield "| setting | value | meaning and allowed values |\n|---|---|---|"
         for name, wanted in get_type_hints(kind).items():
             values = [getattr(getattr(preset, stage.name), name) for preset in presets]
-            meaning = f"{meanings.get(name, '')} *{_may_be(f'{stage.name}.{name}', wanted)}*"
+            meaning = f"{meanings.get(name, '')} *{_may_be(kind, name, wanted)}*"
             yield f"| `{stage.name}.{name}` | {_by_preset(values)} | {meaning} |"
         yield ""
 
@@ -141,18 +141,18 @@ def _by_preset(values: list[Any]) -> str:
     return "<br>".join(f"{preset}&nbsp;{text}" for preset, text in zip(PRESETS, shown, strict=True))
 
 
-def _may_be(name: str, wanted: Any) -> str:
+def _may_be(stage: type, name: str, wanted: Any) -> str:
     """The values that a setting takes, in words."""
-    from upplied.config.ranges import RANGES
+    from upplied.config.ranges import range_of
 
     choices = get_args(wanted)
     if get_origin(wanted) is Literal:
         return ", ".join(f"`{choice}`" if choice else "none" for choice in choices)
     if wanted is bool:
         return "`true`, `false`"
-    if name not in RANGES:
+    low, high = range_of(stage, name)
+    if low == -math.inf:
         return "pairs of names" if get_origin(wanted) is tuple else "a whole number"
-    low, high = RANGES[name]
     words = f"from {low:,.9g}" if high == math.inf else f"{low:,.9g} to {high:,.9g}"
     return f"{words}, or none" if type(None) in choices else words
 

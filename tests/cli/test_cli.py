@@ -151,7 +151,7 @@ def test_doctor_says_what_is_missing_and_how_to_get_it(location, monkeypatch, ca
     def missing(name: str) -> str:
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr("upplied.cli.doctor.version", missing)
+    monkeypatch.setattr("upplied.cli.serve.version", missing)
     monkeypatch.setattr("platform.libc_ver", lambda: ("glibc", "2.31"))
     assert main(["doctor", "--json", "--catalog", location]) == 1
     checks = {row["check"]: row for row in json.loads(capsys.readouterr().out)}
@@ -201,7 +201,7 @@ def test_tables_fit_and_say_what_they_left_out(width, left_out, monkeypatch, cap
     monkeypatch.setattr(terminal.console, "_width", width)
     row = {"transfer": "0123456789abcdef0123", "target": "turbine-3-v1", "preset": "recommended"}
     row |= {"seen %": 100.0, "paper %": 99.5, "Frechet": float("nan"), "clear m": 4.0, "time s": 1234.5}
-    terminal.show("plans", [row], spare=("paper %", "Frechet", "time s", "clear m", "seen %"))
+    terminal.PRINTED.show("plans", [row], spare=("paper %", "Frechet", "time s", "clear m", "seen %"))
     lines = capsys.readouterr().out.splitlines()
     assert max(len(re.sub("\x1b[^m]*m", "", line)) for line in lines[:-1]) <= width
     assert "nan" not in "".join(lines) and ("99.50" in "".join(lines)) == (width == 200)

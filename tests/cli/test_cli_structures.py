@@ -12,7 +12,7 @@ import trimesh
 from upplied.catalog import open_catalog
 from upplied.catalog.schema.plan_rows import settings_text
 from upplied.cli import main
-from upplied.cli.choices import Choices
+from upplied.cli.options import Choices
 from upplied.config import settings_for
 from upplied.config.stages import Drone
 from upplied.outputs.missions import MissionOptions

@@ -25,7 +25,7 @@ from upplied.fleet.members import Member, judged
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
 from upplied.inputs.rules import StructureSettings, changed, from_json, unlike_its_kind
-from upplied.recommend.features import shape_features, turned
+from upplied.recommend.shapes import shape_features, turned
 from upplied.records import Cloud, Structure
 from upplied.samples.fleet import sample_structures
 

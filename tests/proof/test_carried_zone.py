@@ -17,8 +17,8 @@ from upplied.planning.correspondence.fit import Fit
 from upplied.planning.demonstration.about import zone_of
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
-from upplied.proof import carried_zone as carrying
-from upplied.proof.carried_zone import _carried, _probability, carried_zone
+from upplied.proof import required_zones as carrying
+from upplied.proof.required_zones import _carried, _probability, carried_zone
 from upplied.records import Bools, Cloud, Correspondences, Frame, Registration, Structure
 from upplied.samples.fleet import member
 

@@ -24,12 +24,11 @@ from upplied.planning.visibility.observations import TRULY, stations
 from upplied.proof.align import align
 from upplied.proof.as_flown import AsFlown, as_flown
 from upplied.proof.bound import bound_m
-from upplied.proof.camera import camera_offset
+from upplied.proof.frame import camera_offset
 from upplied.proof.gap import gap_flight
 from upplied.proof.inspected import looks_at, planned_looks, views_from
 from upplied.proof.looks import looks_of
-from upplied.proof.tour import short_tour
-from upplied.proof.tour_flight import safe_lengths
+from upplied.proof.tour import safe_lengths, short_tour
 from upplied.records import Camera, Floats, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly

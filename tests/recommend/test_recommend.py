@@ -24,11 +24,9 @@ from upplied.outputs.logs import write_log
 from upplied.planning.correspondence.registration import fitted, register
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.observations import TRULY, views
-from upplied.recommend.features import ShapeLibrary, library_of, shape_features, unlikeness
-from upplied.recommend.foresee import agreement, foresee, inspected
+from upplied.recommend.foresee import agreement, foresee, in_sight, inspected
 from upplied.recommend.ranking import recommend
-from upplied.recommend.shapes import Shapes
-from upplied.recommend.sight import in_sight
+from upplied.recommend.shapes import ShapeLibrary, Shapes, library_of, shape_features, unlikeness
 from upplied.records import Camera, Cloud
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly

@@ -16,8 +16,7 @@ from upplied.geometry.scene import scene_of
 from upplied.records import Demonstration, Structure
 from upplied.samples.airframe import airframe, left_nacelle
 from upplied.samples.fleet import member, sample_demonstrations
-from upplied.samples.hand import pushed_clear
-from upplied.samples.pilot import fly
+from upplied.samples.pilot import fly, pushed_clear
 from upplied.samples.plan_view import offset_outline
 
 DEMONSTRATIONS = {flight.demonstration_id: flight for flight in sample_demonstrations()}

@@ -11,6 +11,7 @@ from cyclopts import App, Parameter
 
 from upplied.cli.options import OnlyKind
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, rows_of, say
+from upplied.errors import CatalogError
 from upplied.outputs.labels import LABELS
 
 app = App(name="catalog", help="Inspect, check, export and maintain the catalog.")
@@ -42,8 +43,6 @@ def show_one(id: str, /, *, results: Results = PRINTED) -> int:
     id : str
         ID of any of them; for a plan its beginning is enough.
     """
-    from upplied.errors import CatalogError
-
     store = results.opened()
     rows = []
     for table, frame in (("structure", store.structures()), ("demonstration", store.demonstrations())):

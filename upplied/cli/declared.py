@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,6 +10,8 @@ from cyclopts import Parameter
 
 from upplied.cli.options import ByOption, KindOption, NoteOption, OwnerArgument, StructureArgument
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, plain, say
+from upplied.errors import InputError, SettingsError
+from upplied.files import replace_file
 from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:
@@ -37,7 +40,6 @@ def set_(
         without a value the parameter is inherited again. preset=recommended is the only preset that is flown.
     """
     from upplied.cli.transfer import changes
-    from upplied.errors import SettingsError
 
     if not values:
         raise SettingsError("upplied set", "nothing is set", "STAGE.NAME=VALUE")
@@ -89,9 +91,6 @@ def require(
         `incidence_deg`, `max_age_days`. Instead of `where` a zone may give a face `label`
         of the file named in `labels`. A set without zones is withdrawn.
     """
-    import tomllib
-
-    from upplied.errors import InputError
     from upplied.inputs.files import read_regular
 
     rule = "name = ..., and [[zone]] tables"
@@ -118,7 +117,6 @@ def _with_labels(
     store: Catalog, zones: list[dict[str, Any]], labels: object, file: Path, owner: str
 ) -> list[dict[str, Any]]:
     """The zones with the place of those that name a label of faces."""
-    from upplied.errors import InputError
     from upplied.inputs.columns import read_face_labels
 
     label_files: dict[str, str] = {}
@@ -170,7 +168,6 @@ def zones(structure: StructureArgument, /, *, mesh: Path | None = None, results:
 
 
 def _mesh(store: Catalog, structure_id: str, path: Path) -> int:
-    from upplied.files import replace_file
     from upplied.outputs.ply import ply_bytes
 
     structure = store.structure(structure_id)

@@ -9,8 +9,10 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
+from upplied import fleet
 from upplied.cli.options import USUAL_RULES, DemonstrationArgument, RuleFlags, WorkersOption
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, ingested_report, progress, rows_of, say
+from upplied.errors import SettingsError
 from upplied.outputs.labels import LABELS
 
 app = App(name="demonstrations", help="The demonstrations of the catalog.")
@@ -47,7 +49,6 @@ def add(
     logs : Path
         Logs of any kind, photogrammetry projects, missions, folders of photos, or folders of all of these.
     """
-    from upplied import fleet
     from upplied.fleet.ingest import find_logs, passed_over
     from upplied.inputs.passport.settings import changed
     from upplied.inputs.sidecar import LogOptions
@@ -75,8 +76,6 @@ def add(
 
 def _points(register: tuple[str, ...]) -> tuple[tuple[str, tuple[float, ...]], ...]:
     """Landmarks in the log's frame, from NAME=X,Y,Z."""
-    from upplied.errors import SettingsError
-
     points = []
     for word in register:
         name, _, place = word.partition("=")

@@ -10,6 +10,7 @@ from cyclopts import App, Parameter
 
 from upplied.cli.options import FindingArgument, OnlyKind, OnlyStructure
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, complain_each, errors, say
+from upplied.errors import SettingsError
 from upplied.outputs.labels import LABELS
 
 app = App(
@@ -66,7 +67,6 @@ def add(
     file : Path, optional
         Detections: COCO JSON, CSV or GeoJSON. Without it the options state one mark.
     """
-    from upplied.errors import SettingsError
     from upplied.findings.adding import add_marks
     from upplied.findings.marks import Mark, box_corners, corners_of, read_marks
     from upplied.findings.place import Errors
@@ -148,8 +148,6 @@ def list_findings(
     """List the findings in their current state."""
     store = results.opened()
     if out is not None and not reference:
-        from upplied.errors import SettingsError
-
         raise SettingsError("--out", "has no structure to show findings on", "", "add --reference STRUCTURE")
     if not reference:
         rows = store.findings(structure=structure, kind=kind, state=state, class_name=class_name)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
+
+from upplied.errors import SettingsError
 
 WorkersOption = Annotated[int, Parameter(help="Number of processes; 0 uses one per core.")]
 Point = tuple[float, float, float]
@@ -36,3 +38,75 @@ FlightArgument = Annotated[str, Parameter(help="ID of the flight, or its beginni
 StructureArgument = Annotated[str, Parameter(help="ID of the structure.")]
 OwnerArgument = Annotated[str, Parameter(help="ID of a structure, or a kind with --kind.")]
 KindOption = Annotated[bool, Parameter(help="OWNER is a kind, not a structure.")]
+
+
+Pairs = Annotated[tuple[str, ...], Parameter(name="--counterpart")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Choices:
+    """Planning parameters that differ from the preset.
+
+    Parameters
+    ----------
+    standoff : str
+        Stand-off: scaled with the structure, or unchanged in metres (kept).
+    gsd_mm : float
+        Required ground sample distance in mm, instead of the stand-off.
+    plane : bool
+        Keep a planar demonstration in its plane.
+    counterpart : tuple of str
+        Landmarks that correspond to each other, as SOURCE=TARGET; repeatable.
+    repeat : str
+        Repeat the demonstration on each similar part, or on the mirrored part too.
+    expect : int
+        Number of similar parts a target must have; others are refused.
+    fidelity : str
+        Trade-off between the demonstrated path and coverage: keep the path, balance, or cover more.
+    clearance : float
+        Minimum distance from the structure, in metres.
+    about : str
+        Inspected surface, if the inferred one is wrong: landmarks, part_3, or boxes as
+        "box X Y Z X Y Z", separated by commas.
+    search : str
+        Search the orientation of a target: its heading, or all three axes.
+    """
+
+    standoff: Literal["scaled", "kept"] | None = None
+    gsd_mm: float | None = None
+    plane: bool = False
+    counterpart: Pairs = ()
+    repeat: Literal["each", "mirror"] | None = None
+    expect: int | None = None
+    fidelity: Literal["strict", "balanced", "coverage"] | None = None
+    clearance: float | None = None
+    search: Literal["none", "heading", "orientation"] | None = None
+    about: str = ""
+
+    def onto(self, stages: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        """The changes `stages` (stage -> setting -> value), overridden by the options."""
+        chosen = {
+            ("transfer", "standoff"): self.standoff,
+            ("transfer", "gsd_m"): None if self.gsd_mm is None else self.gsd_mm / 1000,
+            ("transfer", "plane"): self.plane or None,
+            ("correspondence", "counterparts"): tuple(map(_pair, self.counterpart)) or None,
+            ("correspondence", "repeat"): self.repeat,
+            ("correspondence", "expect"): self.expect,
+            ("refine", "fidelity"): self.fidelity,
+            ("route", "clearance_m"): self.clearance,
+            ("registration", "search"): self.search,
+            ("inspection", "about"): self.about or None,
+        }
+        merged = {stage: dict(values) for stage, values in stages.items()}
+        for (stage, name), value in chosen.items():
+            if value is not None:
+                merged.setdefault(stage, {})[name] = value
+        return merged
+
+
+def _pair(text: str) -> tuple[str, str]:
+    source, equals, target = text.partition("=")
+    if not (source and equals and target):
+        raise SettingsError(f"--counterpart {text}", "cannot be read", "SOURCE=TARGET, names of landmarks")
+    return source, target

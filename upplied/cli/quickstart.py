@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cyclopts import App
 
-from upplied.cli.terminal import HERE, number, progress, say, show
+from upplied.cli.terminal import HERE, PRINTED, number, progress, say
 
 PRESETS = ("paper", "recommended", "baseline")
 samples = App(name="samples", help="Write a sample fleet to try.")
@@ -80,6 +80,6 @@ def show_results(catalog: Path, reports: str) -> int:
             shown = number(by["coverage_inspected_pct"].get(preset))
             row[f"{preset} %"] = by["status"].get(preset) if shown is None else shown
         rows.append(row | {f"Fréchet {preset}": by["frechet_z"].get(preset) for preset in PRESETS[:2]})
-    show("inspected surface shown", rows)
+    PRINTED.show("inspected surface shown", rows)
     say(f"Open {reports}/index.html, or: pd.read_parquet('{reports}/transfers.parquet')")
     return int((transfers["status"] == "failed").any())

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from upplied.cli.options import StructureArgument
 from upplied.cli.terminal import PRINTED, Results, complain, errors, plain, say
+from upplied.errors import InputError
 from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:
@@ -43,7 +44,6 @@ def best(store: Catalog, structure: str) -> str:
     InputError
         If none fits beyond doubt, or the best is of another declared kind.
     """
-    from upplied.errors import InputError
     from upplied.recommend.ranking import recommend as rank
 
     others = [one for one in rank(store, structure, 100) if one.verdict != "own"]

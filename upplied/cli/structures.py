@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from upplied import fleet
 from upplied.cli.options import USUAL_RULES, RuleFlags, StructureArgument, WorkersOption
 from upplied.cli.terminal import (
     HERE,
@@ -19,6 +21,8 @@ from upplied.cli.terminal import (
     progress,
     say,
 )
+from upplied.errors import CatalogError, InputError
+from upplied.files import replace_file
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
@@ -51,7 +55,6 @@ def add(
     manifest : Path
         `structures.toml` or a CSV: id, kind, path, units, up, forward, ...
     """
-    from upplied import fleet
     from upplied.inputs.manifests import read_manifest
 
     store, rules = where.opened(), _rule_options(flags)
@@ -77,8 +80,6 @@ def list_(*, results: Results = PRINTED) -> int:
 @app.command(name="show")
 def show_(structure: StructureArgument, /, *, results: Results = PRINTED) -> int:
     """Show a structure: its size, repairs, and the rules it breaks or overrules."""
-    from dataclasses import asdict
-
     from upplied.inputs.rules import from_json
 
     record = results.opened().structure(structure)
@@ -120,8 +121,6 @@ def check(
     file : Path
         A manifest (`structures.toml` or a CSV), or a mesh or point cloud.
     """
-    from upplied import fleet
-    from upplied.errors import InputError
     from upplied.inputs.manifests import read_manifest
 
     rules = _rule_options(flags)
@@ -151,8 +150,6 @@ def _rule_options(flags: RuleFlags) -> RuleOptions:
 
 def _others(where: Where) -> Catalog | None:
     """The catalog to compare structures with; None if no catalog is named and the default does not exist."""
-    from upplied.errors import CatalogError
-
     try:
         store = where.opened()
         store.structures()
@@ -167,8 +164,6 @@ def _checked(
     what: StructureEntry | Path, png: Path | None, catalog: Catalog | None = None, clean: bool = False
 ) -> int:
     """Report on a file, or an entry of a manifest among those of a catalog, and draw it; 1 if refused."""
-    from upplied.errors import InputError
-    from upplied.files import replace_file
     from upplied.fleet.admission import Admission, shape_of
     from upplied.fleet.members import Member
     from upplied.fleet.workers import JobKilled, Workers
@@ -203,9 +198,6 @@ def _checked(
 
 def _cleaned(structure: Structure, png: Path) -> None:
     """Write the structure without ground, clutter and neighbours, and a picture before and after."""
-    from dataclasses import replace
-
-    from upplied.files import replace_file
     from upplied.geometry.separation import CLASSES, separated, structure_alone
     from upplied.outputs.figures import separation_png
     from upplied.outputs.ply import ply_bytes

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from rich.console import Console
 
+from upplied.errors import InputError
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -67,8 +69,36 @@ class Results(Where):
     json: Annotated[bool, Parameter("--json", help="Print JSON instead of a table.")] = False
 
     def show(self, title: str, rows: Sequence[Mapping[str, Any]], spare: Sequence[str] = ()) -> None:
-        """Print rows as a table, or as JSON; see `show`."""
-        show(title, rows, self.json, spare)
+        """Print rows as a table, or as JSON.
+
+        `spare` names the columns that go first where the table is wider than the terminal.
+        """
+        if self.json:
+            text = json.dumps(list(rows), indent=2, default=str, allow_nan=False)
+            sys.stdout.write(f"{text}\n")  # even with --quiet
+            return
+        if not rows:
+            console.print(f"{title}: none")
+            return
+        from rich import box
+        from rich.table import Table
+        from rich.text import Text
+
+        cells = {name: [_cell(row[name]) for row in rows] for name in rows[0]}
+        left_out = _left_out(cells, spare)
+        table = Table(
+            title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
+        )
+        for name in (columns := [name for name in cells if name not in left_out]):
+            numbers = any(isinstance(row[name], int | float) for row in rows)
+            # A long text may be wrapped.
+            whole = numbers and not any(isinstance(row[name], str) for row in rows)
+            table.add_column(name, justify="right" if whole else "left", overflow="fold", no_wrap=whole)
+        for texts in zip(*(cells[name] for name in columns), strict=True):
+            table.add_row(*map(Text, texts))
+        console.print(table)
+        if left_out:
+            hint(f"hidden columns (terminal too narrow): {', '.join(left_out)}")
 
     def show_frame(
         self, title: str, frame: pd.DataFrame, columns: Mapping[str, str], spare: Sequence[str] = ()
@@ -119,46 +149,10 @@ def complain_each(what: str, reasons: Sequence[str]) -> None:
 
 def beside(output: Path) -> Path:
     """The file to write, if its folder exists."""
-    from upplied.errors import InputError
-
     if not output.absolute().parent.is_dir():
         remedy = f"create it first: mkdir -p {shlex.quote(str(output.parent))}"
         raise InputError(str(output), "its folder does not exist", "", remedy)
     return output
-
-
-def show(
-    title: str, rows: Sequence[Mapping[str, Any]], as_json: bool = False, spare: Sequence[str] = ()
-) -> None:
-    """Print rows as a table, or as JSON.
-
-    `spare` names the columns that go first where the table is wider than the terminal.
-    """
-    if as_json:
-        text = json.dumps(list(rows), indent=2, default=str, allow_nan=False)
-        sys.stdout.write(f"{text}\n")  # even with --quiet
-        return
-    if not rows:
-        console.print(f"{title}: none")
-        return
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    cells = {name: [_cell(row[name]) for row in rows] for name in rows[0]}
-    left_out = _left_out(cells, spare)
-    table = Table(
-        title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
-    )
-    for name in (columns := [name for name in cells if name not in left_out]):
-        numbers = any(isinstance(row[name], int | float) for row in rows)
-        whole = numbers and not any(isinstance(row[name], str) for row in rows)  # a long text may be wrapped
-        table.add_column(name, justify="right" if whole else "left", overflow="fold", no_wrap=whole)
-    for texts in zip(*(cells[name] for name in columns), strict=True):
-        table.add_row(*map(Text, texts))
-    console.print(table)
-    if left_out:
-        hint(f"hidden columns (terminal too narrow): {', '.join(left_out)}")
 
 
 def rows_of(frame: pd.DataFrame, names: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
@@ -242,7 +236,7 @@ def ingested_report(ingested: Sequence[Ingested]) -> int:
         texts = [item.words or item.reason.removeprefix(f"{item.file}: ") for item in shown]
         rows = [{"file": os.path.relpath(item.file, above), "result": item.status, "details": text}
                 for item, text in zip(shown, texts, strict=True)]  # fmt: skip
-        show("flights", rows)
+        PRINTED.show("flights", rows)
     for item in ingested:
         if item.status == "failed":
             complain(f"failed: {item.reason}")

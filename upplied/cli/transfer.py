@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from upplied.cli.choices import Choices
-from upplied.cli.options import WorkersOption
+from upplied import fleet
+from upplied.cli.options import Choices, WorkersOption
 from upplied.cli.recommend import best as best_for
 from upplied.cli.terminal import PRINTED, Results, Where, complain, errors, progress, say
+from upplied.errors import InputError, RefusedError, SettingsError
 from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:
@@ -27,17 +30,8 @@ ReproduceOption = Annotated[str | None, Parameter(help="ID of a plan to compute 
 TimeoutOption = Annotated[float, Parameter(help="Time limit of one structure, in seconds.")]
 DEFAULT_PRESETS = ("recommended", "baseline")
 COLUMNS = LABELS["transfers"]
-_SPARE = (
-    "paper %",
-    "Frechet",
-    "time s",
-    "demo mm/px",
-    "as fine %",
-    "stand-off",
-    "mm/px",
-    "rotation",
-    "seen %",
-)
+_SPARE = ("paper %", "Frechet", "time s", "demo mm/px", "as fine %", "stand-off", "mm/px",
+          "rotation", "seen %")  # fmt: skip
 
 
 def transfer(
@@ -64,9 +58,6 @@ def transfer(
     to : tuple of str
         IDs of the targets; by default every other structure of the kind.
     """
-    from upplied import fleet
-    from upplied.errors import SettingsError
-
     if reproduce is not None:
         return _reproduced(results, reproduce)
     if best and (demonstration or to):
@@ -97,7 +88,6 @@ def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> t
         If none is left.
     """
     from upplied.checks import suggested
-    from upplied.errors import InputError
 
     if not targets:
         return ()
@@ -134,8 +124,6 @@ def plan(
     results: Results = PRINTED,
 ) -> int:
     """Plan every pair whose inputs changed since it was planned, or show which those are."""
-    from upplied import fleet
-
     catalog = results.opened()
     plan_request = fleet.PlanRequest(preset, changes(set_), retry_failed=retry_failed, experiment=experiment)
     with errors.status("comparing inputs"):
@@ -156,10 +144,6 @@ def plan(
 
 def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     """``route.clearance_m=3`` and the like as stage -> setting -> value."""
-    import json
-
-    from upplied.errors import SettingsError
-
     stages: dict[str, dict[str, Any]] = {}
     for text in given:
         name, equals, value = text.partition("=")
@@ -175,7 +159,6 @@ def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
 
 def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> Result:
     """Plan the jobs of a decision, with a progress bar."""
-    from upplied import fleet
     from upplied.fleet.edits import carry_edits
 
     resources = fleet.Resources(workers, fleet.Limits(timeout))
@@ -206,13 +189,11 @@ def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]
 
 def show_plans(demonstration: str, rows: list[dict[str, Any]], results: Results) -> None:
     """Print the measures of each plan, and below them reasons and warnings."""
-    from json import loads
-
     from upplied.outputs.pairs import shown_status
     from upplied.outputs.verdicts import resolution
 
     if results.json:
-        results.show("", [{**row, "warnings": loads(row["warnings"] or "[]")} for row in rows])
+        results.show("", [{**row, "warnings": json.loads(row["warnings"] or "[]")} for row in rows])
         return
     shown = [row | {"status": shown_status(row)} for row in rows]
     columns = [{title: row[name] for name, title in COLUMNS.items()} for row in shown]
@@ -224,7 +205,7 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], results: Results)
             continue
         if fine := resolution(row):
             say(f"{plan}: {fine}")
-        if warnings := loads(row["warnings"] or "[]"):
+        if warnings := json.loads(row["warnings"] or "[]"):
             say(f"check: {plan}: {'; '.join(warnings)}")
 
 
@@ -244,10 +225,7 @@ def show_decision(decision: Decision, results: Results) -> None:
 
 def _reproduced(where: Where, transfer_id: str) -> int:
     """Plan a transfer again from its recorded inputs; 0 if the plan is the same, else 1."""
-    from dataclasses import replace
-
     from upplied.catalog import recipe
-    from upplied.errors import RefusedError
     from upplied.fleet.planner import required_surface
     from upplied.planning.correspondence.memo import no_memo
     from upplied.planning.plan import METHOD_VERSION, plan_transfer

@@ -3,14 +3,41 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 from upplied.errors import SettingsError
 
 
-def check_value(name: str, value: Any, wanted: Any) -> None:
-    """Refuse a value of another type than its field declares, or out of its range."""
-    choices = get_args(wanted)
+class Range(NamedTuple):
+    """Lowest and highest value of a number."""
+
+    low: float
+    high: float
+
+
+Count = Annotated[int, Range(1, 1000)]
+Incidence = Annotated[float, Range(1, 90)]
+Metres = Annotated[float, Range(0, 1000)]
+Motion = Annotated[float, Range(0.01, 100)]  # m/s or m/s2
+Pitch = Annotated[float, Range(-90, 90)]
+Positive = Annotated[float, Range(0, math.inf)]
+Ratio = Annotated[float, Range(1, 1e6)]
+Share = Annotated[float, Range(0, 1)]
+TurnRate = Annotated[float, Range(0.1, 1000)]
+Weight = Annotated[float, Range(0, 1000)]
+
+
+def range_of(stage: type, name: str) -> Range:
+    """The range of a number of a stage; the whole line where none is declared."""
+    hint = get_type_hints(stage, include_extras=True)[name]
+    notes = (note for part in (hint, *get_args(hint)) for note in getattr(part, "__metadata__", ()))
+    return next(notes, Range(-math.inf, math.inf))
+
+
+def check_value(stage_name: str, stage: type, name: str, value: Any) -> None:
+    """Refuse a value of a stage of another type than its field declares, or out of its range."""
+    wanted = get_type_hints(stage)[name]
+    what, choices = f"setting {stage_name}.{name}", get_args(wanted)
     if get_origin(wanted) is Literal:
         fits, rule = value in choices, f"one of {', '.join(map(repr, choices))}"
     elif wanted is str:
@@ -29,70 +56,7 @@ def check_value(name: str, value: Any, wanted: Any) -> None:
         fits = all(isinstance(pair, tuple | list) and len(pair) == 2 for pair in value)
         rule = "pairs of names"
     if not fits:
-        raise SettingsError(f"setting {name}", f"got {value!r}", rule)
-    low, high = RANGES.get(name, (-math.inf, math.inf))
+        raise SettingsError(what, f"got {value!r}", rule)
+    low, high = range_of(stage, name)
     if isinstance(value, int | float) and not low <= value <= high:
-        raise SettingsError(f"setting {name}", f"got {value!r}", f"{low:g} to {high:g}")
-
-
-#: Allowed range of each number, lowest and highest value.
-RANGES = {
-    "clouds.voxel_points": (50, 100_000),
-    "clouds.raw_points": (1000, 10_000_000),
-    "clouds.surface_samples": (100, 200_000),
-    "registration.iterations": (1, 1000),
-    "registration.gamma": (0, math.inf),
-    "registration.acceptance": (0, math.inf),
-    "registration.least_probability": (0, 1),
-    "correspondence.expect": (1, 1000),
-    "correspondence.least_probability": (0, 1),
-    "correspondence.siblings": (0, 20),
-    "visibility.max_incidence_deg": (1, 90),
-    "viewpoints.shared": (0, 1),
-    "viewpoints.most_poses": (2, 100_000),
-    "transfer.gsd_m": (1e-5, 10),
-    "refine.iterations": (0, 1000),
-    "refine.deviation": (0.01, 10),
-    "refine.least_counterpart": (0, 1),
-    "optimise.context": (0, 1),
-    "optimise.standoff": (0, 1000),
-    "optimise.standoff_tolerance": (0, 1),
-    "optimise.axis": (0, 1000),
-    "optimise.leaving": (0, 1000),
-    "optimise.clearance": (0, 1000),
-    "optimise.turning": (0, 1000),
-    "optimise.spacing": (0.05, 10),
-    "optimise.rounds": (1, 20),
-    "optimise.iterations": (1, 1000),
-    "optimise.required": (0, 1000),
-    "optimise.samples": (50, 100_000),
-    "route.clearance_m": (0, 1000),
-    "route.ground_clearance_m": (0, 1000),
-    "retime.max_speed_mps": (0.01, 100),
-    "retime.transit_speed_mps": (0.01, 100),
-    "retime.max_climb_mps": (0.01, 100),
-    "retime.max_descent_mps": (0.01, 100),
-    "retime.max_acceleration_mps2": (0.01, 100),
-    "retime.max_yaw_rate_degps": (0.1, 1000),
-    "retime.max_yaw_acceleration_degps2": (0.1, 10_000),
-    "retime.max_gimbal_rate_degps": (0.1, 1000),
-    "retime.least_stop_s": (0, 3600),
-    "retime.min_gimbal_pitch_deg": (-90, 90),
-    "retime.max_gimbal_pitch_deg": (-90, 90),
-    "inspection.least_resolution": (0, 1),
-    "refine.added_passes": (0, 3),
-    "refine.longer": (0, 10),
-    "inspection.planned_resolution": (0, 1),
-    "inspection.max_incidence_deg": (1, 90),
-    "inspection.max_motion_px": (0.01, 1000),
-    "inspection.exposure_s": (1e-6, 1),
-    "inspection.width_px": (16, 100_000),
-    "vehicle.payload": (0, 65_535),
-    "vehicle.endurance_s": (1, 1e6),
-    "vehicle.reserve_pct": (0, 99),
-    "verdict.least_inspected_pct": (0, 100),
-    "verdict.longest_path": (1, 1000),
-    "verdict.longest_time": (1, 1000),
-    "verdict.most_size_ratio": (1, 1e6),
-    "verdict.odd_size_ratio": (1, 1e6),
-}
+        raise SettingsError(what, f"got {value!r}", f"{low:g} to {high:g}")

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, get_type_hints
+from typing import Any, Literal
 
 from upplied.config.ranges import check_value
 from upplied.config.stages import (
@@ -96,7 +96,7 @@ def _changed(settings: Settings, stage: str, values: Mapping[str, Any]) -> Any:
     for name, value in values.items():
         if name not in known:
             raise SettingsError(f"setting {stage}.{name}", "is unknown", f"one of {', '.join(known)}")
-        check_value(f"{stage}.{name}", value, get_type_hints(type(before))[name])
+        check_value(stage, type(before), name, value)
     return replace(before, **values)
 
 

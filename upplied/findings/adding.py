@@ -118,10 +118,8 @@ class Placing:
             rule = f"0 to {limits[0]} and 0 to {limits[1]} px"
             raise RefusedError(mark.what, "lies outside its photo", rule, "check the pixels and the photo")
         if not np.isfinite(rays_of(camera, corners)).all():
-            rule, remedy = (
-                "a pixel in the field of view",
-                "check the distortion in the camera's calibration",
-            )
+            rule = "a pixel in the field of view"
+            remedy = "check the distortion in the camera's calibration"
             raise RefusedError(mark.what, "lies outside the valid area of the lens model", rule, remedy)
         structure = self._structure(flight.target_id)
         stated = flight.pose_error_m if self.pose_m is None else self.pose_m

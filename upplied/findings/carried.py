@@ -18,9 +18,18 @@ import numpy as np
 from upplied.catalog import Catalog
 from upplied.config import Settings
 from upplied.errors import CatalogError, RefusedError, UppliedError
-from upplied.findings.counterparts import FARTHEST, Counterparts, carried_spots, nowhere, themselves
+from upplied.findings.counterparts import (
+    FARTHEST,
+    Carried,
+    CarriedGroup,
+    Counterparts,
+    Near,
+    about,
+    carried_spots,
+    nowhere,
+    themselves,
+)
 from upplied.findings.looks import Spot, off_surface
-from upplied.findings.sampled import Carried, CarriedGroup, Near, about
 from upplied.fleet.decisions import PlanRequest, SettingsOf, SiblingsOf
 from upplied.planning.correspondence.memo import content_key
 from upplied.records import Structure

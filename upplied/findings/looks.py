@@ -100,9 +100,7 @@ def off_surface(catalog: Catalog, spots: Sequence[Spot], sha256: str) -> Floats:
     return off
 
 
-def looks_at_spot(
-    catalog: Catalog, spot: Spot, kinds: Collection[str] = FLOWN, attitude_deg: float = Errors.attitude_deg
-) -> list[Look]:
+def looks_at_spot(catalog: Catalog, spot: Spot, kinds: Collection[str] = FLOWN) -> list[Look]:
     """Every look at a spot, flight by flight in the order of flying; certain ones first, the finest first.
 
     Parameters
@@ -111,8 +109,6 @@ def looks_at_spot(
     spot : Spot
     kinds : collection of str
         Of flights: ``demonstration``, ``flown`` and ``simulated``.
-    attitude_deg : float
-        Error of the camera's attitude, one sigma about each axis.
     """
     photos = catalog.flight_photos(structure=spot.structure_id)
     scene = scene_of(catalog.structure(spot.structure_id))
@@ -126,7 +122,7 @@ def looks_at_spot(
             towards = towards[~_hidden(scene, poses.positions[towards], spot)]
         for at in towards:
             photo = rows[at] if rows else {}
-            look = _look(flight, spot, scene, poses.take(np.array([at])), photo, attitude_deg)
+            look = _look(flight, spot, scene, poses.take(np.array([at])), photo)
             looks += [] if look is None else [look]
             if looks and not rows and not looks[-1].row["doubt"]:
                 break
@@ -180,9 +176,7 @@ def looks_frame(looks: Sequence[Look]) -> pd.DataFrame:
     return pd.DataFrame([look.row for look in looks], columns=list(COLUMNS))
 
 
-def _look(
-    flight: Flown, spot: Spot, scene: Scene, pose: Trajectory, photo: dict[Any, Any], attitude_deg: float
-) -> Look | None:
+def _look(flight: Flown, spot: Spot, scene: Scene, pose: Trajectory, photo: dict[Any, Any]) -> Look | None:
     """How a photo from one pose that looks towards a spot shows it; None where it does not."""
     t_s = float(pose.t_s[0])
     camera = flight.zoomed(pose.fov_deg)
@@ -190,7 +184,7 @@ def _look(
         camera = with_size(camera, *size, f"photo {photo['name']}")
     position, quat = pose.positions[0], pose.quat_xyzw[0]
     pose_m = Errors.pose_m if np.isnan(flight.pose_error_m) else flight.pose_error_m
-    errors = Errors(float(np.hypot(pose_m, spot.error_m)), attitude_deg)
+    errors = Errors(float(np.hypot(pose_m, spot.error_m)))
     if spot.photo == (flight.flight_id, t_s):  # the mark itself is in it
         errors = Errors(0.0, 0.0)
     chance, reason = _chance(camera, position, matrices(quat), spot, scene, errors)

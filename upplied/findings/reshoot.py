@@ -29,7 +29,7 @@ from upplied.planning.airspace.roadmap import Roadmap, roadmap
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.plan import METHOD_VERSION
 from upplied.planning.surface.samples import surface_samples
-from upplied.proof.tour_flight import Toured, toured
+from upplied.proof.tour import Toured, toured
 from upplied.provenance import method, recorded
 from upplied.records import (
     Camera,
@@ -207,10 +207,7 @@ def base_of(catalog: Catalog, structure_id: str) -> Base:
         pace, of_plan, source_sha256 = demonstration.trajectory, "", target.sha256
         settings = SettingsOf(catalog, PlanRequest())("recommended", target.kind, structure_id)
     else:
-        fault, rule = (
-            "has neither plan nor demonstration",
-            "one of them, with camera and clearance",
-        )
+        fault, rule = ("has neither plan nor demonstration", "one of them, with camera and clearance")
         raise RefusedError(
             f"structure {structure_id}", fault, rule, f"plan for it: upplied transfer --to {structure_id}"
         )

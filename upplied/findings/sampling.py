@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from upplied.config import Settings
-from upplied.findings.sampled import Carried, about
+from upplied.findings.counterparts import Carried, about
 from upplied.planning.correspondence.certainty import certainty
 from upplied.planning.correspondence.coherent_point_drift import Patch
 from upplied.planning.correspondence.correspondences import facing_nearest

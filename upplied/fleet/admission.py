@@ -29,8 +29,7 @@ from upplied.inputs.rules import (
     to_json,
 )
 from upplied.planning.surface.samples import surface_samples
-from upplied.recommend.features import ShapeFeatures, shape_features
-from upplied.recommend.shapes import Shapes, content_of
+from upplied.recommend.shapes import ShapeFeatures, Shapes, content_of, shape_features
 from upplied.records import Structure
 
 

@@ -1,6 +1,6 @@
 """A structure against the others of its kind: its size, its unit, the way it stands, and its form.
 
-Shapes are compared by their features (`upplied.recommend.features`), free of scale; nothing is registered.
+Shapes are compared by their features (`upplied.recommend.shapes`), free of scale; nothing is registered.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from upplied.inputs.manifest_keys import UNITS
 from upplied.inputs.meshes import turn as file_turn
 from upplied.inputs.rules import RULES, StructureSettings, Verdict, broken
-from upplied.recommend.features import ShapeFeatures, library_of, turned, unlikeness
+from upplied.recommend.shapes import ShapeFeatures, library_of, turned, unlikeness
 from upplied.records import Floats
 
 _METRES = {name: metres for name, metres in UNITS.items() if metres is not None and metres != 1.0}

@@ -16,7 +16,7 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.geometry.supposed_scene import scene_for
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.proof.align import silence_s
-from upplied.proof.findings import LOOKED, SILENT, STOOD
+from upplied.proof.as_flown import LOOKED, SILENT, STOOD
 from upplied.records import Demonstration
 
 _WHOLE_PCT = 98.0  # of the plan's length, and in view of what it shows: less is no whole inspection

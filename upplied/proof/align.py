@@ -16,8 +16,7 @@ from scipy.spatial import cKDTree
 from upplied.errors import RefusedError
 from upplied.geometry.polylines import arc_length, interpolated
 from upplied.geometry.poses import from_yaw_pitch, interpolate, yaw_pitch
-from upplied.proof.camera import camera_offset
-from upplied.proof.frame import FrameError, frame_error
+from upplied.proof.frame import FrameError, camera_offset, frame_error
 from upplied.proof.matching import Matched, matched, projected
 from upplied.records import Bools, Floats, Record, Trajectory
 

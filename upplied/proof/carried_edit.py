@@ -74,7 +74,8 @@ def matched_edit(stored: StoredEdit, viewpoints: Sequence[Viewpoint]) -> tuple[E
     if not stored.touched:
         return Edit(), ()
     places = np.array([v.position for v in viewpoints])
-    axes, near = _axes(viewpoints), _usual_gap(places)
+    gaps, axes = leg_lengths(places), _axes(viewpoints)
+    near = float(np.median(gaps[gaps > 0])) if gaps.any() else 0.0
     wanted: dict[int, Viewpoint | None] = {}
     lost: list[str] = []
     for one in stored.touched:
@@ -154,10 +155,3 @@ def _viewpoint(document: Any) -> Viewpoint:
 def _axes(viewpoints: Sequence[Viewpoint]) -> Floats:
     angles = np.radians([(v.yaw_deg, v.pitch_deg) for v in viewpoints])
     return optical_axis(from_yaw_pitch(angles[:, 0], angles[:, 1]))
-
-
-def _usual_gap(places: Floats) -> float:
-    """How far viewpoints that follow each other are apart, in the median, m."""
-    gaps = leg_lengths(places)
-    gaps = gaps[gaps > 0]
-    return float(np.median(gaps)) if len(gaps) else 0.0

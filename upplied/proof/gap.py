@@ -20,8 +20,8 @@ from upplied.geometry.poses import in_a_row
 from upplied.planning.airspace.roadmap import Roadmap
 from upplied.planning.visibility.looks import sampled_m
 from upplied.planning.visibility.observations import stations
-from upplied.proof.tour_flight import STANDING_M, Toured, toured
-from upplied.proof.zone_gap import Part, ZoneGap, poses_for
+from upplied.proof.tour import STANDING_M, Toured, toured
+from upplied.proof.zones import Part, ZoneGap, poses_for
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Trajectory
 
 _STATIONS = 500  # poses of the plan, at most, that viewpoints are chosen from
@@ -96,14 +96,9 @@ def gap_flight(
     others = np.zeros((len(poses) - len(shown), shown.shape[1]), bool)  # what was planned is shown as planned
     seen = np.hstack([np.vstack([shown, others]), *(one.well(poses, graph) for one in parts[1:])])
     if not seen.any():
-        raise RefusedError(
-            "the gap",
-            "is not visible from any safe pose" + "".join(f"; {_none_of(zone)}" for zone in zones),
-            "",
-            "plan the structure again, or lower the requirements of the zone"
-            if zones
-            else "plan the structure again",
-        )
+        areas = "".join(f"; {zone.cloud.areas.sum():.1f} m2 of zone {zone.zone}" for zone in zones)
+        remedy = "plan the structure again" + (", or lower the requirements of the zone" if zones else "")
+        raise RefusedError("the gap", f"is not visible from any safe pose{areas}", "", remedy)
     tour = toured(poses, seen, graph, plan, limits, lambda some: _sharp_pace(parts[0], some, graph, rule))
     shows, unattainable = np.zeros(len(missing), bool), np.zeros(len(missing), bool)
     along = stations(tour.trajectory)
@@ -160,10 +155,6 @@ def _looks(part: Part, poses: Trajectory) -> tuple[Floats, Floats, Floats]:
 def _all(flags: Bools) -> Bools:
     """Of flags (3 M,) for one way of looking after the other, where all are set, (M,)."""
     return np.asarray(flags.reshape(_LOOKS, -1).all(axis=0), bool)
-
-
-def _none_of(zone: ZoneGap) -> str:
-    return f"{square_metres(zone.cloud, np.ones(len(zone.cloud), bool)):.1f} m2 of zone {zone.zone}"
 
 
 def square_metres(cloud: Cloud, part: Bools) -> float:

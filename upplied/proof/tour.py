@@ -1,24 +1,42 @@
-"""A short safe path by some of many poses that together see every sample.
+"""A short safe flight by some of many poses that together see every sample, in the times of a vehicle.
 
 Poses are inserted where they cost least for what they see, until every sample is seen. The path is shortened
 by reversing stretches (2-opt), exchanging poses for others that show what they alone show, and dropping those
 that are not needed. Then some are removed, at random or all about one, and replaced where that costs least;
 the shorter path remains (iterated local search; Lourenco, Martin and Stuetzle 2003). The same poses give the
-same path.
+same path. Safe legs join them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
 import numpy as np
 from numba import njit
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 
-from upplied.records import Bools, Floats, Ints
+from upplied.config import RetimeSettings
+from upplied.errors import RefusedError
+from upplied.geometry.polylines import arc_length, leg_lengths
+from upplied.geometry.poses import from_yaw_pitch, yaw_pitch
+from upplied.planning.airspace.roadmap import Roadmap, way
+from upplied.planning.trajectory.retime import retime
+from upplied.proof.bound import bound_m
+from upplied.records import Bools, Floats, Ints, Record, Trajectory, Waypoints
 
 _TRIALS = 120  # of leaving some out: beyond, ways of the sample fleet hardly became shorter
 _LEFT_OUT = 6  # poses at a time, at most
 _WORTH = 1.15  # times the shortest so far, up to which a trial is shortened further
 _NOISE = 0.5  # on the costs by which every second trial chooses
 _LITTLE_M = 1e-6
+_LINKS = 20  # places of the roadmap that a pose is joined to
+_SLOWEST_MPS = 0.3
+STANDING_M = 1e-6  # of a leg: the vehicle stands
 
 
 def short_tour(apart: Floats, seen: Bools) -> Ints:
@@ -126,3 +144,123 @@ def _uncrossed(apart: Floats, tour: Ints) -> Ints:
                     tour[i : j + 1] = tour[i : j + 1][::-1].copy()
                     better = True
     return tour
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Toured(Record):
+    """A short safe flight by some of many poses."""
+
+    trajectory: Trajectory
+    is_viewpoint: Bools  # (N,)
+    covered: Bools  # (L,) what poses see that safe legs join: all of it is seen
+    length_m: float
+    legs_m: Floats  # (P, P) between the poses
+    seen: Bools  # (P, K) which of the poses see what is covered
+
+    @cached_property
+    def bound_m(self) -> float:
+        """A length that no way by those poses and the known safe legs that sees the same is below, m."""
+        return min(bound_m(self.legs_m, self.seen, self.length_m), self.length_m)
+
+
+def toured(
+    poses: Trajectory,
+    seen: Bools,
+    graph: Roadmap,
+    plan: Trajectory,
+    limits: RetimeSettings,
+    most_mps: Callable[[Trajectory], Floats] | None = None,
+) -> Toured:
+    """A short safe flight by poses (P,) that together see all that poses see which safe legs join.
+
+    Parameters
+    ----------
+    poses : Trajectory
+    seen : array of bool, shape (P, L)
+    graph : Roadmap
+    plan : Trajectory
+        No faster than it usually is.
+    limits : RetimeSettings
+    most_mps : callable, optional
+        How fast each of some poses may be passed, m/s.
+
+    Raises
+    ------
+    RefusedError
+        If no safe way joins the poses.
+    """
+    apart = safe_lengths(graph, poses.positions)
+    joined = np.isfinite(apart) & seen.any(axis=1)  # of poses that see something, as many as can be
+    seen = seen & joined[joined.sum(axis=1).argmax()][:, None]
+    covered = np.asarray(seen.any(axis=0), bool)
+    chosen = short_tour(apart, seen[:, covered])
+    line, at = _way_by(poses, chosen, graph)
+    pace = None if most_mps is None else most_mps(poses.take(chosen))
+    path, is_viewpoint = _timed(poses, chosen, line, at, plan, limits, pace)
+    length = float(leg_lengths(path.positions).sum())
+    return Toured(path, is_viewpoint, covered, length, apart, seen[:, covered])
+
+
+def safe_lengths(graph: Roadmap, places: Floats) -> Floats:
+    """Lengths (P, P), m, of the shortest ways by known safe legs between places; inf where there is none."""
+    count, known = len(places), len(graph.places)
+    near = np.zeros((count, 0), np.int64)
+    if known:
+        near = cKDTree(graph.places).query(places, k=min(_LINKS, known))[1].reshape(count, -1)
+    first, second = np.triu_indices(count, 1)
+    ends = np.concatenate([np.repeat(np.arange(count), near.shape[1]), first]) + known
+    others = np.concatenate([near.ravel(), second + known])
+    nodes = np.concatenate([graph.places, places])
+    free = ~graph.airspace.broken_legs(nodes[ends], nodes[others])
+    ends, others = np.concatenate([graph.first, ends[free]]), np.concatenate([graph.second, others[free]])
+    length = np.maximum(np.linalg.norm(nodes[ends] - nodes[others], axis=1), 1e-9)
+    matrix = csr_matrix((length, (ends, others)), shape=(len(nodes), len(nodes)))
+    return np.asarray(dijkstra(matrix, directed=False, indices=np.arange(known, known + count))[:, known:])
+
+
+def _way_by(poses: Trajectory, chosen: Ints, graph: Roadmap) -> tuple[Floats, Ints]:
+    """The safe way (K, 3) by the chosen poses, and at which of its corners each of them is."""
+    line, at = [poses.positions[chosen[0]][None]], [0]
+    for start, goal in pairwise(chosen):
+        leg = way(graph, poses.positions[start], poses.positions[goal])
+        if leg is None:
+            place = poses.positions[goal].round(1).tolist()
+            raise RefusedError("the gap", f"has no safe leg to {place} m", "", "plan the structure again")
+        line.append(leg[1:])
+        at.append(at[-1] + len(leg) - 1)
+    return np.concatenate(line), np.array(at, np.int64)
+
+
+def _timed(
+    poses: Trajectory,
+    chosen: Ints,
+    line: Floats,
+    at: Ints,
+    plan: Trajectory,
+    limits: RetimeSettings,
+    most_mps: Floats | None = None,
+) -> tuple[Trajectory, Bools]:
+    """Times under the vehicle's limits, no faster than the plan usually was; cameras turn on the way.
+
+    No faster either than `most_mps` (K,) on the legs beside each chosen pose.
+    """
+    if len(line) == 1:  # one look: to hover for a second is enough
+        once = np.repeat(line, 2, axis=0), poses.quat_xyzw[chosen[[0, 0]]]
+        return Trajectory(np.array([0.0, 1.0]), *once), np.array([True, True])
+    yaw, pitch = yaw_pitch(poses.quat_xyzw[chosen])
+    along = arc_length(line)
+    turning = np.interp(along, along[at], np.unwrap(yaw)), np.interp(along, along[at], pitch)
+    quats = from_yaw_pitch(*turning)
+    shown = np.zeros(len(line), bool)
+    shown[at] = True
+    steps = leg_lengths(plan.positions)
+    pace = (steps / np.diff(plan.t_s))[steps > STANDING_M]
+    usual = max(float(np.median(pace)) if len(pace) else 0.0, _SLOWEST_MPS)
+    pace = np.full(len(along) - 1, usual)
+    if most_mps is not None:
+        leg = np.clip(np.searchsorted(at, np.arange(len(pace)), side="right") - 1, 0, len(at) - 2)
+        pace = np.minimum(pace, np.minimum(most_mps[leg], most_mps[leg + 1]))
+    times = np.append(0.0, np.cumsum(np.diff(along) / pace)) + np.arange(len(along)) * 1e-6
+    path = Waypoints(line, quats, times, shown)
+    timed, is_viewpoint, *_ = retime(path, Trajectory(times, line, quats), limits)
+    return timed, is_viewpoint

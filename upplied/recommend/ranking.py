@@ -16,22 +16,15 @@ import numpy as np
 import pandas as pd
 
 from upplied.catalog import Catalog
+from upplied.catalog.schema.rows import camera_of
 from upplied.checks import check_id
 from upplied.config import Settings, settings_for
 from upplied.errors import InputError
 from upplied.planning.correspondence.memo import content_key
 from upplied.planning.correspondence.registration import fitted
-from upplied.recommend.features import unlikeness
-from upplied.recommend.foresee import (
-    FORESIGHT_VERSION,
-    Agreement,
-    Foreseen,
-    agreement,
-    diagonal_m,
-    foresee,
-)
-from upplied.recommend.shapes import Shapes, content_of
-from upplied.records import Camera, Floats, Registration
+from upplied.recommend.foresee import FORESIGHT_VERSION, Agreement, Foreseen, agreement, diagonal_m, foresee
+from upplied.recommend.shapes import Shapes, content_of, unlikeness
+from upplied.records import Floats, Registration
 
 R = TypeVar("R")
 
@@ -151,7 +144,9 @@ class _Question:
         if registration.accepted:
             agreed = known("agreement", Agreement, lambda: agreement(source, self.target, registration))
             pair = (source, self.target, registration, agreed)
-            foreseen = known("foreseen", Foreseen, lambda: foresee(*pair, seen, _camera(row)), row["content"])
+            foreseen = known(
+                "foreseen", Foreseen, lambda: foresee(*pair, seen, camera_of(row.to_dict())), row["content"]
+            )
         kind, misfit = str(self.kinds[source_id]), registration.acceptance
         other_kind = float(self.other_kind[source_id])
         if source_id == self.target_id:
@@ -161,8 +156,10 @@ class _Question:
         else:
             verdict = "fits" if misfit + unlike + other_kind < _SURE else "doubtful"
             size = diagonal_m(self.target) / diagonal_m(source)
-            words = [f"the structures fit (misfit {misfit:.2f})", _matched(agreed), f"size ratio {size:.2f}"]
-            words.append(seen.summary)
+            parts = f"{agreed.parts_matched} of {agreed.parts} parts match"
+            area = f"{100 * agreed.area_matched:.0f} % by area"
+            words = [f"the structures fit (misfit {misfit:.2f})", f"{parts} ({area})"]
+            words += [f"size ratio {size:.2f}", seen.summary]
             if foreseen.without_pct > 0.5:
                 words.append(f"{foreseen.without_pct:.0f} % of that has no counterpart here")
             if verdict == "doubtful":
@@ -178,14 +175,3 @@ class _Question:
         expected = (foreseen.coverage_seen_pct, foreseen.without_pct, 100 * seen.share)
         one = Recommendation(0, flight_id, source_id, kind, verdict, misfit, *expected, unlike, why)
         return place, likely, -again, flight_id, one
-
-
-def _camera(row: pd.Series) -> Camera:
-    return Camera(
-        float(row["hfov_deg"]), float(row["vfov_deg"]), float(row["min_range_m"]), float(row["max_range_m"])
-    )
-
-
-def _matched(parts: Agreement) -> str:
-    area = f"{100 * parts.area_matched:.0f} % by area"
-    return f"{parts.parts_matched} of {parts.parts} parts match ({area})"

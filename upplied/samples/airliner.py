@@ -1,15 +1,20 @@
-"""Meshes of airliners, gear up, at their height on the gear.
+"""Meshes of airliners, gear up, at their height on the gear; four of them are in `shapes.toml`.
 
 The structure frame has its origin on the ground below the middle of the length, +X to the nose and
-+Y to the left wing.
++Y to the left wing. Lengths of a shape count from the nose aft along the fuselage and up from the ground. The
+dimensions are those the makers publish for airport planning (length, span, height, fuselage, engine
+positions); chords and fillets in between are drawn to match them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
 from upplied.records import Floats
-from upplied.samples.airliner_shapes import AirlinerShape, Engine, Hump, Wing
 from upplied.samples.surfaces import (
     Member,
     Part,
@@ -23,6 +28,79 @@ from upplied.samples.surfaces import (
 )
 
 _UP, _ACROSS = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
+# Distance aft and radius, as shares of the length and of the largest radius: from the tip of the spinner over
+# fan, intake, lip, cowl, fan nozzle and core nozzle to the tip of the plug.
+_COWL = np.array(
+    [
+        (0.13, 0.0), (0.16, 0.12), (0.21, 0.25), (0.22, 0.52), (0.22, 0.80), (0.11, 0.80), (0.03, 0.80),
+        (0.005, 0.83), (0.0, 0.87), (0.01, 0.905), (0.05, 0.95), (0.14, 0.99), (0.28, 1.0), (0.45, 0.98),
+        (0.60, 0.90), (0.72, 0.78), (0.725, 0.58), (0.82, 0.50), (0.90, 0.40), (0.905, 0.24), (0.96, 0.11),
+        (1.0, 0.0),
+    ]
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Hump:
+    """A second lobe on top of the fuselage: the upper deck of a 747, the hold of a Beluga."""
+
+    rise_m: float  # of its middle above the middle of the fuselage
+    width_m: float
+    height_m: float
+    span_m: tuple[float, float, float, float]  # begins, full, full until, gone; from the nose
+
+
+@dataclass(frozen=True)
+class Wing:
+    """A half wing, fin or stabiliser, by its straight leading edge and three chords."""
+
+    apex_m: float  # leading edge at the root, from the nose
+    root_z_m: float  # above the ground
+    span_m: float  # of this half
+    chords_m: tuple[float, float, float]  # root, kink, tip
+    kink: float  # share of the half span
+    sweep_deg: float  # of the leading edge
+    dihedral_deg: float = 0.0
+    thickness: tuple[float, float] = (0.14, 0.10)  # root, tip
+    winglet_m: float = 0.0  # its height, 0: none
+
+
+@dataclass(frozen=True)
+class Engine:
+    """A pair of engines, one under each wing."""
+
+    out_m: float  # distance from the plane of symmetry
+    front_m: float  # intake lip, from the nose
+    diameter_m: float
+    length_m: float
+    clearance_m: float  # of the cowl above the ground
+    suffix: str = ""  # of the part's name: "" or "_outer"
+
+
+@dataclass(frozen=True)
+class AirlinerShape:
+    """Parameters of an airliner."""
+
+    length_m: float
+    width_m: float  # of the fuselage
+    height_m: float  # of the fuselage
+    axis_z_m: float  # of the fuselage's middle above the ground
+    nose_m: float  # length of the nose
+    tail_m: float  # length of the tail cone
+    wing: Wing
+    stabiliser: Wing
+    fin: Wing
+    engines: tuple[Engine, ...]
+    hump: Hump | None = None
+    endplate_m: float = 0.0  # height of the fins at the stabiliser's tips, 0: none
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> AirlinerShape:
+        """The shape of a table of `shapes.toml`."""
+        wings = {name: Wing(**values[name]) for name in ("wing", "stabiliser", "fin")}
+        hump = Hump(**values["hump"]) if "hump" in values else None
+        engines = tuple(Engine(**engine) for engine in values["engines"])
+        return cls(**{**values, **wings, "engines": engines, "hump": hump})
 
 
 def airliner(shape: AirlinerShape, structure_id: str) -> Member:
@@ -116,13 +194,13 @@ def _fairing(shape: AirlinerShape) -> Part:
     return loft("fairing", rings)
 
 
-def _sections(wing: Wing, side: int) -> list[Section]:
-    sections = []
-    # The halves begin inside the fuselage, a little off the plane of symmetry: their roots do not coincide.
-    for share, chord in zip((0.02, wing.kink, 1.0), wing.chords_m, strict=True):
-        thick = wing.thickness[0] + share * (wing.thickness[1] - wing.thickness[0])
-        sections.append(Section(_leading(wing, share * wing.span_m, side), chord, thick))
-    return sections
+def _sections(wing: Wing, root: float, edge: Callable[[float], tuple[float, float, float]]) -> list[Section]:
+    """The airfoils of a half at its root, a share of the span from the middle, at its kink and at its tip."""
+    thick, thin = wing.thickness
+    return [
+        Section(edge(share * wing.span_m), chord, thick + share * (thin - thick))
+        for share, chord in zip((root, wing.kink, 1.0), wing.chords_m, strict=True)
+    ]
 
 
 def _leading(wing: Wing, out: float, side: int) -> tuple[float, float, float]:
@@ -134,12 +212,10 @@ def _leading(wing: Wing, out: float, side: int) -> tuple[float, float, float]:
     )
 
 
-def _chord(wing: Wing, out: float) -> float:
-    return float(np.interp(out / wing.span_m, (0.0, wing.kink, 1.0), wing.chords_m))
-
-
 def _half_wing(wing: Wing, name: str, side: int) -> Part:
-    return lifting_surface(name, _sections(wing, side), _UP, stations=16)
+    # The halves begin inside the fuselage, a little off the plane of symmetry: their roots do not coincide.
+    sections = _sections(wing, 0.02, lambda out: _leading(wing, out, side))
+    return lifting_surface(name, sections, _UP, stations=16)
 
 
 def _winglet(wing: Wing, name: str, side: int) -> Part:
@@ -160,14 +236,7 @@ def _winglet(wing: Wing, name: str, side: int) -> Part:
 def _fin(shape: AirlinerShape) -> Part:
     fin = shape.fin
     back = float(np.tan(np.radians(fin.sweep_deg)))
-    sections = [
-        Section(
-            (-fin.apex_m - share * fin.span_m * back, 0.0, fin.root_z_m + share * fin.span_m),
-            chord,
-            fin.thickness[0] + share * (fin.thickness[1] - fin.thickness[0]),
-        )
-        for share, chord in zip((0.0, fin.kink, 1.0), fin.chords_m, strict=True)
-    ]
+    sections = _sections(fin, 0.0, lambda up: (-fin.apex_m - up * back, 0.0, fin.root_z_m + up))
     return lifting_surface("fin", sections, _ACROSS, stations=12)
 
 
@@ -179,18 +248,6 @@ def _endplate(shape: AirlinerShape, name: str, side: int) -> Part:
         for share, size in ((0.0, 1.0), (0.45, 1.3), (1.0, 0.75))
     ]
     return lifting_surface(f"endplate_{name}", sections, _ACROSS, stations=8)
-
-
-# Distance aft and radius, as shares of the length and of the largest radius: from the tip of the spinner over
-# fan, intake, lip, cowl, fan nozzle and core nozzle to the tip of the plug.
-_COWL = np.array(
-    [
-        (0.13, 0.0), (0.16, 0.12), (0.21, 0.25), (0.22, 0.52), (0.22, 0.80), (0.11, 0.80), (0.03, 0.80),
-        (0.005, 0.83), (0.0, 0.87), (0.01, 0.905), (0.05, 0.95), (0.14, 0.99), (0.28, 1.0), (0.45, 0.98),
-        (0.60, 0.90), (0.72, 0.78), (0.725, 0.58), (0.82, 0.50), (0.90, 0.40), (0.905, 0.24), (0.96, 0.11),
-        (1.0, 0.0),
-    ]
-)  # fmt: skip
 
 
 def _axis_z(engine: Engine) -> float:
@@ -206,7 +263,7 @@ def _nacelle(engine: Engine, name: str, side: int) -> Part:
 def _pylon(wing: Wing, engine: Engine, name: str, side: int) -> Part:
     """From inside the cowl to inside the wing."""
     x, y, z = _leading(wing, engine.out_m, side)
-    chord = _chord(wing, engine.out_m)
+    chord = float(np.interp(engine.out_m / wing.span_m, (0.0, wing.kink, 1.0), wing.chords_m))
     low = _axis_z(engine) + 0.55 * engine.diameter_m / 2
     crest = min(_axis_z(engine) + 0.53 * engine.diameter_m, z - 0.15 * (z - low))
     front = -engine.front_m - 0.16 * engine.length_m

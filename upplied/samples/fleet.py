@@ -11,13 +11,10 @@ from typing import Any
 
 from upplied.errors import InputError
 from upplied.records import Demonstration, Placement, Structure
-from upplied.samples.airliner import airliner
-from upplied.samples.airliner_shapes import AirlinerShape
-from upplied.samples.bridge import BridgeShape, bridge
+from upplied.samples.airliner import AirlinerShape, airliner
+from upplied.samples.parametric import BridgeShape, ShipShape, TurbineShape, bridge, ship, turbine
 from upplied.samples.pilot import fly
-from upplied.samples.ship import ShipShape, ship
 from upplied.samples.surfaces import Member, box
-from upplied.samples.turbine import TurbineShape, turbine
 
 #: The shape of each sample structure, by kind and id.
 SHAPES: dict[str, dict[str, Any]] = tomllib.loads(

@@ -1,6 +1,6 @@
 """The path and the aim of a pilot for each inspection (paper, Sec. IV-B).
 
-A route is coarse: the simulated hand (`upplied.samples.hand`) rounds it and adds clearance.
+A route is coarse: the simulated hand (`upplied.samples.pilot`) rounds it and adds clearance.
 """
 
 from __future__ import annotations
@@ -70,8 +70,7 @@ def _fuselage(structure: Structure, scene: Scene, ground_z: float) -> Route:
     turn = np.argmin(np.hypot(loop[:, 0] - frame.nose_x - off, loop[:, 1]))
     plan = np.roll(loop, -int(turn), axis=0)  # anticlockwise: the left side comes first
     high = np.maximum(
-        frame.axis_z + 0.5 * frame.half_height,
-        frame.height_near(plan[:, 0], plan[:, 1], 3.0) + 3.0,
+        frame.axis_z + 0.5 * frame.half_height, frame.height_near(plan[:, 0], plan[:, 1], 3.0) + 3.0
     )
     height = _eased(np.maximum(high, ground_z + 2.5), reach=12)
     aim = np.clip(plan[:, 0], frame.tail_x + 0.12 * (frame.nose_x - frame.tail_x), frame.nose_x - 1.0)

@@ -1,4 +1,8 @@
-"""A simulated pilot who flies the paper's inspections round any structure of a kind."""
+"""A simulated pilot who flies the paper's inspections round any structure of a kind.
+
+The human hand has uneven speed, pauses to look, drift, and a gimbal that follows with a lag. The flown path
+always stays at its distance from the structure and from the ground, also between the logged poses.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +10,29 @@ import hashlib
 import zlib
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
-from upplied.geometry.poses import normalised
-from upplied.geometry.scene import scene_of
-from upplied.records import Camera, Demonstration, Floats, Structure
-from upplied.samples.hand import Hand, fly_route
-from upplied.samples.inspections import route_of
+from upplied.errors import RefusedError
+from upplied.geometry.polylines import arc_length, interpolated, leg_lengths
+from upplied.geometry.poses import from_yaw_pitch, normalised
+from upplied.geometry.scene import Scene, scene_of
+from upplied.records import Camera, Demonstration, Floats, Structure, Trajectory
+from upplied.samples.inspections import Route, route_of
 
 _FIRST_DAY_NS = 1_767_600_000_000_000_000  # 5 January 2026, 08:00 UTC
 _HOUR_NS = 3_600_000_000_000
+_STEP_M = 0.25
+_RATE_HZ = 10.0
+_TYPICAL_S = 105.0  # without pauses; the speed follows from the length of the route
+_SLOWEST_MPS, _FASTEST_MPS = 0.4, 3.2
+_UNEVENNESS = 0.27  # of the speed, one sigma
+_PAUSES, _PAUSE_S = 3, (2.5, 6.0)
+_DRIFT_M, _SHAKE_M = 0.22, 0.006  # one sigma, over some seconds, and from pose to pose
+_GIMBAL_LAG_S, _GIMBAL_NOISE_DEG = 0.3, 1.2
+_CLEARANCE_M, _ABOVE_GROUND_M = 2.1, 1.0  # of the whole path
 
 
-def fly(
-    structure: Structure,
-    inspection: str,
-    seed: int = 0,
-    camera: Camera | None = None,
-) -> Demonstration:
+def fly(structure: Structure, inspection: str, seed: int = 0, camera: Camera | None = None) -> Demonstration:
     """Demonstrate an inspection.
 
     The pilot knows only the surface: fuselage, wings, engine, tower or piers are located on it, so that real
@@ -53,7 +63,7 @@ def fly(
     floor = structure.floor_z_m
     name = _named(structure.structure_id, inspection)
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-    flown = fly_route(route_of(structure, inspection, scene, floor), scene, floor, Hand(), rng)
+    flown = _flown(route_of(structure, inspection, scene, floor), scene, floor, rng)
     quats = normalised(flown.quat_xyzw)
     jitter = rng.integers(-1_500_000, 1_500_000, len(flown))
     start = _FIRST_DAY_NS + (seed % 1000) * _HOUR_NS
@@ -84,3 +94,121 @@ def _named(structure_id: str, inspection: str) -> str:
     if dash and version[:1] == "v" and version[1:].isdigit():
         return f"{stem}-{word}-{version}"[:64]
     return f"{structure_id}-{word}"[:64]
+
+
+def _flown(route: Route, scene: Scene, ground_z: float, rng: np.random.Generator) -> Trajectory:
+    """A route as a person would fly it."""
+    positions, look = _rounded(route)
+    floor = ground_z + _ABOVE_GROUND_M
+    positions = pushed_clear(positions, scene, _CLEARANCE_M + 0.9, floor)
+    along = arc_length(positions)
+    t, s = _pace(float(along[-1]), rng)
+    flown = interpolated(s, along, positions)
+    slow = np.column_stack([_coloured(len(t), 2.5 * _RATE_HZ, rng) for _ in range(3)])
+    flown += _DRIFT_M * slow * (1, 1, 0.6) + _SHAKE_M * rng.standard_normal((len(t), 3))
+    flown = pushed_clear(flown, scene, _CLEARANCE_M, floor)
+    ahead = np.minimum(s + 0.5, along[-1])
+    return Trajectory(t, flown, _gimbal(flown, interpolated(ahead, along, look), rng))
+
+
+def _rounded(route: Route) -> tuple[Floats, Floats]:
+    """The route at even steps with rounded corners."""
+    along = arc_length(route.positions)
+    wanted = np.linspace(0, along[-1], max(int(along[-1] / _STEP_M), 2))
+    positions, look = (interpolated(wanted, along, each) for each in (route.positions, route.look))
+    return _soft(positions, 1.2 / _STEP_M), _soft(look, 2.0 / _STEP_M)
+
+
+def _soft(places: Floats, sigma: float) -> Floats:
+    return np.column_stack([gaussian_filter1d(axis, sigma, mode="nearest") for axis in places.T])
+
+
+def _pace(length_m: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Times and distances along the route: an uneven speed, from rest to rest, with pauses."""
+    dt = 1 / _RATE_HZ
+    speed = float(np.clip(length_m / _TYPICAL_S, _SLOWEST_MPS, _FASTEST_MPS))
+    count = int(3 * length_m / speed / dt) + 400
+    wobble = _coloured(count, 4.0 / dt, rng)
+    share = np.clip(np.exp(_UNEVENNESS * wobble - _UNEVENNESS**2 / 2), 0.4, 1.5)
+    plan = np.cumsum(speed * share * dt)
+    stops = np.sort(rng.uniform(0.08, 0.92, _PAUSES)) * length_m
+    hold = np.ones(count)
+    added = 0
+    for stop in stops:
+        at = int(np.searchsorted(plan, stop)) + added
+        pause = int(rng.uniform(*_PAUSE_S) / dt)
+        hold = np.insert(hold, min(at, len(hold)), np.zeros(pause))[:count]
+        share = np.insert(share, min(at, len(share)), np.ones(pause))[:count]
+        added += pause
+    drive = gaussian_filter1d(hold, 0.5 / dt, mode="nearest") * share
+    drive *= np.clip(np.arange(count) * dt / 1.5, 0.02, 1)  # from rest
+    s = np.cumsum(speed * drive * dt)
+    s -= s[0]
+    last = int(np.searchsorted(s, length_m))
+    s = np.minimum(s[: last + 1], length_m)
+    return np.arange(len(s), dtype=float) * dt, np.asarray(s, float)
+
+
+def _coloured(count: int, sigma: float, rng: np.random.Generator) -> Floats:
+    """Smooth noise of unit deviation."""
+    noise = gaussian_filter1d(rng.standard_normal(count + int(8 * sigma)), sigma)[int(4 * sigma) :][:count]
+    return np.asarray(noise * np.sqrt(2 * np.sqrt(np.pi) * sigma))
+
+
+def _gimbal(positions: Floats, aim: Floats, rng: np.random.Generator) -> Floats:
+    """Yaw and pitch that follow the aim through a first-order lag, with a little noise and no roll."""
+    ray = aim - positions
+    yaw = np.unwrap(np.arctan2(ray[:, 1], ray[:, 0]))
+    pitch = np.arctan2(ray[:, 2], np.hypot(ray[:, 0], ray[:, 1]))
+    wanted = np.column_stack([yaw, np.clip(pitch, -np.pi / 2, np.pi / 6)])
+    gain = 1 - np.exp(-1 / (_RATE_HZ * _GIMBAL_LAG_S))
+    followed = np.empty_like(wanted)
+    followed[0] = wanted[0]
+    for row in range(1, len(wanted)):
+        followed[row] = followed[row - 1] + gain * (wanted[row] - followed[row - 1])
+    noise = np.column_stack([_coloured(len(aim), 0.8 * _RATE_HZ, rng) for _ in range(2)])
+    followed += np.radians(_GIMBAL_NOISE_DEG) * noise
+    return from_yaw_pitch(followed[:, 0], np.clip(followed[:, 1], -np.pi / 2, np.pi / 6))
+
+
+def pushed_clear(positions: Floats, scene: Scene, clearance_m: float, floor_z: float) -> Floats:
+    """The path pushed away from the surface and the ground where it comes too near, smoothly.
+
+    Distances change by at most the way flown, so that between two poses a m apart, at distances b
+    and c, nothing comes nearer than (b + c - a) / 2: that bound is used.
+
+    Raises
+    ------
+    RefusedError
+        If pushing does not help: the route leads through a gap that is too narrow.
+    """
+    path = positions.copy()
+    for round_ in range(80):
+        path[:, 2] = np.maximum(path[:, 2], floor_z)
+        closest, _ = scene.closest(path)
+        away = path - closest
+        distance = np.linalg.norm(away, axis=1)
+        lacking = _lacking(path, distance, clearance_m)
+        if not (lacking > 0).any():
+            return path
+        direction = away / np.maximum(distance, 1e-9)[:, None]
+        push = (lacking + 0.02)[:, None] * direction * (lacking > 0)[:, None]
+        width = 2 + 6 * (round_ % 3)
+        soft = gaussian_filter1d(push, width, axis=0, mode="nearest") * min(width, 3)
+        path = path + np.where((lacking > 0)[:, None], push, 0) + np.where((lacking > 0)[:, None], 0, soft)
+    place = path[int(np.argmax(lacking))].round(1)
+    raise RefusedError(
+        "flight",
+        f"comes within {distance.min():.1f} m of the structure at {place}",
+        f"{clearance_m:g} m free",
+    )
+
+
+def _lacking(path: Floats, distance: Floats, clearance_m: float) -> Floats:
+    """Missing clearance of each pose, with half of that of its two segments."""
+    step = leg_lengths(path)
+    between = clearance_m - (distance[:-1] + distance[1:] - step) / 2
+    lacking = clearance_m - distance
+    lacking[:-1] = np.maximum(lacking[:-1], between)
+    lacking[1:] = np.maximum(lacking[1:], between)
+    return np.asarray(lacking)

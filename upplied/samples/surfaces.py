@@ -24,6 +24,12 @@ class Part(Record):
     vertices: Floats  # (V, 3) m, structure frame
     triangles: Ints  # (T, 3) vertex indices, outward
 
+    @property
+    def middle(self) -> tuple[float, float, float]:
+        """The middle of its box, m."""
+        x, y, z = (self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2
+        return float(x), float(y), float(z)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Member(Record):
@@ -57,11 +63,7 @@ def assemble(
         vertices=whole.vertices,
         triangles=whole.triangles,
         surroundings=Surroundings(ground_z_m=0.0),
-        landmarks={
-            part.name: _middle(part)
-            for part in parts
-            if any(part.name.startswith(name) for name in landmarks)
-        },
+        landmarks={part.name: part.middle for part in parts if part.name.startswith(tuple(landmarks))},
         notes=notes,
     )
     owner = np.repeat(np.arange(len(parts)), [len(part.triangles) for part in parts])
@@ -73,11 +75,6 @@ def stamped(structure: Structure) -> Structure:
     content = hashlib.sha256(np.round(structure.vertices * 1e7).astype("<i8").tobytes())
     content.update(structure.triangles.astype("<i8").tobytes())
     return replace(structure, sha256=content.hexdigest())
-
-
-def _middle(part: Part) -> tuple[float, float, float]:
-    x, y, z = (part.vertices.min(axis=0) + part.vertices.max(axis=0)) / 2
-    return float(x), float(y), float(z)
 
 
 def joined(name: str, parts: Sequence[Part]) -> Part:

@@ -23,8 +23,8 @@ from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.plan import plan_transfer
 from upplied.records import Plan, Structure
 from upplied.samples.fleet import member, shape_of
+from upplied.samples.parametric import ship
 from upplied.samples.pilot import fly
-from upplied.samples.ship import ship
 from upplied.samples.surfaces import stamped
 
 SETTINGS: Settings = settings_for("recommended", clouds={"surface_samples": 2000})

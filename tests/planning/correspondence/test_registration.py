@@ -18,7 +18,7 @@ from upplied.planning.geometry.clouds import box_scale, icp, mean_squared_nn_dis
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Cloud
 from upplied.samples.fleet import member, shape_of
-from upplied.samples.turbine import turbine
+from upplied.samples.parametric import turbine
 
 PAPER = settings_for("paper").registration
 
