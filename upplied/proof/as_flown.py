@@ -11,7 +11,7 @@ from upplied.config import InspectionSettings
 from upplied.geometry.polylines import arc_length, chosen_evenly
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
-from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.rules import path_clearance
 from upplied.planning.geometry.frechet import frechet
 from upplied.proof.align import Alignment, silence_s, silences
 from upplied.proof.findings import PASSED_S, findings, without_photo

@@ -21,7 +21,7 @@ from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take
 from upplied.records import Measures, Trajectory
 
-_TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.clearance`)
+_TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.rules`)
 _TOLERANCE = 1.05  # of speeds and accelerations, which are read off differences of poses
 _TRANSIT_M, _TRANSIT_S = 50.0, 60.0  # that any plan may add for its ways
 
