@@ -7,8 +7,7 @@ import numpy as np
 from upplied.config import InspectionSettings, focal_px
 from upplied.geometry.scene import Scene
 from upplied.overlap import Frames
-from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.frustum import coarseness, visible
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.moments import Moments, rates
 from upplied.planning.visibility.observations import TRULY, Views

@@ -8,8 +8,7 @@ import numpy as np
 
 from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.geometry.scene import Scene
-from upplied.planning.visibility.frustum import Closeness, coarseness
-from upplied.planning.visibility.line_of_sight import seen_by_any, visible
+from upplied.planning.visibility.frustum import Closeness, coarseness, seen_by_any, visible
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
 

@@ -11,8 +11,7 @@ from upplied.config import VisibilitySettings
 from upplied.geometry.polylines import cumulated, leg_lengths, pieces_of_legs
 from upplied.geometry.poses import angle_between, interpolate
 from upplied.geometry.scene import Scene
-from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.frustum import coarseness, visible
 from upplied.planning.visibility.moments import Moments, motion_of, rates, sight_to
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 
