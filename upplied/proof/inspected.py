@@ -18,8 +18,7 @@ from upplied.geometry.scene import Scene
 from upplied.planning.measures.resolution import AS_FINE
 from upplied.planning.visibility.frustum import coarseness, visible
 from upplied.planning.visibility.looks import Looks, sharp_looks
-from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.observations import TRULY, Views, views
+from upplied.planning.visibility.observations import TRULY, Moments, Views, moments, views
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 
 #: Inside the rim of a picture and the largest incidence, a look is sure: noise of 2 cm turns one from 8 m by

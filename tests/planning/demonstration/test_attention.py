@@ -17,8 +17,7 @@ from upplied.planning.demonstration.attention import Attention, _subject, attent
 from upplied.planning.surface.frames import structure_in
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
-from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.observations import TRULY, Views, views
+from upplied.planning.visibility.observations import TRULY, Moments, Views, moments, views
 from upplied.records import Camera, Cloud, Demonstration, Floats, Frame, Ints, Structure, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly

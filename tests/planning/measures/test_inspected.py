@@ -17,8 +17,7 @@ from upplied.planning.demonstration.repetition import Take, look_limits, takes_o
 from upplied.planning.measures.fidelity import bent_rad, fidelity, order_kept, patches_of, turned_rad
 from upplied.planning.measures.measure import inspected_measures, shown_of
 from upplied.planning.visibility.looks import sharp_looks
-from upplied.planning.visibility.moments import moments, rates
-from upplied.planning.visibility.observations import TRULY, stations, views
+from upplied.planning.visibility.observations import TRULY, moments, rates, stations, views
 from upplied.records import Bools, Floats, Trajectory
 from upplied.samples.pilot import fly
 from upplied.samples.surfaces import box

@@ -15,8 +15,7 @@ from upplied.planning.demonstration.repetition import Take, look_limits, takes_o
 from upplied.planning.measures.fidelity import patches_of
 from upplied.planning.measures.resolution import resolution
 from upplied.planning.visibility.looks import sharp_looks
-from upplied.planning.visibility.moments import moments
-from upplied.planning.visibility.observations import TRULY, views
+from upplied.planning.visibility.observations import TRULY, moments, views
 from upplied.records import Trajectory
 from upplied.samples.pilot import fly
 from upplied.samples.surfaces import box

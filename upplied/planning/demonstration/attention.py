@@ -21,8 +21,7 @@ from upplied.config import InspectionSettings
 from upplied.geometry.poses import matrices
 from upplied.planning.constants import FOVEA, MAJORITY
 from upplied.planning.surface.skin import middle_of
-from upplied.planning.visibility.moments import Moments, moments, motion_of, sight_to
-from upplied.planning.visibility.observations import Views, stations_at
+from upplied.planning.visibility.observations import Moments, Views, moments, motion_of, sight_to, stations_at
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 
 _NEAREST = 0.3  # quantile of the depth in the gaze, that is the subject's

@@ -16,8 +16,7 @@ from upplied.planning.demonstration.denoise import Smoothed, smoothed
 from upplied.planning.demonstration.viewpoints import find_viewpoints
 from upplied.planning.surface.skin import Skin, middle_of
 from upplied.planning.visibility.frustum import visible
-from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Moments, Views, moments, views
 from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
 
 _FOOTPRINT = 0.5  # of the picture's smaller side on the surface: how far stations are apart, at most

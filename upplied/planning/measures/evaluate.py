@@ -33,8 +33,7 @@ from upplied.planning.measures.measure import FRECHET, inspected_measures, measu
 from upplied.planning.measures.picture_score import picture_score
 from upplied.planning.measures.resolution import resolution
 from upplied.planning.visibility.looks import sharp_looks
-from upplied.planning.visibility.moments import moments
-from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, moments, views
 from upplied.records import (
     Bools,
     Camera,

@@ -14,7 +14,7 @@ from upplied.planning.carry.inspected_surface import InspectedSurface, demonstra
 from upplied.planning.demonstration.repetition import Take, begins_of, steady_radps
 from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.visibility.looks import Looks, widened
-from upplied.planning.visibility.moments import Moments
+from upplied.planning.visibility.observations import Moments
 from upplied.records import Floats, Ints, Rows
 
 _ORDERED = 2000  # patches, at most, whose order is compared

@@ -9,8 +9,7 @@ from upplied.geometry.scene import Scene
 from upplied.overlap import Frames
 from upplied.planning.visibility.frustum import coarseness, visible
 from upplied.planning.visibility.looks import sharp_looks
-from upplied.planning.visibility.moments import Moments, rates
-from upplied.planning.visibility.observations import TRULY, Views
+from upplied.planning.visibility.observations import TRULY, Moments, Views, rates
 from upplied.records import Bools, Camera, Cloud, Photos, Trajectory
 
 

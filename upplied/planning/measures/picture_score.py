@@ -15,8 +15,7 @@ from upplied.config import InspectionSettings, focal_px
 from upplied.geometry.poses import matrices
 from upplied.planning.demonstration.repetition import Take
 from upplied.planning.measures.fidelity import Patches
-from upplied.planning.visibility.moments import Moments
-from upplied.planning.visibility.observations import Views, stations_at
+from upplied.planning.visibility.observations import Moments, Views, stations_at
 from upplied.records import Bools, Cloud, Floats
 
 _LEAST = 0.2  # below it a picture is worth nothing

@@ -21,7 +21,7 @@ from upplied.planning.demonstration.repetition import USUAL_PCT, Take, breaks_of
 from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.trajectory.retime import Sharp, retime
 from upplied.planning.visibility.frustum import coarseness, visible
-from upplied.planning.visibility.moments import moments
+from upplied.planning.visibility.observations import moments
 from upplied.records import Bools, Floats, Ints, Trajectory, Waypoints
 
 _SAMPLES = 1500  # of the inspected surface, that are asked for

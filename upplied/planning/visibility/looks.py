@@ -15,8 +15,7 @@ from numba import njit
 
 from upplied.geometry.poses import matrices
 from upplied.geometry.vectors import sphere
-from upplied.planning.visibility.moments import Moments, motion_of, sight_to
-from upplied.planning.visibility.observations import Views, stations_at
+from upplied.planning.visibility.observations import Moments, Views, motion_of, sight_to, stations_at
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Rows
 
 _FLAT_DEG = 120.0  # of a field of view, beyond which a picture's angle grows evenly (`config.focal_px`)
