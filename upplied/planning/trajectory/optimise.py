@@ -21,13 +21,12 @@ from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
-from upplied.planning.trajectory.sight import WIDEST, Sight
 from upplied.planning.trajectory.state import Flown, State
 from upplied.planning.trajectory.terms import Term
 from upplied.planning.trajectory.terms.coverage import Coverage
 from upplied.planning.trajectory.terms.hidden import Hidden
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
-from upplied.planning.trajectory.view import View
+from upplied.planning.trajectory.view import WIDEST, Sight, View
 from upplied.records import Bools, Floats, Ints, Record
 
 _NARROWEST = 0.04  # of the soft coverage's borders, last: far first (`sight.WIDEST`), then exactly
