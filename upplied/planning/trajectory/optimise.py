@@ -23,8 +23,7 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.trajectory.state import Flown, State
 from upplied.planning.trajectory.terms import Term
-from upplied.planning.trajectory.terms.coverage import Coverage
-from upplied.planning.trajectory.terms.hidden import Hidden
+from upplied.planning.trajectory.terms.coverage import Coverage, Hidden
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
 from upplied.planning.trajectory.view import WIDEST, Sight, View
 from upplied.records import Bools, Floats, Ints, Record

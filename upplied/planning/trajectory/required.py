@@ -18,7 +18,7 @@ from upplied.geometry.vectors import with_normals
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.geometry.clouds import spacing
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.terms.hidden import places_beside
+from upplied.planning.trajectory.terms.coverage import places_beside
 from upplied.planning.trajectory.view import View
 from upplied.records import Bools, Ints
 from upplied.records.required import RequiredSurface
