@@ -15,8 +15,7 @@ from upplied.geometry.polylines import arc_length, cumulated, interpolated, leg_
 from upplied.geometry.poses import wrapped
 from upplied.planning.airspace.detours import Ways
 from upplied.planning.airspace.roadmap import way
-from upplied.planning.trajectory.arrangement import Cover, Pass, arranged
-from upplied.planning.trajectory.lanes import STEPS, Lanes, lanes_beside
+from upplied.planning.trajectory.lanes import STEPS, Cover, Lanes, Pass, arranged, lanes_beside
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
 from upplied.records import Bools, Floats, Ints, Record
