@@ -32,7 +32,7 @@ from upplied.planning.surface.frames import (
     registration_from,
     structure_in,
 )
-from upplied.planning.trajectory.propose import propose
+from upplied.planning.trajectory.complete import propose
 from upplied.provenance import method
 from upplied.records import Bools, Demonstration, Floats, Measures, Plan, Structure, Trajectory
 from upplied.records.required import RequiredSurface
