@@ -12,8 +12,7 @@ from upplied.config import focal_px, settings_for
 from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.carry.inspected_surface import inspected_by
 from upplied.planning.demonstration.repetition import Take, look_limits, takes_of
-from upplied.planning.measures.fidelity import patches_of
-from upplied.planning.measures.resolution import resolution
+from upplied.planning.measures.fidelity import patches_of, resolution
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.observations import TRULY, moments, views
 from upplied.records import Trajectory

@@ -28,10 +28,9 @@ from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take, begins_of, look_limits
 from upplied.planning.geometry.frechet import frechet, frechet_floored
 from upplied.planning.measures.attainable import attainable_beside
-from upplied.planning.measures.fidelity import fidelity, patches_of
+from upplied.planning.measures.fidelity import fidelity, patches_of, resolution
 from upplied.planning.measures.measure import FRECHET, inspected_measures, measure, shown_of, surface_states
 from upplied.planning.measures.picture_score import picture_score
-from upplied.planning.measures.resolution import resolution
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, moments, views
 from upplied.records import (
