@@ -6,14 +6,18 @@ the camera with it: what was in the middle of the picture stays in the middle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upplied.config import TransferSettings
 from upplied.geometry.poses import matrices, normalised
+from upplied.planning.correspondence.pair import Pair
+from upplied.planning.correspondence.registration import box_on_box
+from upplied.planning.demonstration.repetition import Take
 from upplied.planning.geometry.clouds import axis_ratios, box_scale
-from upplied.records import Cloud, Floats, Record, Registration
+from upplied.records import Cloud, Floats, Record, Registration, Trajectory, Waypoints
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,3 +117,49 @@ def _smallest_rotations(a: Floats, b: Floats) -> Rotation:
     angle = np.arctan2(sine, np.sum(unit_a * unit_b, axis=1))
     axis = np.where(sine[:, None] > 1e-12, axis / np.where(sine > 1e-12, sine, 1)[:, None], [0.0, 0, 1])
     return Rotation.from_rotvec(axis * angle[:, None])
+
+
+def demonstrated_on_target(take: Take) -> Floats:
+    """The demonstrated positions after the box transform, with the target turned as it was registered.
+
+    However the target stands: at the declared heading, turned about the vertical, or tipped over.
+    """
+    voxels, flown = take.pair.voxels, take.inspection.by_frustum.stations.positions
+    return registered_map(box_on_box(voxels.source, voxels.target, standing(take.pair))).points(flown)
+
+
+def standing(pair: Pair) -> Floats:
+    """The turn (3, 3) of the target that makes it stand as the source does.
+
+    Paths are z-scored along the axes of the source, so that a turned target changes no figure.
+    """
+    registration = pair.surface.registration
+    return registration.rotation @ registration.turn
+
+
+def plane_height(flight: Trajectory, pair: Pair, carried: Floats, settings: TransferSettings) -> float:
+    """Height of the plane at the target, m.
+
+    With the stand-off kept, as high above the ground as demonstrated (a robot does not grow), where
+    both grounds are known; else where the structure's map carries the flight.
+
+    Parameters
+    ----------
+    flight : Trajectory
+        In the source's frame.
+    pair : Pair
+    carried : array, shape (M, 3), m, target frame
+        The carried flight.
+    settings : TransferSettings
+    """
+    here, there = pair.source.surroundings.ground_z_m, pair.target.surroundings.ground_z_m
+    if settings.standoff != "kept" or here is None or there is None:
+        return float(carried[:, 2].mean())
+    return there + float(flight.positions[:, 2].mean()) - here
+
+
+def at_height(path: Waypoints, height_m: float) -> Waypoints:
+    """The same waypoints, all at one height."""
+    positions = np.array(path.positions)
+    positions[:, 2] = height_m
+    return replace(path, positions=positions)

@@ -10,14 +10,21 @@ import numpy as np
 from upplied.config import Settings
 from upplied.errors import RefusedError, SettingsError
 from upplied.geometry.poses import from_yaw_pitch, without_roll, yaw_pitch
-from upplied.planning.carry.affine import AxisMap, published_map, registered_map
+from upplied.planning.carry.affine import (
+    AxisMap,
+    at_height,
+    demonstrated_on_target,
+    plane_height,
+    published_map,
+    registered_map,
+    standing,
+)
 from upplied.planning.carry.inspected_surface import (
     InspectedSurface,
     area_ratio,
     inspected_by,
     inspected_surface,
 )
-from upplied.planning.carry.on_target import at_height, demonstrated_on_target, plane_height, standing
 from upplied.planning.carry.published import published
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.carry.to_counterparts import follow_counterparts

@@ -14,10 +14,9 @@ from upplied.geometry.reconstruction import looks_scanned
 from upplied.geometry.scene import Scene
 from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.carry.affine import registered_map
+from upplied.planning.carry.affine import demonstrated_on_target, registered_map, standing
 from upplied.planning.carry.forecast import forecast_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface
-from upplied.planning.carry.on_target import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import (
     carried_sight,
     counted,

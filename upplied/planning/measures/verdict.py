@@ -14,8 +14,8 @@ import numpy as np
 from upplied.config import FIDELITIES, Settings
 from upplied.geometry.polylines import leg_lengths
 from upplied.planning.airspace.detours import airspace_of
+from upplied.planning.carry.affine import demonstrated_on_target
 from upplied.planning.carry.inspected_surface import area_ratio, inspected_by
-from upplied.planning.carry.on_target import demonstrated_on_target
 from upplied.planning.correspondence.label_transfer import fragments
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take
