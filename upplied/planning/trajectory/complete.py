@@ -19,34 +19,23 @@ from upplied.planning.trajectory.added_passes import PRICES, Beside, Extended, P
 from upplied.planning.trajectory.flyable import Flyable, Result
 from upplied.planning.trajectory.optimise import ALIKE, Optimised, Problem, Start, optimise
 from upplied.planning.trajectory.required import required_first
-from upplied.planning.trajectory.retime import demonstrated_speed, retime
+from upplied.planning.trajectory.retime import Timed, demonstrated_speed, retime
 from upplied.planning.trajectory.sharpness import sharply_timed
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.axis import aims_of
 from upplied.planning.trajectory.terms.path import Shape
 from upplied.planning.trajectory.view import View
-from upplied.records import Bools, Floats, Trajectory, Waypoints
+from upplied.records import Floats, Waypoints
 
 
-def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory, Bools, Floats, Bools]:
-    """The planned trajectory, which of its poses are viewpoints, and the demonstration's times.
+def propose(carried: Sequence[Carried], settings: Settings) -> Timed:
+    """The planned trajectory, zooming as the demonstration did at the moments its poses correspond to.
 
     Parameters
     ----------
     carried : sequence of Carried
         One, or as many as the demonstration is to be repeated.
     settings : Settings
-
-    Returns
-    -------
-    Trajectory
-        P poses, target frame.
-    array of bool, shape (P,)
-        Which of them are viewpoints.
-    array, shape (P,), s
-        The time of the joined flights (`repetition.joined`) that each corresponds to.
-    array of bool, shape (P,)
-        Which of them are on passes added to the demonstrated ones.
 
     Raises
     ------
@@ -62,17 +51,13 @@ def propose(carried: Sequence[Carried], settings: Settings) -> tuple[Trajectory,
         paths = _with_transits(paths, Ways(airspace_of(pair, settings), pair.obstacle))
     path = Waypoints.stacked(paths)
     goals = [one.goal for one in carried if one.goal is not None]
-    if not goals or not settings.retime.limits:
-        return _zooming(flight, *retime(path, flight, settings.retime, breaks_of(takes)))
-    inspected = InspectedSurface.together([goal.inspected for goal in goals])
-    return _zooming(flight, *sharply_timed(path, flight, takes, inspected, settings))
-
-
-def _zooming(
-    flight: Trajectory, planned: Trajectory, is_viewpoint: Bools, demonstrated_s: Floats, added: Bools
-) -> tuple[Trajectory, Bools, Floats, Bools]:
-    """The same, zooming as the demonstration did at the moments that the poses correspond to."""
-    return replace(planned, fov_deg=fov_at(flight, demonstrated_s)), is_viewpoint, demonstrated_s, added
+    if goals and settings.retime.limits:
+        inspected = InspectedSurface.together([goal.inspected for goal in goals])
+        timed = sharply_timed(path, flight, takes, inspected, settings)
+    else:
+        timed = retime(path, flight, settings.retime, breaks_of(takes))
+    planned = replace(timed.trajectory, fov_deg=fov_at(flight, timed.demonstrated_s))
+    return timed._replace(trajectory=planned)
 
 
 def _in_joined_times(paths: Sequence[Waypoints], takes: Sequence[Take]) -> list[Waypoints]:

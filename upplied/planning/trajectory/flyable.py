@@ -127,7 +127,7 @@ class Flyable(Record):
         """The time of a path as it will be flown."""
         take = self.carried.take
         flight = take.inspection.flight
-        timed = sharply_timed(path, flight, [take], self.goal.inspected, self.settings)[0]
+        timed = sharply_timed(path, flight, [take], self.goal.inspected, self.settings).trajectory
         return float(timed.t_s[-1] - timed.t_s[0])
 
 
