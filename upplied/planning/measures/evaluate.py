@@ -24,14 +24,13 @@ from upplied.planning.carry.standoff import (
 )
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.pair import Pair
-from upplied.planning.demonstration.repetition import Take, begins_of, look_limits
+from upplied.planning.demonstration.repetition import Take, begins_of
 from upplied.planning.geometry.frechet import frechet, frechet_floored
 from upplied.planning.measures.attainable import attainable_beside
-from upplied.planning.measures.fidelity import fidelity, patches_of, resolution
+from upplied.planning.measures.fidelity import Compared, fidelity, resolution
 from upplied.planning.measures.measure import FRECHET, inspected_measures, measure, shown_of, surface_states
 from upplied.planning.measures.picture_score import picture_score
-from upplied.planning.visibility.looks import sharp_looks
-from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, moments, views
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
 from upplied.records import (
     Bools,
     Camera,
@@ -87,17 +86,15 @@ def judge(
     possible = _attainable(true[0], true[1], airspace, camera)
     measures = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair))
     shown = shown_of(true[1], takes, settings)
-    limits, steps = look_limits(takes, settings.inspection), moments(trajectory)
-    looks = sharp_looks(steps, true[1], true[0].cloud, camera, *limits)
-    compared = looks, patches_of(takes, limits), shown.inspected, takes
+    compared = Compared.of(trajectory, true[1], shown.inspected, takes, settings)
     measures = replace(
         measures,
         **inspected_measures(shown, true[1], takes),
-        **fidelity(steps, *compared, settings),
-        **resolution(*compared, airspace, settings),
-        **picture_score(steps, true[1], true[0].cloud, compared[1], takes, settings.inspection),
+        **fidelity(compared),
+        **resolution(compared),
+        **picture_score(compared),
+        never_scanned_m2=pair.missing.area_m2,
     )
-    measures = replace(measures, never_scanned_m2=pair.missing.area_m2)
     if added is not None and not added.all():
         measures = replace(measures, **_shape_of_demonstrated(trajectory, added, carried, pair, measures))
     if demonstrated_s is not None:

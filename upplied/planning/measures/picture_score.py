@@ -6,8 +6,6 @@ below a fifth; a point is worth its best picture.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numba import njit
 
@@ -15,8 +13,7 @@ from upplied.config import InspectionSettings, focal_px
 from upplied.geometry.poses import matrices
 from upplied.geometry.scene import Scene
 from upplied.overlap import Frames
-from upplied.planning.demonstration.repetition import Take
-from upplied.planning.measures.fidelity import Patches
+from upplied.planning.measures.fidelity import Compared
 from upplied.planning.visibility.frustum import coarseness, visible
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.observations import TRULY, Moments, Views, rates, stations_at
@@ -26,30 +23,13 @@ _LEAST = 0.2  # below it a picture is worth nothing
 _FLAT_DEG = 120.0  # of a field of view, beyond which there is no picture plane
 
 
-def picture_score(
-    steps: Moments,
-    shown: Views,
-    cloud: Cloud,
-    patches: Patches,
-    takes: Sequence[Take],
-    rule: InspectionSettings,
-) -> dict[str, float]:
+def picture_score(of: Compared) -> dict[str, float]:
     """`Measures.picture_score`: mean worth of the patches, of which the demonstrated resolution is desired.
 
-    Parameters
-    ----------
-    steps : Moments
-        Of the plan, a picture each.
-    shown : Views
-        What the plan truly sees of the target's samples, in the same time.
-    cloud : Cloud
-        These samples.
-    patches : Patches
-    takes : sequence of Take
-    rule : InspectionSettings
-        What is assumed of a camera.
+    Each step of the plan is a picture.
     """
-    camera, finest_m = takes[0].inspection.camera, patches.shown.sampled_m
+    steps, shown, patches, rule = of.steps, of.views, of.patches, of.settings.inspection
+    camera, finest_m = of.takes[0].inspection.camera, patches.shown.sampled_m
     known = np.isfinite(finest_m) & (patches.weight > 0)
     if not known.any() or camera.hfov_deg > _FLAT_DEG:
         return {}
@@ -58,7 +38,7 @@ def picture_score(
     worth = picture_worth(
         steps,
         shown.seen[np.ix_(station, target)],
-        cloud.at(target),
+        of.inspected.cloud.at(target),
         pixel * finest_m[known],
         pixel * shown.coarseness[station],
         camera.exposure_s or rule.exposure_s,
