@@ -95,19 +95,10 @@ def route(path: Waypoints, ways: Ways) -> Waypoints:
 
 
 def safe_positions(positions: Floats, ways: Ways) -> Floats:
-    """As many positions as given, near them and in their order, on a path that keeps the rules.
+    """As many positions (M, 3), m, as given, near them and in their order, on a path that keeps the rules.
 
-    For closely spaced paths: what has to lead round something uses the positions that the
-    unsafe stretch and its neighbourhood have.
-
-    Parameters
-    ----------
-    positions : array, shape (M, 3), m
-    ways : Ways
-
-    Returns
-    -------
-    array, shape (M, 3), m
+    For closely spaced paths: what has to lead round something uses the positions that the unsafe stretch and
+    its neighbourhood have.
 
     Raises
     ------

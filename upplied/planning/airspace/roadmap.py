@@ -156,18 +156,9 @@ def shortened(path: Floats, airspace: Airspace) -> Floats:
 
 
 def tightened(line: Floats, airspace: Airspace) -> Floats:
-    """A way drawn tight round what it leads round: which places of a graph it came by does not matter then.
+    """A way (K, 3), m, drawn tight: which places of a graph it came by does not matter then.
 
-    Parameters
-    ----------
-    line : array, shape (K, 3), m
-        That breaks no rule.
-    airspace : Airspace
-
-    Returns
-    -------
-    array, shape (K', 3), m
-        With the same ends; the line itself where it cannot be drawn tight.
+    It breaks no rule and keeps its ends; where it cannot be drawn tight it comes back as it is.
     """
     if len(line) < 3:
         return line

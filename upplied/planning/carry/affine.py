@@ -86,18 +86,11 @@ def carried_orientation(jacobian: Floats, quat_xyzw: Floats) -> Floats:
 def aimed(
     quat_xyzw: Floats, positions: Floats, aim: Floats, before_quat: Floats, before_to_aim: Floats
 ) -> Floats:
-    """Turn each camera by the smallest rotation that brings its aim to its old place in the picture.
+    """Turn each camera (N, 4) by the smallest rotation that brings its aim to its old place in the picture.
 
-    Parameters
-    ----------
-    quat_xyzw : array, shape (N, 4)
-        Orientations to correct.
-    positions, aim : array, shape (N, 3), m
-        The camera now, and what it should look at; NaN aims leave the orientation alone.
-    before_quat : array, shape (N, 4)
-        Demonstrated orientation.
-    before_to_aim : array, shape (N, 3), m
-        Demonstrated vector from the camera to the centre of what it saw.
+    `positions` and `aim` (N, 3), m, are the camera now, and what it should look at; NaN aims leave the
+    orientation alone. `before_quat` and `before_to_aim` (N, 3), m, are the demonstrated orientation, and the
+    vector from the camera to the centre of what it saw.
     """
     in_picture = np.einsum("nji,nj->ni", matrices(before_quat), before_to_aim)
     now = np.einsum("nij,nj->ni", matrices(quat_xyzw), in_picture)
@@ -140,17 +133,8 @@ def standing(pair: Pair) -> Floats:
 def plane_height(flight: Trajectory, pair: Pair, carried: Floats, settings: TransferSettings) -> float:
     """Height of the plane at the target, m.
 
-    With the stand-off kept, as high above the ground as demonstrated (a robot does not grow), where
-    both grounds are known; else where the structure's map carries the flight.
-
-    Parameters
-    ----------
-    flight : Trajectory
-        In the source's frame.
-    pair : Pair
-    carried : array, shape (M, 3), m, target frame
-        The carried flight.
-    settings : TransferSettings
+    With the stand-off kept, as high above the ground as demonstrated (a robot does not grow), where both
+    grounds are known; else where the structure's map carried the flight, (M, 3) m, target frame.
     """
     here, there = pair.source.surroundings.ground_z_m, pair.target.surroundings.ground_z_m
     if settings.standoff != "kept" or here is None or there is None:

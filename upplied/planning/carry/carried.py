@@ -54,29 +54,10 @@ def follow_counterparts(
     camera: Camera,
     nearest_m: float,
 ) -> Followed:
-    """Positions and orientations on the target that look at the counterparts from the demonstrated side.
+    """The flight on the target, which looks at the counterparts from the demonstrated side.
 
-    Parameters
-    ----------
-    flight : Trajectory
-        M poses, evenly spaced along the path, source frame.
-    visibility : Visibility
-        What each pose truly sees of `source`, (M, N).
-    source : Cloud
-        N surface samples with areas.
-    correspondences : Correspondences
-        From `source` to the target's surface samples.
-    carrier : AxisMap
-        Where the source's space lies on the target.
-    settings : TransferSettings
-    camera : Camera
-        Bounds the stand-off by its range.
-    nearest_m : float
-        Smallest stand-off, m: the safety distance.
-
-    Returns
-    -------
-    Followed
+    `visibility` (M, N) is what each of M poses truly sees of the source's samples, `carrier` says where the
+    source's space lies on the target, and `nearest_m` is the smallest stand-off: the safety distance.
     """
     positions, quats = carrier.points(flight.positions), without_roll(carrier.orientations(flight.quat_xyzw))
     known = np.flatnonzero((correspondences.target_index >= 0) & visibility.total)

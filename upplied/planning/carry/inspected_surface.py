@@ -78,8 +78,7 @@ def inspected_surface(
     carry : array, shape (3, 3), optional
         How a line of sight is carried to the target where stand-offs scale with the structure.
     weight : array, shape (N,), optional
-        How much the demonstration was about each source point, 0 to 1 (`demonstration.attention`);
-        everything that it saw, where not given.
+        Attention, 0 to 1; everything that it saw counts, where not given.
     near_m : array, shape (N,), m, optional
         From how near it looked at each, carried; where infinite or not given, the nearest of all views.
     """

@@ -43,19 +43,9 @@ class Standoff(Record):
 def picture_share(positions: Floats, source: Cloud, known: Ints, inspected: Bools) -> Floats:
     """How much of each picture (M, K) is about each of K samples.
 
-    That is the solid angle under which the camera sees it, how much of the picture it fills, times
-    the squared share of its part that the flight saw at all: who flies round an engine means the
-    engine, though the fuselage behind it fills more of the pictures.
-
-    Parameters
-    ----------
-    positions : array, shape (M, 3), m
-    source : Cloud
-        N surface samples.
-    known : array of int, shape (K,)
-        The samples asked about.
-    inspected : array of bool, shape (N,)
-        What the whole flight saw.
+    That is the solid angle under which the camera at each position (M, 3), m, sees it, how much of the
+    picture it fills, times the squared share of its part that the flight saw at all, `inspected` (N,): who
+    flies round an engine means the engine, though the fuselage behind it fills more of the pictures.
     """
     area = source.areas
     label = labels_of(source)
@@ -140,10 +130,8 @@ def counted(
     settings : TransferSettings
         `scaled` takes the distances as the structure's map carries them, `kept` as flown, and a ground
         sampling distance sets the distance at which one pixel covers it in the middle of the picture.
-    camera : Camera
-        Bounds the stand-off by its range.
-    nearest_m : float
-        Smallest stand-off, m: the safety distance.
+    camera, nearest_m
+        The camera's range and the safety distance, m, bound the stand-off.
     coarse : array, shape (M,), optional
         How coarsely each camera shows beside `camera`, where it zooms.
     """

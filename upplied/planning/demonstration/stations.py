@@ -91,16 +91,9 @@ def looking(axes: Floats) -> Floats:
 def stations_of(flight: Trajectory, spacing_m: float, extent_m: float, length_m: float) -> Trajectory:
     """The poses by which a steady flight is given: its ends, its hovers, and what its shape asks for.
 
-    A line of length s over an arc of curvature k leaves it by k s^2 / 8.
-
-    Parameters
-    ----------
-    flight : Trajectory
-        Closely spaced; equal positions one after another where it hovers.
-    spacing_m : float
-        Of stations where it is straight, at most.
-    extent_m, length_m : float
-        Of the whole flight, of which this may be a part.
+    The flight is closely spaced, with equal positions one after another where it hovers, and may be a part of
+    one of that extent and length, m. Where it is straight, stations are at most `spacing_m` apart. A line of
+    length s over an arc of curvature k leaves it by k s^2 / 8.
     """
     if len(flight) < 3:
         return flight

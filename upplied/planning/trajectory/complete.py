@@ -31,11 +31,7 @@ from upplied.records import Floats, Waypoints
 def propose(carried: Sequence[Carried], settings: Settings) -> Timed:
     """The planned trajectory, zooming as the demonstration did at the moments its poses correspond to.
 
-    Parameters
-    ----------
-    carried : sequence of Carried
-        One, or as many as the demonstration is to be repeated.
-    settings : Settings
+    `carried` is one flight, or as many as the demonstration is to be repeated.
 
     Raises
     ------
@@ -86,19 +82,7 @@ _SHORTENED = 5  # times, until passes are flown in time
 
 
 def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
-    """A carried flight made safe, and optimised.
-
-    Parameters
-    ----------
-    carried : Carried
-    goal : Goal
-        Its own.
-    settings : Settings
-
-    Returns
-    -------
-    Waypoints
-        Every leg keeps the rules.
+    """A carried flight made safe, and optimised towards its own goal: every leg keeps the rules.
 
     Raises
     ------

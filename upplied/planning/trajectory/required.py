@@ -34,25 +34,10 @@ def required_first(
 ) -> View:
     """The view with the zones that the path can come to show needed before all else.
 
-    Parameters
-    ----------
-    view : View
-        What the demonstration asks for.
-    required : RequiredSurface
-        In the frame of the view.
-    path : Flown
-        As it is carried to the target, before it is optimised.
-    airspace : Airspace
-        Whose rules the places beside it keep.
-    usual_m : float
-        The stand-off.
-    times : float
-        What was inspected counts a square metre of a zone.
-
-    Returns
-    -------
-    View
-        With the distances and incidences that the zones ask for.
+    The required surface is in the frame of the view, and the path as it is carried to the target, before it
+    is optimised; places beside it keep the rules of the airspace. `usual_m` is the stand-off, and a square
+    metre of a zone counts `times` as much as one of what was inspected. The view that comes back has the
+    distances and incidences that the zones ask for.
     """
     mine = _nearest(view, required)
     zone = np.flatnonzero(required.zone[mine])

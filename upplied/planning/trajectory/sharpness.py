@@ -56,19 +56,9 @@ def sharp_limits(
 ) -> Sharp:
     """How fast a path may be flown, and its camera turned, at each waypoint.
 
-    Where the expert himself swung his camera round faster than it stays sharp he was on the way from one
-    thing to the next: nothing there is to be sharp, and the plan swings as fast as he did.
-
-    Parameters
-    ----------
-    path : Waypoints
-        `t_s` is the time of `flight` that each corresponds to.
-    flight : Trajectory
-        The demonstration, of all takes one after another (`repetition.joined`).
-    takes : sequence of Take
-    inspected : InspectedSurface
-        Of all takes together.
-    settings : Settings
+    Its times are those of `flight`, of all takes one after another (`repetition.joined`). Where the expert
+    himself swung his camera round faster than it stays sharp he was on the way from one thing to the next:
+    nothing there is to be sharp, and the plan swings as fast as he did.
     """
     usual, own = np.degrees(steady_radps(takes, settings.inspection)), _swung_degps(path.t_s, flight)
     speed = np.where(own > usual, np.inf, _sharp_speeds(path, flight, takes, inspected, settings))

@@ -34,14 +34,7 @@ class Moments(Record):
 
 
 def moments(flight: Trajectory, breaks: Ints | None = None) -> Moments:
-    """Steps of about half a second, none of them across a gap in the log.
-
-    Parameters
-    ----------
-    flight : Trajectory
-    breaks : array of int, optional
-        First pose after each gap.
-    """
+    """Steps of about half a second, none of them across the gaps in the log after which `breaks` lie."""
     inner = {int(b) for b in breaks if 0 < b < len(flight)} if breaks is not None else set()
     cuts = [0, *sorted(inner), len(flight)]
     parts = [_even(flight, first, last) for first, last in itertools.pairwise(cuts)]
@@ -146,14 +139,8 @@ class Views(Record):
     ) -> tuple[Floats, Floats]:
         """Smallest distance, m, and largest cosine of the incidence of each point, (N,); else inf and -1.
 
-        Parameters
-        ----------
-        points : array, shape (N, 3), m
-            What `seen` is of.
-        normals : array, shape (N, 3), optional
-            Without them all cosines are 0.
-        carry : array, shape (3, 3), optional
-            How lines of sight are carried before they are measured.
+        `seen` is of these points (N, 3), m. Without normals (N, 3) all cosines are 0. `carry` (3, 3) says how
+        lines of sight are carried before they are measured.
         """
         carry = np.eye(3) if carry is None else carry
         normals = np.zeros((len(points), 3)) if normals is None else normals
@@ -162,18 +149,10 @@ class Views(Record):
         )
 
     def shown_well(self, cloud: Cloud, farthest_m: Floats, sharp_radps: float, least_cosine: float) -> Bools:
-        """Which samples (N,) some pose sees finely, frontally and slowly enough, all at once.
+        """Which samples (N,) with normals some pose sees finely, frontally and slowly enough, all at once.
 
-        Parameters
-        ----------
-        cloud : Cloud
-            What `seen` is of, with normals.
-        farthest_m : array, shape (N,), m
-            Of a frontal look; an oblique one is nearer by the cosine of its incidence. NaN: not asked for.
-        sharp_radps : float
-            Largest motion of the sample in the picture.
-        least_cosine : float
-            Of the incidence.
+        `farthest_m` (N,) is that of a frontal look, an oblique one is nearer by the cosine of its incidence;
+        NaN is not asked for. `sharp_radps` is the largest motion of the sample in the picture.
         """
         moving, points = (self.stations.positions, *rates(self.stations)), (cloud.points, cloud.outward)
         looks = (*(np.ascontiguousarray(of) for of in (*moving, *points)), self.seen, self.coarseness)

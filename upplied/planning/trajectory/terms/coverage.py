@@ -203,17 +203,9 @@ class Hidden(Record):
 
     @classmethod
     def of(cls, view: View, airspace: Airspace, path: Flown, usual_m: float) -> Hidden:
-        """The term near a path; without places where nothing is missed that any of them shows.
+        """The term near a path of M stations; without places where nothing is missed that any of them shows.
 
-        Parameters
-        ----------
-        view : View
-        airspace : Airspace
-            Whose rules the places keep.
-        path : Flown
-            M stations.
-        usual_m : float
-            The stand-off.
+        Places keep the rules of the airspace, and are tried up to twice `_AWAY` of a stand-off, m, aside.
         """
         missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
         few, at, off = missed[:_MISSED], *places_beside(path, usual_m)
