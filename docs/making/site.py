@@ -36,7 +36,7 @@ MODULES = {
         "upplied.planning.visibility.frustum",
         "upplied.planning.demonstration.inspection",
         "upplied.planning.carry.affine",
-        "upplied.planning.carry.published",
+        "upplied.planning.carry.affine",
         "upplied.planning.airspace.detours",
         "upplied.planning.trajectory.retime",
         "upplied.planning.measures.measure",
