@@ -36,14 +36,9 @@ def airspace_of(pair: Pair, settings: Settings) -> Airspace:
 
 
 class Ways:
-    """Where to fly round one structure; the graph of ways is made when one is needed, once.
+    """Where to fly round one structure by some rules; the graph of ways is made when one is needed, once.
 
-    Parameters
-    ----------
-    airspace : Airspace
-        The rules to keep.
-    surface : Cloud
-        Samples of the target's outside with normals: where ways round it are sought.
+    `surface` has samples of the target's outside with normals: where ways round it are sought.
     """
 
     def __init__(self, airspace: Airspace, surface: Cloud) -> None:
@@ -77,7 +72,9 @@ def route(path: Waypoints, ways: Ways) -> Waypoints:
     """
     if len(path) == 0 or _is_safe(path.positions, ways.airspace):
         return path
-    positions = _at_good_places(path.positions, ways)
+    positions = pushed_out(path.positions, ways.planning)
+    if not (good := _good(positions, ways)).all():
+        positions = _moved_to_free(positions, good, ways.graph)
     pieces, origin = [positions[:1]], [np.zeros(1)]
     broken = ways.planning.broken(positions)
     for leg in range(len(positions) - 1):
@@ -89,7 +86,8 @@ def route(path: Waypoints, ways: Ways) -> Waypoints:
         origin.append(leg + along[1:] / max(along[-1], 1e-12))
     whence = np.concatenate(origin)
     routed = _with_inserted(path, np.vstack(pieces), whence)
-    smooth = _corners_rounded(routed.positions, _around_added(whence) & ~routed.is_viewpoint, ways.planning)
+    beside_added = _widened(~np.isclose(whence, np.round(whence), atol=1e-9), 1)
+    smooth = _corners_rounded(routed.positions, beside_added & ~routed.is_viewpoint, ways.planning)
     _refuse_unsafe(smooth, ways.airspace)
     return replace(routed, positions=smooth)
 
@@ -146,13 +144,6 @@ def _sees_sky(positions: Floats, airspace: Airspace) -> Bools:
     return np.asarray((~hit).reshape(len(positions), 48).mean(axis=1) > 0.1, bool)
 
 
-def _at_good_places(positions: Floats, ways: Ways) -> Floats:
-    """The path pushed out; what still is not allowed, or cannot be reached, at places that are and can."""
-    pushed = pushed_out(positions, ways.planning)
-    good = _good(pushed, ways)
-    return pushed if good.all() else _moved_to_free(pushed, good, ways.graph)
-
-
 def _good(pushed: Floats, ways: Ways) -> Bools:
     """Which positions (M,) of a path are allowed and can be reached from outside."""
     good = ways.planning.allowed(pushed)
@@ -164,17 +155,12 @@ def _good(pushed: Floats, ways: Ways) -> Bools:
     for number in np.unique(stretch[good]):
         members = np.flatnonzero((stretch == number) & good)
         probes = members[chosen_evenly(len(members), 8)]
-        good[members] = _is_outside(pushed[probes], ways.graph)
+        good[members] = any(len(links(ways.graph, probe)) for probe in pushed[probes])
         if not good[members[0]] and _sees_sky(pushed[probes], ways.planning).all():
             raise _refusal(
                 ways.planning, int(members[0]), pushed[members[0]], "no free way leads here from the rest"
             )
     return good
-
-
-def _is_outside(positions: Floats, graph: Roadmap) -> bool:
-    """Whether a free leg leads from one of these positions to a place of the graph."""
-    return any(len(links(graph, position)) for position in positions)
 
 
 def _moved_to_free(positions: Floats, good: Bools, graph: Roadmap) -> Floats:
@@ -250,10 +236,6 @@ def _with_inserted(path: Waypoints, positions: Floats, origin: Floats) -> Waypoi
     viewpoint[own] = path.is_viewpoint[np.round(origin[own]).astype(int)]
     added = path.added[np.floor(origin + 1e-9).astype(int)] & path.added[np.ceil(origin - 1e-9).astype(int)]
     return Waypoints(positions, turned, np.interp(origin, index, path.t_s), viewpoint, added)
-
-
-def _around_added(origin: Floats) -> Bools:
-    return _widened(~np.isclose(origin, np.round(origin), atol=1e-9), 1)
 
 
 def _corners_rounded(

@@ -236,7 +236,7 @@ def _neighbours(places: Floats, spacing: float) -> tuple[Ints, Ints]:
     while len(layer) > 1:
         near = cKDTree(places[layer]).query(places[layer], k=min(_DEGREE + 1, len(layer)))[1][:, 1:]
         a, b = layer[np.repeat(np.arange(len(layer)), near.shape[1])], layer[near.ravel()]
-        pairs.append(_edge_id(a, b, count))
+        pairs.append(np.minimum(a, b) * count + np.maximum(a, b))
         spacing *= 2.5
         fewer = layer[_one_a_cell(places[layer], spacing)]
         if len(fewer) == len(layer) or len(layer) <= _DEGREE:
@@ -244,10 +244,6 @@ def _neighbours(places: Floats, spacing: float) -> tuple[Ints, Ints]:
         layer = fewer
     pair = np.unique(np.concatenate(pairs))
     return pair // count, pair % count
-
-
-def _edge_id(a: Ints, b: Ints, count: int) -> Ints:
-    return np.minimum(a, b) * count + np.maximum(a, b)
 
 
 def _backwards(before: Ints, start: int, goal: int) -> Ints:

@@ -146,9 +146,8 @@ def counted(
     else:
         sight = carrier.matrix
         wanted = median_distance(positions @ sight.T, here @ sight.T, weight)
-    lowest = max(nearest_m, camera.min_range_m) * (
-        1 + TOLERANCE
-    )  # so that the middle of the view is in range
+    # So that the middle of the view is in range.
+    lowest = max(nearest_m, camera.min_range_m) * (1 + TOLERANCE)
     wanted = np.clip(wanted, lowest, max((1 - TOLERANCE) * camera.max_range_m, lowest))
     return Counted(weight, there, middle, wanted, before)
 

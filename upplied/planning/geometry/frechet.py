@@ -177,15 +177,13 @@ def frechet(first: Floats, second: Floats, relative: float = _RELATIVE) -> float
 
 def _abreast(first: Floats, second: Floats) -> float:
     """The leash of two who are at every moment as far along as each other: an upper bound."""
-    along = [_share_along(curve) for curve in (first, second)]
+    along = []
+    for curve in (first, second):
+        far = arc_length(curve)
+        along.append(far / far[-1] if far[-1] > 0 else np.linspace(0.0, 1.0, len(curve)))
     at = np.union1d(*along)
     apart = interpolated(at, along[0], first) - interpolated(at, along[1], second)
     return float(np.linalg.norm(apart, axis=1).max())
-
-
-def _share_along(curve: Floats) -> Floats:
-    along = arc_length(curve)
-    return along / along[-1] if along[-1] > 0 else np.linspace(0.0, 1.0, len(curve))
 
 
 def frechet_z(demonstrated: Floats, planned: Floats, relative: float = _RELATIVE) -> float:
@@ -231,21 +229,12 @@ def zscored(path: Floats) -> Floats:
 
 
 def spread(path: Floats) -> tuple[Floats, Floats]:
-    """Mean and deviation of a path along each axis, by which it is standardised.
+    """Mean and deviation (D,) of a path (N, D) along each axis, by which it is standardised, in its unit.
 
-    They are those of the curve, by length, not of its vertices: a pilot who hovers, or a plan with
-    fewer waypoints, changes nothing. The deviation of an axis counts as at least a tenth of the
-    path's largest, since on a level flight the plain z-score would divide centimetres of
-    unsteadiness by centimetres and let them decide the distance. A path that stays in one point
-    has deviation 1.
-
-    Parameters
-    ----------
-    path : array, shape (N, D)
-
-    Returns
-    -------
-    mean, deviation : array, shape (D,), in the unit of the path
+    They are those of the curve, by length, not of its vertices: a pilot who hovers, or a plan with fewer
+    waypoints, changes nothing. The deviation of an axis counts as at least a tenth of the path's largest,
+    since on a level flight the plain z-score would divide centimetres of unsteadiness by centimetres and let
+    them decide the distance. A path that stays in one point has deviation 1.
     """
     mean, deviation = curve_spread(path)
     if not deviation.any():

@@ -137,13 +137,10 @@ def _smoothness(
         "camera_turn_ratio": turned_rad(steps.poses.quat_xyzw) / max(turned, _LEAST_RAD),
         "path_turn_ratio": bent_rad(steps.poses.positions, leg_m) / max(bent, _LEAST_RAD),
         "pan_fast_pct": _share(
-            float(steps.step_s[_rate(steps) > limit_radps].sum()), float(steps.step_s.sum())
+            float(steps.step_s[np.linalg.norm(steps.turn, axis=1) > limit_radps].sum()),
+            float(steps.step_s.sum()),
         ),
     }
-
-
-def _rate(steps: Moments) -> Floats:
-    return np.asarray(np.linalg.norm(steps.turn, axis=1), float)
 
 
 def turned_rad(quat_xyzw: Floats) -> float:

@@ -18,13 +18,12 @@ from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of
 from upplied.planning.trajectory.added_passes import PRICES, Beside, Extended, Pace
 from upplied.planning.trajectory.flyable import Flyable, Result
 from upplied.planning.trajectory.optimise import ALIKE, Optimised, Problem, Start, optimise
-from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import Timed, demonstrated_speed, retime
 from upplied.planning.trajectory.sharpness import sharply_timed
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.axis import aims_of
 from upplied.planning.trajectory.terms.path import Shape
-from upplied.planning.trajectory.view import View
+from upplied.planning.trajectory.view import View, required_first
 from upplied.records import Floats, Waypoints
 
 
@@ -106,13 +105,14 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         view = required_first(
             view, take.required, starts[0].safe, ways.planning, goal.standoff.usual_m, times
         )
+    speed_mps = demonstrated_speed(flight.t_s, flight, inspection.breaks)
     problem = Problem(
         starts=starts,
         demonstrated=Shape.of(flown, goal.standing),
         view=view,
         standoff=goal.standoff,
         airspace=ways.planning,
-        speed_mps=_finite(demonstrated_speed(flight.t_s, flight, inspection.breaks)),
+        speed_mps=np.where(np.isfinite(speed_mps), speed_mps, 1.0),  # a flight may not move at all
         turned_rad=max(turned, _LEAST_TURN_RAD),
         pan_radps=min(
             np.radians(settings.retime.max_yaw_rate_degps), steady_radps([take], settings.inspection)
@@ -246,8 +246,3 @@ def _view(take: Take, goal: Goal, settings: Settings) -> View:
         take.pair.target_scene,
         take.inspection.flight.fov_deg,
     )
-
-
-def _finite(speed_mps: Floats) -> Floats:
-    """Speeds with one metre a second for those of a flight that does not move."""
-    return np.where(np.isfinite(speed_mps), speed_mps, 1.0)

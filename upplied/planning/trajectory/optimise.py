@@ -21,14 +21,13 @@ from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
-from upplied.planning.trajectory.state import Flown, State
-from upplied.planning.trajectory.terms import Term
+from upplied.planning.trajectory.state import Flown, State, Term
 from upplied.planning.trajectory.terms.coverage import Coverage, Hidden
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
 from upplied.planning.trajectory.view import WIDEST, Sight, View
 from upplied.records import Bools, Floats, Ints, Record
 
-_NARROWEST = 0.04  # of the soft coverage's borders, last: far first (`sight.WIDEST`), then exactly
+_NARROWEST = 0.04  # of the soft coverage's borders, last: far first (`view.WIDEST`), then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _CORRECTIONS = 12  # that L-BFGS keeps
 _FURTHER = 3  # rounds at most, while the path still comes too near

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator
@@ -30,6 +31,14 @@ class Flown(Record):
         return len(self.yaw)
 
 
+class Term(Protocol):
+    """What a path is asked for, as a number that is to become small."""
+
+    def value(self, flown: Flown) -> tuple[float, Flown]:
+        """The number in the term's unit, and its slope: derivatives by positions, yaw and pitch."""
+        ...
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class State(Record):
     """A base path and the B-splines over its stations that displace it and turn its camera.
@@ -46,7 +55,7 @@ class State(Record):
     @classmethod
     def of(cls, base: Flown, unit_m: Floats, controls: int) -> State:
         """The state with so many control points."""
-        basis = _basis(len(base), controls)
+        basis = _splines(np.linspace(0, 1, len(base)) if len(base) > 1 else np.zeros(1), controls)
         return cls(base, np.append(unit_m, [1.0, 1.0]), basis, basis.T.tocsr())
 
     def flown(self, variables: Floats) -> Flown:
@@ -84,10 +93,6 @@ class State(Record):
 
 def _columns(path: Flown) -> Floats:
     return np.column_stack([path.positions, path.yaw, path.pitch])
-
-
-def _basis(stations: int, controls: int) -> csr_matrix:
-    return _splines(np.linspace(0, 1, stations) if stations > 1 else np.zeros(1), controls)
 
 
 def _splines(at: Floats, controls: int) -> csr_matrix:

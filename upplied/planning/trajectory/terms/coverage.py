@@ -7,17 +7,15 @@ What stands in the way is found by rays from the path as it is, and holds until 
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
-from upplied.geometry.polylines import chosen_evenly
-from upplied.geometry.poses import from_yaw_pitch, optical_axis
+from upplied.geometry.poses import from_yaw_pitch
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.view import View
+from upplied.planning.trajectory.view import View, places_beside
 from upplied.planning.visibility.frustum import coarseness
 from upplied.records import Bools, Floats, Ints, Record
 
@@ -184,8 +182,6 @@ def _missed(
     return missed, total
 
 
-_STATIONS = 48  # of the path, beside which places are tried
-_AWAY = 0.4  # stand-offs, to all sides, and twice that
 _MISSED = 256  # samples, at most, that stand for all that is missed
 _CHOOSY = 8.0  # power of what a place shows for a metre aside, by which what several show is shared
 _LITTLE = 1e-4  # of all that is missed, for which a place is left out
@@ -205,7 +201,7 @@ class Hidden(Record):
     def of(cls, view: View, airspace: Airspace, path: Flown, usual_m: float) -> Hidden:
         """The term near a path of M stations; without places where nothing is missed that any of them shows.
 
-        Places keep the rules of the airspace, and are tried up to twice `_AWAY` of a stand-off, m, aside.
+        Places keep the rules of the airspace, and are tried up to 0.8 of a stand-off, m, aside.
         """
         missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
         few, at, off = missed[:_MISSED], *places_beside(path, usual_m)
@@ -239,19 +235,6 @@ def _shared(shows: Bools, need: Floats, away_m: Floats) -> Floats:
     worth = (worth / worth.max(initial=1e-300)) ** _CHOOSY
     total = worth @ shows
     return worth * (shows @ np.where(total > 0, need / np.maximum(total, 1e-300), 0.0))
-
-
-def places_beside(path: Flown, usual_m: float) -> tuple[Ints, Floats]:
-    """The station of each place (C,), and how far it is aside (C, 3), m: none, and all round, as it looks."""
-    stations = chosen_evenly(len(path), _STATIONS)
-    ahead = optical_axis(from_yaw_pitch(path.yaw[stations], np.zeros(len(stations))))
-    up = np.array([0.0, 0.0, 1.0])
-    axes = np.stack([ahead, np.cross(up, ahead), np.broadcast_to(up, ahead.shape)], axis=1)
-    ways = np.array([way for way in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
-    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    steps = usual_m * np.concatenate([np.zeros((1, 3)), _AWAY * ways, 2 * _AWAY * ways])
-    aside = np.einsum("ci,sij->scj", steps, axes).reshape(-1, 3)
-    return np.repeat(stations, len(steps)), aside
 
 
 def _shown(path: Flown, at: Ints, off: Floats, few: Ints, view: View) -> Bools:
