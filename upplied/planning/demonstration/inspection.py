@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -110,8 +111,8 @@ def inspect_demonstration(
     pair: Pair,
     skin: Skin,
     settings: Settings,
-    memo: Memo = no_memo,
-    grain: str = "even",
+    memo: Memo,
+    grain: str,
 ) -> Inspection:
     """Visibility along the flight, and its viewpoints, remembered by content.
 
@@ -120,47 +121,22 @@ def inspect_demonstration(
     memo = remembering(memo, demonstration.sha256, pair.source.sha256)
     camera = demonstration.camera
     flight, breaks = prepared(demonstration, settings, memo, _spacing(demonstration, pair))
-    fit = pair.fit_for(settings)
-    facts = (demonstration.sha256, pair.source.sha256, settings.clouds)
+    facts, rule = (demonstration.sha256, pair.source.sha256, settings.clouds), settings.viewpoints
     key = content_key(
-        "visibility",
-        *facts,
-        grain,
-        settings.visibility,
-        settings.viewpoints.most_poses,
-        settings.refine.method,
+        "visibility", *facts, grain, settings.visibility, rule.most_poses, settings.refine.method
     )
-    seen = memo(
-        "visibility",
-        Visibility,
-        key,
-        lambda: visible(
-            flight.positions,
-            flight.quat_xyzw,
-            fit.source,
-            camera,
-            settings.visibility,
-            pair.source_scene,
-            fov_deg=flight.fov_deg,
-        ),
-    )
+    asked = pair.fit_for(settings).source, camera, settings.visibility, pair.source_scene, flight.fov_deg
+    seen_along = partial(visible, flight.positions, flight.quat_xyzw, *asked)
+    seen = memo("visibility", Visibility, key, seen_along)
+    found = partial(find_viewpoints, flight, seen, rule, breaks)
+    in_frustum = partial(views, demonstration.trajectory, pair.voxels.source, camera, BY_FRUSTUM)
     truly, attended = attended_by(demonstration, pair, skin, settings, memo, grain)
     return Inspection(
         flight=flight,
         camera=camera,
         visibility=seen,
-        viewpoints=memo(
-            "viewpoints",
-            Viewpoints,
-            content_key("viewpoints", key, settings.viewpoints),
-            lambda: find_viewpoints(flight, seen, settings.viewpoints, breaks),
-        ),
-        by_frustum=memo(
-            "views",
-            Views,
-            content_key("frustum", *facts),
-            lambda: views(demonstration.trajectory, pair.voxels.source, camera, BY_FRUSTUM),
-        ),
+        viewpoints=memo("viewpoints", Viewpoints, content_key("viewpoints", key, rule), found),
+        by_frustum=memo("views", Views, content_key("frustum", *facts), in_frustum),
         truly=truly,
         attention=attended,
         logged=demonstration.trajectory,
@@ -179,38 +155,18 @@ def attended_by(
 ) -> tuple[Views, Attention]:
     """What a flight truly sees of the source's samples, and how much it was about each."""
     memo = remembering(memo, demonstration.sha256, pair.source.sha256)
+    flown, camera, cloud = demonstration.trajectory, demonstration.camera, pair.surface.source
     facts = (demonstration.sha256, pair.source.sha256, settings.clouds, grain)
-    truly = memo(
-        "views",
-        Views,
-        content_key("truly", *facts),
-        lambda: views(
-            demonstration.trajectory, pair.surface.source, demonstration.camera, TRULY, pair.source_scene
-        ),
-    )
-    return truly, memo(
-        "attention",
-        Attention,
-        content_key("attention", *facts, settings.inspection, demonstration.about),
-        lambda: _attended(demonstration, pair, truly, skin.of(pair.surface.source), settings),
-    )
+    seen = partial(views, flown, cloud, camera, TRULY, pair.source_scene)
+    truly = memo("views", Views, content_key("truly", *facts), seen)
 
+    def about() -> Attention:
+        stretch, rule = skin.of(cloud), settings.inspection
+        zone = zone_of(rule.about or demonstration.about, pair.source, cloud, middle_of(stretch))
+        return attention(flown, demonstration.breaks, camera, cloud, truly, stretch, rule, zone)
 
-def _attended(
-    demonstration: Demonstration, pair: Pair, truly: Views, stretch: Ints, settings: Settings
-) -> Attention:
-    """What the flight was about."""
-    cloud, source = pair.surface.source, pair.source
-    return attention(
-        demonstration.trajectory,
-        demonstration.breaks,
-        demonstration.camera,
-        cloud,
-        truly,
-        stretch,
-        settings.inspection,
-        zone_of(settings.inspection.about or demonstration.about, source, cloud, middle_of(stretch)),
-    )
+    key = content_key("attention", *facts, settings.inspection, demonstration.about)
+    return truly, memo("attention", Attention, key, about)
 
 
 def prepared(

@@ -14,11 +14,11 @@ import numpy as np
 from upplied.config import InspectionSettings, Settings
 from upplied.errors import SettingsError
 from upplied.geometry.poses import from_yaw_pitch, in_a_row, yaw_pitch
-from upplied.planning.correspondence.correspondences import correspond
-from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
+from upplied.planning.correspondence.memo import Memo, no_memo, remembering
 from upplied.planning.correspondence.naming import choices_for, side_of
 from upplied.planning.correspondence.never_scanned import without
-from upplied.planning.correspondence.pair import Pair, grained, skin_of
+from upplied.planning.correspondence.pair import Pair, Task, grained, skin_of
+from upplied.planning.correspondence.registration import declared_for
 from upplied.planning.demonstration.inspection import (
     Inspection,
     attended_by,
@@ -29,7 +29,6 @@ from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
 from upplied.planning.surface.skin import Skin
 from upplied.records import (
-    Correspondences,
     Demonstration,
     Floats,
     Ints,
@@ -146,27 +145,10 @@ def _matched_anew(pair: Pair, settings: Settings, memo: Memo) -> Pair:
     """The same pair with the surfaces matched as the settings ask."""
     fit, structures = pair.surface, (pair.source, pair.target)
     memo = remembering(memo, *(each.sha256 for each in structures))
-    facts = [(each.sha256, each.frame.heading_rad) for each in structures]
     labelled = () if fit.labelling is None else (fit.labelling.sha256,)
-    key = content_key(
-        "repeated", *facts, *labelled, settings.clouds, settings.registration, settings.correspondence
-    )
-    match = memo(
-        "correspondences",
-        Correspondences,
-        key,
-        lambda: correspond(
-            fit.source,
-            fit.target,
-            fit.registration,
-            settings.correspondence,
-            pair.source.landmarks,
-            pair.target.landmarks,
-            named_axes(pair.source.frame),
-            fit.carried if fit.inferred >= 0 else None,
-        ),
-    )
-    match = without(match, pair.missing, fit.source, fit.target, fit.carried)
+    clouds, names = (fit.source, fit.target), ("repeated", *labelled)
+    task = Task(*structures, settings, memo, clouds, declared_for(*structures), names)
+    match = without(task.matched(fit).correspondences, pair.missing, *clouds, fit.carried)
     return replace(pair, surface=replace(fit, correspondences=match))
 
 

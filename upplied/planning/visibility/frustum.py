@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numba import njit
@@ -191,10 +190,7 @@ def visible(
     """
     if settings.occlusion and scene is None:
         raise SettingsError("visibility", "occlusion without a scene", "a scene says what stands in the way")
-    seen = np.zeros((len(positions), len(cloud)), bool)
-    in_view(
-        *_poses_and_points(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg, closeness), seen
-    )
+    seen = _in_frustum(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg, closeness)
     if settings.occlusion and scene is not None:
         entries = np.flatnonzero(seen)
         for first in range(0, len(entries), _BLOCK):
@@ -214,22 +210,9 @@ def seen_by_any(
     fov_deg: Floats | None = None,
     closeness: Closeness | None = None,
 ) -> Bools:
-    """Which points some pose sees: as `visible(...).seen.any(axis=0)`, with a few rays for each point.
-
-    Parameters
-    ----------
-    positions, quat_xyzw, cloud, camera, settings, scene, fov_deg, closeness
-        As above; `settings` with occlusion.
-
-    Returns
-    -------
-    array of bool, shape (N,)
-    """
-    may = np.zeros((len(cloud), len(positions)), bool)
-    in_view(
-        *_poses_and_points(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg, closeness), may.T
-    )
-    point, pose = np.nonzero(may)
+    """Which points (N,) some pose truly sees: `visible(...).seen.any(axis=0)`, with few rays for each."""
+    may = _in_frustum(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg, closeness)
+    point, pose = np.nonzero(np.ascontiguousarray(may.T))
     first = np.searchsorted(point, np.arange(len(cloud) + 1))
     number = np.diff(first)
     seen, tried = np.zeros(len(cloud), bool), np.zeros(len(point), bool)
@@ -262,7 +245,7 @@ def _set_rays(rays: Floats, positions: Floats, points: Floats, pose: Ints, point
             rays[ray, axis], rays[ray, 3 + axis] = start, points[point[ray], axis] - start
 
 
-def _poses_and_points(
+def _in_frustum(
     positions: Floats,
     quat_xyzw: Floats,
     cloud: Cloud,
@@ -271,8 +254,8 @@ def _poses_and_points(
     scene: Scene | None,
     fov_deg: Floats | None,
     closeness: Closeness | None,
-) -> tuple[Any, ...]:
-    """What `in_view` is given, local to the scene."""
+) -> Bools:
+    """Which points (P, N) lie where each pose could see them, local to the scene; no rays are cast."""
     limits = limits_of(camera, settings, cloud, fov_deg)
     origin = np.zeros(3) if scene is None else scene.origin
     cameras, axes = np.ascontiguousarray(positions, float) - origin, matrices(quat_xyzw)
@@ -285,4 +268,6 @@ def _poses_and_points(
         coarse = np.ones(len(positions)) if closeness.coarse is None else closeness.coarse
     limits = np.repeat(limits[None], len(positions), axis=0) if limits.ndim == 1 else limits
     points, normals = (np.ascontiguousarray(of.T) for of in (points, normals))
-    return cameras, axes, limits, coarse, points, normals, farthest_m, least_cosine
+    seen = np.zeros((len(positions), len(cloud)), bool)
+    in_view(cameras, axes, limits, coarse, points, normals, farthest_m, least_cosine, seen)
+    return seen
