@@ -76,12 +76,10 @@ def attention(
     """
     steps = moments(flight, breaks)
     number, area, part = len(cloud), cloud.areas, middle_of(stretch)
-    facing = cloud.outward * (1.0 if cloud.area_m2 is None else cloud.area_m2[:, None])
-    poses, rows = (
-        (steps.poses.positions, matrices(steps.poses.quat_xyzw)),
-        shown.seen[stations_at(shown, steps)],
-    )
-    arguments = [np.ascontiguousarray(of) for of in (*poses, cloud.points, facing, rows)]
+    rows = np.ascontiguousarray(shown.seen[stations_at(shown, steps)])
+    positions, points = (np.ascontiguousarray(of) for of in (steps.poses.positions, cloud.points))
+    facing = np.ascontiguousarray(cloud.outward * (1.0 if cloud.area_m2 is None else cloud.area_m2[:, None]))
+    arguments = positions, np.ascontiguousarray(matrices(steps.poses.quat_xyzw)), points, facing, rows
     moving = [np.ascontiguousarray(of) for of in (steps.step_s, steps.velocity, steps.turn)]
     depth = _depths(*arguments, FOVEA, _NEAREST)
     known = np.isfinite(depth)
@@ -102,8 +100,7 @@ def attention(
         return Attention(np.zeros(number), part, subject)
     meant = zone.astype(float) if zone is not None else _meant(stretch, area * gazed, area)
     weight = meant * seen
-    positions, _, points, normals, rows = arguments
-    looks = _histograms(positions, points, normals / area[:, None], rows, *moving, weight * area)
+    looks = _histograms(positions, points, facing / area[:, None], rows, *moving, weight * area)
     return Attention(weight, part, subject, *_usual(*looks))
 
 

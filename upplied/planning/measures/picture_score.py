@@ -58,23 +58,16 @@ def picture_worth(
     """
     axes = np.ascontiguousarray(matrices(steps.poses.quat_xyzw).transpose(0, 2, 1))
     moving = steps.poses.positions, axes, steps.velocity, steps.turn
-    arrays = (*moving, cloud.points, cloud.outward, desired_m, pixel)
-    return _best(np.ascontiguousarray(seen), exposure_s, *(np.ascontiguousarray(of, float) for of in arrays))
+    given = (*moving, cloud.points, cloud.outward, desired_m, pixel)
+    arrays = tuple(np.ascontiguousarray(of, float) for of in given)
+    return _best(np.ascontiguousarray(seen), exposure_s, arrays)
 
 
 @njit(cache=True)
 def _best(
-    seen: Bools,
-    exposure_s: float,
-    positions: Floats,
-    axes: Floats,
-    velocity: Floats,
-    turn: Floats,
-    points: Floats,
-    normals: Floats,
-    desired_m: Floats,
-    pixel: Floats,
+    seen: Bools, exposure_s: float, arrays: tuple[Floats, ...]
 ) -> Floats:  # pragma: no cover - compiled
+    positions, axes, velocity, turn, points, normals, desired_m, pixel = arrays
     best, rows = np.zeros(len(points)), range(3)
     ray, moving = np.empty(3), np.empty(3)
     at, after, normal = np.empty(3), np.empty(3), np.empty(3)  # forward, left, up

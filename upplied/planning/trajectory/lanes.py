@@ -20,7 +20,7 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.constants import SAME_FACE
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.records import Bools, Floats, Ints, Record
+from upplied.records import Bools, Floats, Ints, Record, Rows
 
 STEPS = 7  # to each side
 _A_SWATH = 3  # steps in a swath
@@ -149,22 +149,18 @@ _NEARER = 0.25  # of a step, by which a lane must be nearer to a sample than the
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Pass(Record):
+class Pass(Rows):
     """A pass beside the demonstrated one, over R stations of the lanes that follow each other."""
 
-    rows: Ints  # (R,)
+    row: Ints  # (R,)
     lane: Ints  # (R,)
     own: Ints  # (R,) the lane of the demonstrated pass
-
-    def to(self, stop: int) -> Pass:
-        """Its beginning."""
-        return Pass(self.rows[:stop], self.lane[:stop], self.own[:stop])
 
     def flown_with(self, flown: Bools) -> Bools:
         """The lanes that are flown (S, K), with this pass."""
         after = flown.copy()
-        after[self.rows, STEPS] &= self.own == STEPS
-        after[self.rows, self.own] = after[self.rows, self.lane] = True
+        after[self.row, STEPS] &= self.own == STEPS
+        after[self.row, self.own] = after[self.row, self.lane] = True
         return after
 
 

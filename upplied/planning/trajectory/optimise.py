@@ -67,8 +67,8 @@ class Problem(Record):
         It starts from that path, and from it with its own stations on the best path without added ones.
         """
         own, fov_deg = np.flatnonzero(~added), self.view.fov_deg
-        shape, poses = self.demonstrated, np.column_stack([path.positions, path.yaw, path.pitch])
-        poses[own] = np.column_stack([best.positions, best.yaw, best.pitch])[origin[own]]
+        shape, poses = self.demonstrated, path.columns
+        poses[own] = best.columns[origin[own]]
         led = Flown(poses[:, :3].copy(), np.unwrap(poses[:, 3]), poses[:, 4].copy())
         return replace(
             self,

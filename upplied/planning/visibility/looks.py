@@ -90,15 +90,16 @@ def sharp_looks(
         defocus=zero.copy(),
         pose=np.full(number, -1),
     )
+    moving = (np.ascontiguousarray(of) for of in (steps.velocity, steps.turn, shown.coarseness[station]))
+    coarsest = np.full(number, np.inf) if coarsest_m is None else np.ascontiguousarray(coarsest_m)
     _looked(
-        *(positions, axes, np.ascontiguousarray(steps.velocity), np.ascontiguousarray(steps.turn)),
-        *(steps.poses.t_s, steps.step_s, seen, np.ascontiguousarray(shown.coarseness[station])),
-        *(points, np.ascontiguousarray(cloud.outward), sharp_radps, max(least_cosine, 1e-6)),
-        np.ascontiguousarray(np.eye(3) if carry is None else carry),
-        np.full(number, np.inf) if coarsest_m is None else np.ascontiguousarray(coarsest_m),
-        *(camera.hfov_deg <= _FLAT_DEG, sphere(_SIDES)),
-        *(looks.sampled_m, looks.carried_m, looks.frontal, looks.held_s, looks.time_s, looks.sides),
-        *(looks.number, looks.depth_m, looks.moved, looks.pose),
+        (positions, axes, *moving, steps.poses.t_s, steps.step_s),
+        seen,
+        (points, np.ascontiguousarray(cloud.outward), coarsest),
+        (sharp_radps, max(least_cosine, 1e-6), camera.hfov_deg <= _FLAT_DEG),
+        (np.ascontiguousarray(np.eye(3) if carry is None else carry), sphere(_SIDES)),
+        (looks.sampled_m, looks.carried_m, looks.frontal, looks.held_s, looks.time_s, looks.sides),
+        (looks.number, looks.depth_m, looks.moved, looks.pose),
     )
     looks.defocus[:] = _defocus(camera, positions, axes, seen, points, looks.depth_m, looks.pose)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -138,33 +139,21 @@ def widened(sides: Bools) -> Bools:
 
 @njit(cache=True)
 def _looked(
-    positions: Floats,
-    axes: Floats,
-    velocity: Floats,
-    turn: Floats,
-    t_s: Floats,
-    step_s: Floats,
+    flight: tuple[Floats, ...],
     seen: Bools,
-    coarse: Floats,
-    points: Floats,
-    normals: Floats,
-    sharp: float,
-    least_cosine: float,
-    carry: Floats,
-    coarsest: Floats,
-    flat: bool,
-    directions: Floats,
-    sampled: Floats,
-    reached: Floats,
-    frontal: Floats,
-    held: Floats,
-    time: Floats,
-    sides: Bools,
-    looks: Ints,
-    depth: Floats,
-    moved: Floats,
-    finest: Ints,
+    surface: tuple[Floats, Floats, Floats],
+    limits: tuple[float, float, bool],
+    compared: tuple[Floats, Floats],
+    every: tuple[Floats, Floats, Floats, Floats, Floats, Bools],
+    fine: tuple[Ints, Floats, Floats, Ints],
 ) -> None:  # pragma: no cover - compiled
+    """Fill in what is known of `every` look, and of the `fine` ones."""
+    positions, axes, velocity, turn, coarse, t_s, step_s = flight
+    points, normals, coarsest = surface
+    sharp, least_cosine, flat = limits
+    carry, directions = compared
+    sampled, reached, frontal, held, time, sides = every
+    looks, depth, moved, finest = fine
     ray, carried, swept = np.empty(3), np.empty(3), np.empty(3)
     for pose in range(len(positions)):
         axis, v, w = axes[pose], velocity[pose], turn[pose]
