@@ -29,10 +29,9 @@ _SPACING_M = 1.0  # of the waypoints that a detour adds
 
 def airspace_of(pair: Pair, settings: Settings) -> Airspace:
     """Where the vehicle may be at the target."""
-    route, target = settings.route, pair.target
-    return Airspace(
-        pair.target_scene, route.clearance_m, target.surroundings, route.ground_clearance_m, target.frame
-    )
+    rule, target = settings.route, pair.target
+    limits = rule.clearance_m, target.surroundings, rule.ground_clearance_m
+    return Airspace(pair.target_scene, *limits, target.frame)
 
 
 class Ways:
@@ -53,11 +52,6 @@ class Ways:
 
 def route(path: Waypoints, ways: Ways) -> Waypoints:
     """The waypoints at safe places, with further ones where a leg has to lead round something.
-
-    Parameters
-    ----------
-    path : Waypoints
-    ways : Ways
 
     Returns
     -------
@@ -215,10 +209,8 @@ def _with_count(line: Floats, count: int) -> Floats:
     pieces = np.ones(len(length), int)
     for _ in range(count - 1 - len(length)):
         pieces[np.argmax(length / pieces)] += 1
-    legs = [
-        a + np.arange(n)[:, None] / n * (b - a) for a, b, n in zip(line[:-1], line[1:], pieces, strict=True)
-    ]
-    return np.vstack([*legs, line[-1:]])
+    ends = zip(line[:-1], line[1:], pieces, strict=True)
+    return np.vstack([*(a + np.arange(n)[:, None] / n * (b - a) for a, b, n in ends), line[-1:]])
 
 
 def _spaced(line: Floats) -> Floats:
@@ -284,10 +276,9 @@ def _refuse_unsafe(positions: Floats, airspace: Airspace) -> None:
         raise _refusal(airspace, 0, positions[0], airspace.why(positions[0]))
     if broken.any():
         leg = int(np.flatnonzero(broken)[0])
-        reason = (
-            airspace.why(positions[leg]) or airspace.why(positions[leg + 1]) or "the leg on breaks a rule"
-        )
-        raise _refusal(airspace, leg, positions[leg], reason)
+        start, end = positions[leg : leg + 2]
+        reason = airspace.why(start) or airspace.why(end) or "the leg on breaks a rule"
+        raise _refusal(airspace, leg, start, reason)
 
 
 def _refusal(airspace: Airspace, index: int, position: Floats, reason: str) -> RefusedError:

@@ -43,15 +43,9 @@ class Roadmap(Record):
 
 
 def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -> Roadmap:
-    """Places round a structure.
+    """Places round a structure, whose `surface` has samples of the outside with outward normals.
 
-    Parameters
-    ----------
-    airspace : Airspace
-    surface : Cloud
-        Samples of the outside with outward normals.
-    further : array, shape (N, 3), optional
-        More places, e.g. of the path itself.
+    `further` (N, 3), m, are more places, e.g. of the path itself.
     """
     shown = chosen_evenly(len(surface), _SAMPLES)  # what is supposed comes last
     points, normals = surface.points[shown], surface.outward[shown]
@@ -193,9 +187,8 @@ def _one_a_cell(points: Floats, spacing: float) -> Ints:
     """Indices of one point for each cell of a grid."""
     cell = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
     size = cell.max(axis=0) + 1
-    return np.sort(
-        np.unique((cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2], return_index=True)[1]
-    )
+    number = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
+    return np.sort(np.unique(number, return_index=True)[1])
 
 
 def _round_box(box: Floats, distance_m: float, number: int) -> Floats:

@@ -36,13 +36,8 @@ def path_clearance(scene: Scene, positions: Floats) -> Nearest:
 
     Parameters
     ----------
-    scene : Scene
     positions : array, shape (N, 3), m, structure frame
         Waypoints, joined by straight legs.
-
-    Returns
-    -------
-    Nearest
     """
     positions = np.asarray(positions, float).reshape(-1, 3)
     free = scene.distance(positions)
@@ -58,15 +53,9 @@ def path_clearance(scene: Scene, positions: Floats) -> Nearest:
 
 
 def legs_below(scene: Scene, start: Floats, end: Floats, limit_m: float) -> Bools:
-    """Which straight legs come nearer to the structure than a limit, (N,).
+    """Which straight legs (N,), from `start` to `end` (N, 3), m, come nearer to the structure than a limit.
 
     A leg that stays within 5 mm above the limit may be called too near, never the reverse.
-
-    Parameters
-    ----------
-    scene : Scene
-    start, end : array, shape (N, 3), m, structure frame
-    limit_m : float
     """
     if np.array_equal(start[1:], end[:-1]):  # the legs of a path share their ends
         along = scene.distance(np.concatenate([start, end[-1:]]))
@@ -189,12 +178,8 @@ class Airspace(Record):
         at = np.reshape(position, (1, 3))
         distance = float(self.scene.distance(at)[0])
         if distance < self.clearance_m:
-            whole = (
-                "what was never scanned of the structure"
-                if self.scene.nearer_supposed(at)[0]
-                else "the structure"
-            )
-            return f"{distance:.2f} m from {whole}, {self.clearance_m:g} m are required"
+            part = "what was never scanned of " if self.scene.nearer_supposed(at)[0] else ""
+            return f"{distance:.2f} m from {part}the structure, {self.clearance_m:g} m are required"
         if at[0, 2] < self.floor_m:
             return f"below {self.floor_m:.2f} m, the least height above the ground"
         if at[0, 2] > self.ceiling_m:
@@ -231,10 +216,8 @@ def crosses_fence(polygon: Floats, start: Floats, end: Floats) -> Bools:
     p, q = start[:, None, :2], end[:, None, :2]
 
     def side(u: Floats, v: Floats, w: Floats) -> Floats:
-        return np.sign(
-            (v[..., 0] - u[..., 0]) * (w[..., 1] - u[..., 1])
-            - (v[..., 1] - u[..., 1]) * (w[..., 0] - u[..., 0])
-        )
+        along, off = v - u, w - u
+        return np.sign(along[..., 0] * off[..., 1] - along[..., 1] * off[..., 0])
 
     overlap = (np.minimum(a, b) <= np.maximum(p, q)) & (np.minimum(p, q) <= np.maximum(a, b))
     both = (side(a, b, p) * side(a, b, q) <= 0) & (side(p, q, a) * side(p, q, b) <= 0)

@@ -75,17 +75,10 @@ def registered_map(registration: Registration) -> AxisMap:
 
 
 def carried_orientation(jacobian: Floats, quat_xyzw: Floats) -> Floats:
-    """Orientations after a local linear map of space, made orthonormal again.
+    """Orientations (N, 4) after a local linear map of space, (3, 3) or (N, 3, 3), made orthonormal again.
 
-    Parameters
-    ----------
-    jacobian : array, shape (3, 3) or (N, 3, 3)
-    quat_xyzw : array, shape (N, 4)
-
-    Notes
-    -----
-    Forward is carried exactly. Up is carried with it and gives the plane of both, to which left is
-    normal: under a scaling along the axes a vertical plane stays vertical, so a level horizon stays level.
+    Forward is carried exactly. Up is carried with it and gives the plane of both, to which left is normal:
+    under a scaling along the axes a vertical plane stays vertical, so a level horizon stays level.
     """
     axes = jacobian @ matrices(quat_xyzw)
     forward = axes[..., 0] / np.linalg.norm(axes[..., 0], axis=-1, keepdims=True)
@@ -174,10 +167,10 @@ def gauss_newton(
 ) -> Floats:
     """Move each viewpoint until its distances to what it should see are the demonstrated ones.
 
-    All is standardised by each cloud's mean and deviation. The residual is ``r = d_T - d_D`` over
-    all points of the viewpoint (Eq. 3), its Jacobian the unit vectors from the points to the camera.
-    Distances to a plane do not know their side: 1 to 3 % of the starts end mirrored behind the
-    surface. The preset `paper` keeps that, as published.
+    All is standardised by each cloud's mean and deviation. The residual is ``r = d_T - d_D`` over all points
+    of the viewpoint (Eq. 3), its Jacobian the unit vectors from the points to the camera. Distances to a
+    plane do not know their side: 1 to 3 % of the starts end mirrored behind the surface. The preset `paper`
+    keeps that, as published.
 
     Parameters
     ----------
@@ -185,10 +178,8 @@ def gauss_newton(
         Transferred viewpoints.
     viewpoints : Viewpoints
         The demonstrated ones, in the source's frame.
-    source, target : Cloud
-    correspondences : Correspondences
-        From every point of `source` to `target`.
-    settings : RefineSettings
+    source, target, correspondences
+        Clouds, and what on the target corresponds to every point of the source.
 
     Returns
     -------
@@ -256,9 +247,8 @@ def published(take: Take, settings: Settings) -> Waypoints:
     positions = carrier.points(viewpoints.positions)
     quats = carrier.orientations(viewpoints.quat_xyzw)
     if settings.refine.method == "gauss-newton":
-        positions = gauss_newton(
-            positions, viewpoints, fit.source, fit.target, fit.correspondences, settings.refine
-        )
+        clouds = fit.source, fit.target, fit.correspondences
+        positions = gauss_newton(positions, viewpoints, *clouds, settings.refine)
         before, now = _centres_of_view(inspection, pair, settings)
         quats = aimed(quats, positions, now, viewpoints.quat_xyzw, before - viewpoints.positions)
     return Waypoints(positions, quats, viewpoints.t_s, np.ones(len(viewpoints), bool))

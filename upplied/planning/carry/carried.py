@@ -120,11 +120,8 @@ class Carried(Record):
 def carry(takes: Sequence[Take], settings: Settings) -> list[Carried]:
     """The takes of a demonstration carried to the target.
 
-    Parameters
-    ----------
-    takes : sequence of Take
-    settings : Settings
-        `refine.method` says whether whole flights are carried, to be optimised, or viewpoints as published.
+    `settings.refine.method` says whether whole flights are carried, to be optimised, or viewpoints as
+    published.
 
     Raises
     ------
@@ -165,9 +162,8 @@ def _about_inspected(take: Take, *matrices: Floats) -> list[AxisMap]:
     weight = (fit.source.areas * take.inspection.attention.weight)[known]
     if not weight.sum() > 0:
         return []
-    here, there = (
-        weight @ points[known] / weight.sum() for points in (fit.source.points, match.target_points)
-    )
+    both = fit.source.points, match.target_points
+    here, there = (weight @ points[known] / weight.sum() for points in both)
     return [AxisMap(matrix, there - matrix @ here) for matrix in matrices]
 
 
@@ -188,18 +184,11 @@ def _by(carrier: AxisMap, flight: Trajectory, path: Waypoints, height_m: float |
 def _at_counterparts(take: Take, settings: Settings) -> tuple[Waypoints, Standoff]:
     """The whole flight on the target within the gimbal's limits, and the stand-off of its viewpoints."""
     inspection, fit, limits = take.inspection, take.pair.surface, settings.retime
-    flight = inspection.flight
-    mapped = registered_map(fit.registration)
-    followed = follow_counterparts(
-        flight,
-        inspection.visibility,
-        fit.source,
-        fit.correspondences,
-        next(iter(_about_inspected(take, mapped.matrix)), mapped),
-        settings.transfer,
-        inspection.camera,
-        settings.route.clearance_m,
-    )
+    flight, mapped = inspection.flight, registered_map(fit.registration)
+    carrier = next(iter(_about_inspected(take, mapped.matrix)), mapped)
+    seen = inspection.visibility, fit.source, fit.correspondences
+    rules = settings.transfer, inspection.camera, settings.route.clearance_m
+    followed = follow_counterparts(flight, *seen, carrier, *rules)
     positions, quats = followed.positions, followed.quat_xyzw
     if settings.transfer.method != "counterparts":
         carrier = published_map(settings.transfer.method, fit.source, fit.target)

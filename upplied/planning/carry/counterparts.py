@@ -63,9 +63,8 @@ def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterp
         counterparts = _no_part_twice(counterparts, attended[0].pair.target.structure_id)
         for one in _not_repeated(attended):
             counterparts.setdefault(one.part, one)
-    return tuple(
-        sorted(_without_flown(list(counterparts.values()), settings), key=lambda one: -one.inspected_pct)
-    )
+    every = _without_flown(list(counterparts.values()), settings)
+    return tuple(sorted(every, key=lambda one: -one.inspected_pct))
 
 
 def _bodies(inspected: list[tuple[int, float]], take: Attended, source: _Side) -> list[tuple[int, float]]:
@@ -235,31 +234,27 @@ def _probability(
 
 def _both(one: Counterpart, other: Counterpart) -> Counterpart:
     """What two takes say of the same part."""
-    flown, left = (
-        tuple(dict.fromkeys(a + b)) for a, b in ((one.flown, other.flown), (one.left_out, other.left_out))
-    )
+    names = (one.flown + other.flown, one.left_out + other.left_out, one.open + other.open)
+    flown, left_out, ends = (tuple(dict.fromkeys(of)) for of in names)
     known = [each.probability for each in (one, other) if each.probability is not None]
     least = min(known) if len(known) == 2 else None
     return replace(
         one,
         flown=flown,
-        left_out=left,
+        left_out=left_out,
         probability=least,
         doubt=one.doubt or other.doubt,
         never_scanned_pct=max(one.never_scanned_pct, other.never_scanned_pct),
-        open=tuple(dict.fromkeys(one.open + other.open)),
+        open=ends,
     )
 
 
 def _without_flown(counterparts: Sequence[Counterpart], settings: Settings) -> list[Counterpart]:
     """The same, with what is left out by all of them alone, and why."""
     flown = {name for one in counterparts for name in one.flown}
-    repeat = settings.correspondence.repeat
-    why = (
-        f"--repeat {repeat} flies what lies as the demonstrated part"
-        if repeat
-        else "not requested (--repeat each)"
-    )
+    repeat, why = settings.correspondence.repeat, "not requested (--repeat each)"
+    if repeat:
+        why = f"--repeat {repeat} flies what lies as the demonstrated part"
     return [
         replace(one, left_out=tuple(f"{name}: {why}" for name in one.left_out if name not in flown))
         for one in counterparts
@@ -303,11 +298,8 @@ def _source(take: Attended) -> _Side:
 
 def _target(take: Attended) -> _Side:
     registered, words = take.pair.surface.registered, named_axes(take.pair.source.frame)
-    return _Side(
-        parts_of(registered).in_axes(words).on(_source(take).parts),
-        labels_of(registered),
-        bool(labels_of(registered).max(initial=0) > 0),
-    )
+    label, parts = labels_of(registered), parts_of(registered).in_axes(words).on(_source(take).parts)
+    return _Side(parts, label, bool(label.max(initial=0) > 0))
 
 
 def _name(parts: Parts, part: int) -> str:

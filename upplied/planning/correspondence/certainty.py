@@ -45,18 +45,9 @@ _ELSEWHERE = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
 
 
 def certainty(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = False) -> float:
-    """Probability that parts of the target correspond to a part of the source.
+    """Probability that parts of the target, at least one, correspond to a part of the source.
 
-    Parameters
-    ----------
-    fit : Fit
-        Of surfaces with parts.
-    part : int
-        Of the source.
-    counterparts : sequence of int
-        Parts of the target, at least one.
-    alone : bool
-        Whether no other part of the target is like them.
+    `fit` is of surfaces with parts; `alone` says that no other part of the target is like them.
     """
     sure = _by_fit(fit, part, counterparts, alone)
     if fit.labelling is None:
@@ -184,9 +175,8 @@ def evidence_of_same_kind(
     one, two = (labels_of(registered) == part for part in (counterpart, other))
     area = registered.areas
     ratio = abs(np.log(max(area[two].sum(), 1e-12) / max(area[one].sum(), 1e-12)))
-    return np.array(
-        [_shape(registered, one, registered, two), 0.0, float(inferred), _whole(wholes), ratio, 0.0]
-    )
+    shape = _shape(registered, one, registered, two)
+    return np.array([shape, 0.0, float(inferred), _whole(wholes), ratio, 0.0])
 
 
 def probability(evidence: Floats, model: Sequence[float], alone: bool = False) -> float:

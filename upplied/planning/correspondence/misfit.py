@@ -132,11 +132,7 @@ def _worst(
         area = 100 * share[far][region].sum()
         apart_m = float(distance[far][region].max()) * diagonal_m
         if area >= most:
-            most, worst = (
-                area,
-                (
-                    f"{centre} of the {name}, {area:.0f} % of its area, has no counterpart: "
-                    f"up to {apart_m:.1f} m away at the source's scale"
-                ),
-            )
+            reach = f"up to {apart_m:.1f} m away at the source's scale"
+            worst = f"{centre} of the {name}, {area:.0f} % of its area, has no counterpart: {reach}"
+            most = area
     return worst

@@ -168,10 +168,7 @@ class _Both:
     def judged(self, scale: Floats, shift: Floats) -> Judged:
         """A way as a registration, and how good it is."""
         both_ways = self.distances(scale, shift)
-        apart, error = (
-            (sum(each.mean() for each in both_ways)),
-            sum(each.var() / len(each) for each in both_ways),
-        )
+        apart, error = sum(of.mean() for of in both_ways), sum(of.var() / len(of) for of in both_ways)
         return Judged(float(apart), float(2 * np.sqrt(error)), self.registration(scale, shift))
 
     def distances(self, scale: Floats, shift: Floats) -> tuple[Floats, Floats]:

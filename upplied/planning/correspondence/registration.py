@@ -53,13 +53,7 @@ def register(
 ) -> Registration:
     """Lay the target on the source and judge the fit: as published, or as `settings.acceptance` asks.
 
-    Parameters
-    ----------
-    source, target : Cloud
-        Of the demonstration structure, and of the target.
-    settings : RegistrationSettings
-    declared : Declared, optional
-        Without it both clouds are in their declared frames.
+    Without `declared` both clouds are in their declared frames.
 
     Returns
     -------

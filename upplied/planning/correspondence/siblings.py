@@ -36,8 +36,6 @@ def study(
     ----------
     source, target : Structure
         May be given in frames of their own (`surface.frames`).
-    settings : Settings
-    memo : callable, optional
     siblings : sequence of Structure
         In their declared frames and in any order. Those of another kind, of which the pieces tell no parts,
         or that are the source or the target themselves, are left out.
@@ -109,16 +107,8 @@ def nearest_in_proportions(
 ) -> tuple[str, ...]:
     """The structures of which the boxes are most like another's but for their size, the nearest first.
 
-    Parameters
-    ----------
-    size_m : sequence of float, (3,) m
-        Extents of a structure along its declared axes.
-    names : sequence of str
-        Ids of N others, in any order.
-    sizes_m : array, shape (N, 3), m
-        Their extents.
-    most : int
-        How many at most.
+    `size_m` (3,), m, are the extents of a structure along its declared axes, `sizes_m` (N, 3), m, those of N
+    others with these names, in any order; at most so many are chosen.
     """
     ratio = np.log(np.maximum(sizes_m, 1e-9)) - np.log(np.maximum(size_m, 1e-9))
     unlike = np.round(ratio.std(axis=1), 9)  # so that libraries do not choose among equals

@@ -34,10 +34,8 @@ def zone_of(
         Landmarks of the structure (the part of the skin there), ``part_3`` of a summary, or
         ``box 10 2 1 14 6 4``: two corners in the structure's declared frame, m, or ``ball 10 2 1 0.5``:
         the surface that near to a place, on the side that is nearest to it. Separated by commas.
-    structure : Structure
-        In whatever frame it is planned in.
-    cloud : Cloud
-        Its N surface samples.
+    structure, cloud
+        In whatever frame it is planned in, and its N surface samples.
     skin : array of int, shape (N,)
         The part of the skin that each lies on.
     faces : callable, optional

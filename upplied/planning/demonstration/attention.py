@@ -60,7 +60,6 @@ def attention(
         As logged, source frame.
     breaks : array of int
         First pose after each gap in the log.
-    camera : Camera
     cloud : Cloud
         N surface samples of the source with normals and areas.
     shown : Views
@@ -68,8 +67,6 @@ def attention(
     stretch : array of int, shape (J, N)
         The stretch of the skin that each lies on, by several divisions of it (`surface.skin`). A sample of
         which they do not agree is meant by the share of them that mean it.
-    settings : InspectionSettings
-        When a picture is sharp.
     zone : array of bool, shape (N,), optional
         What the user says that the flight was about (`demonstration.about`): of that, all that it
         shows counts, and of nothing else.

@@ -42,7 +42,7 @@ class Smoothed(Record):
 
 
 def smoothed(flight: Trajectory, spacing_m: float = np.inf, breaks: Ints | None = None) -> Smoothed:
-    """The flight as the pilot meant it.
+    """The flight as the pilot meant it; its times are those at which the demonstration was there.
 
     Parameters
     ----------
@@ -53,11 +53,6 @@ def smoothed(flight: Trajectory, spacing_m: float = np.inf, breaks: Ints | None 
         camera turns, and on a short flight.
     breaks : array of int, optional
         First pose after each gap in the log; nothing is smoothed across.
-
-    Returns
-    -------
-    Smoothed
-        Its times are those at which the demonstration was there.
     """
     cuts = [
         0,

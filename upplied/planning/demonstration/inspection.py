@@ -27,18 +27,9 @@ def find_viewpoints(
 ) -> Viewpoints:
     """One viewpoint for each stretch of the flight that looks at one region (or for each pose, if set so).
 
-    The position is the centroid of the segment's positions, the orientation the mean of its
-    rotations, the visible set the union over the segment.
-
-    Parameters
-    ----------
-    flight : Trajectory
-        N poses.
-    visibility : Visibility
-        What each pose sees, (N, points).
-    settings : ViewpointSettings
-    breaks : array of int, optional
-        Poses that start a new part after a gap in the log; they always start a segment.
+    The position is the centroid of the segment's positions, the orientation the mean of its rotations, the
+    visible set the union over the segment. `visibility` (N, points) is what each of N poses sees; `breaks`
+    are poses that start a new part after a gap in the log: they always start a segment.
     """
     if settings.method == "poses":
         bounds = np.arange(len(flight) + 1)

@@ -71,10 +71,7 @@ def takes_of(
 ) -> list[Take]:
     """The demonstration as flown, and its repetitions as the settings ask for them.
 
-    Raises
-    ------
-    SettingsError
-        If a repetition is asked for with a preset that knows no parts.
+    A `SettingsError` says that a repetition is asked for with a preset that knows no parts.
     """
     skin = skin_of(pair.source, pair.source_scene, pair.surface.source, settings.clouds, memo)
     return _with_fine_samples(_attended(demonstration, pair, skin, settings, memo), skin, settings, memo)

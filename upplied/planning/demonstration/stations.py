@@ -21,13 +21,7 @@ def pauses(flight: Trajectory, least_s: float = 3.0) -> list[tuple[float, float]
     """Begin and end, s, of each time in which the pilot stood still, start and landing apart.
 
     He stands where the steadied position moves at less than three tenths of his usual speed, or where poses
-    one after another are at the very same place.
-
-    Parameters
-    ----------
-    flight : Trajectory
-    least_s : float
-        Shorter ones are hesitations.
+    one after another are at the very same place; for less than `least_s`, s, he hesitates.
     """
     if len(flight) < 4 or flight.t_s[-1] - flight.t_s[0] < 2 * least_s:
         return []

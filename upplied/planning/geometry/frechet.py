@@ -187,18 +187,10 @@ def _abreast(first: Floats, second: Floats) -> float:
 
 
 def frechet_z(demonstrated: Floats, planned: Floats, relative: float = _RELATIVE) -> float:
-    """Frechet distance of two paths, each z-scored by its own mean and deviation (paper, Table II).
+    """Frechet distance of two paths (N, 3), m, each z-scored by its own mean and deviation (paper, Table II).
 
-    Parameters
-    ----------
-    demonstrated, planned : array, shape (N, 3) and (M, 3), m
-    relative : float
-        See `frechet`.
-
-    Notes
-    -----
-    Each axis is divided by its own deviation, however small: on a level flight that is centimetres, and
-    they decide the distance. `frechet_floored` is the one that tells whether two paths have one shape.
+    Each axis is divided by its own deviation, however small: on a level flight that is centimetres, and they
+    decide the distance. `frechet_floored` is the one that tells whether two paths have one shape.
     """
     return frechet(_plainly_scored(demonstrated), _plainly_scored(planned), relative)
 

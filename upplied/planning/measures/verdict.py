@@ -77,9 +77,8 @@ def _at_size(takes: Sequence[Take], settings: Settings) -> tuple[float, float]:
     length_m = time_s = 0.0
     for take in takes:
         flown = take.inspection.by_frustum.stations
-        before, carried = (
-            float(leg_lengths(path).sum()) for path in (flown.positions, demonstrated_on_target(take))
-        )
+        both = flown.positions, demonstrated_on_target(take)
+        before, carried = (float(leg_lengths(path).sum()) for path in both)
         times = max(1.0, carried / max(before, 1e-9), _larger(take, settings))
         length_m += max(carried, before * times)
         time_s += float(flown.t_s[-1] - flown.t_s[0]) * times

@@ -101,11 +101,10 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     turned = float(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)).sum())
     starts, view = _starts(carried, flyable.safe), _view(take, goal, settings)
     if take.required is not None:
-        times = settings.optimise.required
-        view = required_first(
-            view, take.required, starts[0].safe, ways.planning, goal.standoff.usual_m, times
-        )
+        near, times = (starts[0].safe, ways.planning, goal.standoff.usual_m), settings.optimise.required
+        view = required_first(view, take.required, *near, times)
     speed_mps = demonstrated_speed(flight.t_s, flight, inspection.breaks)
+    fastest = np.radians(settings.retime.max_yaw_rate_degps)
     problem = Problem(
         starts=starts,
         demonstrated=Shape.of(flown, goal.standing),
@@ -114,9 +113,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         airspace=ways.planning,
         speed_mps=np.where(np.isfinite(speed_mps), speed_mps, 1.0),  # a flight may not move at all
         turned_rad=max(turned, _LEAST_TURN_RAD),
-        pan_radps=min(
-            np.radians(settings.retime.max_yaw_rate_degps), steady_radps([take], settings.inspection)
-        ),
+        pan_radps=min(fastest, steady_radps([take], settings.inspection)),
         aside_rad=_aside(take),
         level=settings.transfer.plane,
     )
@@ -166,12 +163,7 @@ def _longer(
     """The carried flight with passes that are flown in at most so much time; None where there are none.
 
     The pace knows neither bends nor sharp pictures: passes are shortened until the time is right. Those that
-    took too long `before` are shortened at their price, not chosen anew.
-
-    Raises
-    ------
-    RefusedError
-        If there is no safe way along them.
+    took too long `before` are shortened at their price, not chosen anew. Refused if there is no safe way.
     """
     spare_s = (most_s - alone_s) * beside.own_s / max(alone_s, 1e-3)
     for _ in range(_SHORTENED):
@@ -195,13 +187,7 @@ def _half_rad(take: Take, settings: Settings) -> float:
 
 
 def _starts(carried: Carried, safe: Callable[[Floats], Floats]) -> list[Start]:
-    """The paths to start from that can be made safe.
-
-    Raises
-    ------
-    RefusedError
-        If none can: why the first cannot.
-    """
+    """The paths to start from that can be made safe; refused where none can, as the first is."""
     starts, refusals = [], []
     for path in (carried.path, *carried.others):
         yaw, pitch = yaw_pitch(path.quat_xyzw)

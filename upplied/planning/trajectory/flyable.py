@@ -136,10 +136,7 @@ def _within(
 ) -> Floats:
     """The path, drawn towards the demonstrated shape until it departs by no more than the bound, and safe.
 
-    Raises
-    ------
-    RefusedError
-        If the path that is drawn is not safe within the bound.
+    Refused if the path that is drawn is not safe within the bound.
     """
     flown = interpolated(at, np.arange(float(len(goal.flown))), goal.flown)
     image, stands = Shape.of(flown, goal.standing).image(positions), goal.standing

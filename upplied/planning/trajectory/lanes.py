@@ -80,9 +80,8 @@ def lanes_beside(path: Flown, view: View, airspace: Airspace, half_rad: float, n
     positions, looks = own[:, None] + aside[..., :3], unit(axis[:, None] + aside[..., 3:])
     low, high = np.radians([view.limits.min_gimbal_pitch_deg, view.limits.max_gimbal_pitch_deg])
     pitch = np.clip(np.arcsin(np.clip(looks[..., 2], -1, 1)), low, high)
-    poses = np.concatenate(
-        [positions, np.arctan2(looks[..., 1], looks[..., 0])[..., None], pitch[..., None]], axis=2
-    )
+    angles = np.stack([np.arctan2(looks[..., 1], looks[..., 0]), pitch], axis=2)
+    poses = np.concatenate([positions, angles], axis=2)
     free[free] = airspace.allowed(positions[free])
     shows = np.zeros((*shape, len(needed)), bool)
     shows[free] = _shown(poses[free], station[np.nonzero(free)[0]], view, needed)
@@ -117,9 +116,8 @@ def _on_surface(
     weight = (np.einsum("kni,ki->kn", normals[near], like) > 0).astype(float)
     whole = np.maximum(weight.sum(axis=1, keepdims=True), 1.0)
     normal = np.einsum("kn,kni->ki", weight, normals[near]) / whole
-    on = (np.linalg.norm(normal, axis=1) > SAME_FACE) & (
-        np.where(weight > 0, distance, np.inf).min(axis=1) <= most_m
-    )
+    on = np.where(weight > 0, distance, np.inf).min(axis=1) <= most_m
+    on &= np.linalg.norm(normal, axis=1) > SAME_FACE
     normal = unit(np.where(on[:, None], normal, like))
     middle = np.einsum("kn,kni->ki", weight, points[near]) / whole
     off = ((places - middle) * normal).sum(axis=1, keepdims=True)

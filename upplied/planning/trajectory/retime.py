@@ -220,12 +220,8 @@ class _Flown(Record):
         times, positions = steadied(part)
         step, tick = leg_lengths(positions), float(times[1] - times[0])
         moving = step > _STILL * float(np.percentile(step, 75))
-        return cls(
-            times,
-            cumulated(step),
-            cumulated(np.where(moving, tick, 0.0)),
-            float(np.percentile(step, _TRANSIT)) / tick,
-        )
+        spent, fastest = cumulated(np.where(moving, tick, 0.0)), float(np.percentile(step, _TRANSIT)) / tick
+        return cls(times, cumulated(step), spent, fastest)
 
     def speed(self, t_s: Floats) -> Floats:
         """Mean speed (S,) over some metres to each side."""

@@ -130,9 +130,8 @@ def steadied_swings(sharp: Sharp, path_t_s: Floats, timed: Timed, steady_radps: 
     at = np.interp(steps.poses.t_s, flown.t_s, timed.demonstrated_s)
     at = np.interp(at, path_t_s, np.arange(len(fast)))
     is_fast = np.linalg.norm(steps.turn, axis=1) > steady_radps
-    slow = weighted_percentile(
-        np.where(is_fast, swing[np.rint(at).astype(int)], 0.0), steps.step_s, USUAL_PCT
-    )
+    swung = np.where(is_fast, swing[np.rint(at).astype(int)], 0.0)
+    slow = weighted_percentile(swung, steps.step_s, USUAL_PCT)
     if not slow > 0:
         return sharp
     return replace(sharp, pan_degps=np.where(fast & (swing <= slow), MARGIN * steady_degps, sharp.pan_degps))

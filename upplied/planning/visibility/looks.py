@@ -61,11 +61,8 @@ def sharp_looks(
         What the flight truly sees of the samples, in the same time.
     cloud : Cloud
         N samples with normals.
-    camera : Camera
-    sharp_radps : float
-        Largest motion in the picture.
-    least_cosine : float
-        Of the incidence.
+    sharp_radps, least_cosine : float
+        Largest motion in the picture, rad/s, and least cosine of the incidence.
     carry : array, shape (3, 3), optional
         How a line of sight is carried to the structure that `sides` are compared on.
     coarsest_m : array, shape (N,), optional

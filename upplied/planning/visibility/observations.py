@@ -144,9 +144,8 @@ class Views(Record):
         """
         carry = np.eye(3) if carry is None else carry
         normals = np.zeros((len(points), 3)) if normals is None else normals
-        return _nearest(
-            self.stations.positions @ carry.T, points @ carry.T, normals, self.seen, self.coarseness
-        )
+        positions = self.stations.positions @ carry.T
+        return _nearest(positions, points @ carry.T, normals, self.seen, self.coarseness)
 
     def shown_well(self, cloud: Cloud, farthest_m: Floats, sharp_radps: float, least_cosine: float) -> Bools:
         """Which samples (N,) with normals some pose sees finely, frontally and slowly enough, all at once.
@@ -190,14 +189,7 @@ def views(
 ) -> Views:
     """What a trajectory sees of a cloud on its whole way; ask a demonstration in the same manner.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-    cloud : Cloud
-    camera : Camera
-    settings : VisibilitySettings
-        `BY_FRUSTUM` or `TRULY` for the measures.
-    scene : Scene, optional
+    `settings` are `BY_FRUSTUM` or `TRULY` for the measures; the latter need the scene.
     """
     thinned = stations(trajectory)
     poses, fov_deg = (thinned.positions, thinned.quat_xyzw), thinned.fov_deg
