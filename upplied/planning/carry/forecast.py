@@ -13,13 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from upplied.geometry.vectors import with_normals
 from upplied.planning.constants import SAME_FACE, TOLERANCE
 from upplied.planning.correspondence.certainty import logistic
 from upplied.planning.demonstration.repetition import Take
-from upplied.planning.geometry.clouds import spacing, weighted_percentile
+from upplied.planning.geometry.clouds import nearest_facing, spacing, weighted_percentile
 from upplied.records import Cloud, Floats, Record, Registration
 
 _LEAST = 16  # patches: of fewer nothing is told
@@ -90,9 +88,8 @@ def _apart(source: Cloud, registered: Cloud, share: Floats, size: float) -> floa
         return 0.0
     chosen = chosen[:_MOST]
     weight = 2 * TOLERANCE * size  # what turning a normal counts: of each surface as much as may be off
-    tree = cKDTree(with_normals(registered.points, registered.outward, weight))
-    patches = with_normals(source.points[chosen], source.outward[chosen], weight)
-    off = np.maximum(tree.query(patches)[0] - spacing(registered), 0) / size
+    away = nearest_facing(source.at(chosen), registered, weight)[0]
+    off = np.maximum(away - spacing(registered), 0) / size
     return float(np.average(np.minimum(off, 1.0), weights=share[chosen]))
 
 

@@ -13,14 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import cKDTree
 
-from upplied.geometry.vectors import with_normals
 from upplied.planning.constants import LEAST_PART, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.naming import place_in
 from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
-from upplied.planning.geometry.clouds import UNTURNED, diagonal_of, in_source_frame, spacing
+from upplied.planning.geometry.clouds import UNTURNED, diagonal_of, in_source_frame, nearest_facing, spacing
 from upplied.planning.surface.parts import blades_of
 from upplied.records import Bools, Cloud, Floats, Record, Registration
 
@@ -105,10 +103,8 @@ def _distances(cloud: Cloud, other: Cloud, diagonal_m: float) -> Floats:
 
     A surface that faces another way is farther.
     """
-    weight = FACING * diagonal_m
-    some = spread_over(cloud, _SAMPLES)
-    tree = cKDTree(with_normals(other.points, other.outward, weight))
-    away = tree.query(with_normals(cloud.points[some], cloud.outward[some], weight))[0]
+    some = cloud.at(spread_over(cloud, _SAMPLES))
+    away = nearest_facing(some, other, FACING * diagonal_m)[0]
     return np.maximum(away - spacing(other), 0) / diagonal_m
 
 

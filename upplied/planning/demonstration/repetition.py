@@ -129,11 +129,9 @@ def _with_fine_samples(flights: Sequence[Attended], skin: Skin, settings: Settin
 
 def _shows_each(take: Attended) -> bool:
     """Whether the flight as it was flown shows every part of the kind already: all piers of a bridge."""
-    words, fit = named_axes(take.pair.source.frame), take.pair.surface
-    part, counterparts = demonstrated_part(take), fit.correspondences.target_parts
+    fit, part = take.pair.surface, demonstrated_part(take)
+    counterparts, choices = fit.correspondences.target_parts, _choices(part, take.pair)[2]
     shown = [mine for mine, _ in inspected_parts(take, labels_of(fit.source))]
-    source, target = parts_of_both(fit.source, fit.registered, words)
-    choices = choices_in(take.pair, source, part, target, counterparts(part).tolist()).tolist()
     matched = {other for mine in shown for other in counterparts(mine).tolist()}
     return len(shown) > 1 and part in shown and len(choices) > 0 and set(choices) <= matched
 
@@ -224,11 +222,16 @@ def choices_in(pair: Pair, source: Parts, part: int, target: Parts, known: Seque
 
 def _on_this_side(part: int, pair: Pair) -> list[int]:
     """Target parts like a source part, on its side or in the middle."""
-    words, fit = named_axes(pair.source.frame), pair.surface
-    source, target = parts_of_both(fit.source, fit.registered, words)
-    side = side_of(source, part)
-    choices = choices_in(pair, source, part, target, fit.correspondences.target_parts(part).tolist())
-    return [int(choice) for choice in choices if side_of(target, int(choice)) in (0, side)]
+    source, target, choices = _choices(part, pair)
+    return [choice for choice in choices if side_of(target, choice) in (0, side_of(source, part))]
+
+
+def _choices(part: int, pair: Pair) -> tuple[Parts, Parts, list[int]]:
+    """Both structures' parts in the axes in which places are named, and the target's like a source part."""
+    fit = pair.surface
+    source, target = parts_of_both(fit.source, fit.registered, named_axes(pair.source.frame))
+    known = fit.correspondences.target_parts(part).tolist()
+    return source, target, choices_in(pair, source, part, target, known).tolist()
 
 
 USUAL_PCT = 95.0  # of the demonstration's time

@@ -27,13 +27,10 @@ def corner_cap(legs: Floats, turns: Floats, rest: Bools, acceleration: float, an
     """
     length = np.maximum(np.linalg.norm(legs, axis=1), 1e-12)
     ahead, bend = legs / length[:, None], np.abs(turns) / length
-    cap = np.full(len(legs), np.inf)
-    for there, which in ((rest[:-1], slice(None)), (rest[1:], slice(None))):
-        from_rest = np.minimum(
-            np.sqrt(acceleration * length[which] / 2),
-            np.sqrt(angular * length[which] / (2 * np.maximum(bend, 1e-12))),
-        )
-        cap = np.where(there, np.minimum(cap, from_rest), cap)
+    from_rest = np.minimum(
+        np.sqrt(acceleration * length / 2), np.sqrt(angular * length / (2 * np.maximum(bend, 1e-12)))
+    )
+    cap = np.where(rest[:-1] | rest[1:], from_rest, np.inf)
     both = (length[:-1] + length[1:]) / 2
     across = np.linalg.norm(np.diff(ahead, axis=0), axis=1)
     winding = np.abs(np.diff(turns / length))

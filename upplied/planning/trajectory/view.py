@@ -6,15 +6,13 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from upplied.config import RetimeSettings, VisibilitySettings, focal_px
 from upplied.geometry.polylines import chosen_evenly
 from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.geometry.scene import Scene
-from upplied.geometry.vectors import with_normals
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.geometry.clouds import spacing
+from upplied.planning.geometry.clouds import nearest_facing, spacing
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.axis import Axis, aims_of, axes
 from upplied.planning.visibility.frustum import Closeness, coarseness, seen_by_any, visible
@@ -180,10 +178,8 @@ def required_first(
 
 def _nearest(view: View, required: RequiredSurface) -> Ints:
     """The required sample (N,) that is nearest to each of the view's, on its side of a thin plate."""
-    cloud = view.cloud
-    apart = spacing(cloud)
-    known = cKDTree(with_normals(required.points, required.normals, 2 * apart))
-    return np.asarray(known.query(with_normals(cloud.points, cloud.outward, 2 * apart))[1], np.int64)
+    known = Cloud(required.points, required.normals)
+    return nearest_facing(view.cloud, known, 2 * spacing(view.cloud))[1]
 
 
 def _in_reach(view: View, zone: Ints, path: Flown, airspace: Airspace, usual_m: float) -> Bools:
