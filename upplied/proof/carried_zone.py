@@ -13,7 +13,7 @@ from upplied.planning.correspondence.certainty import certainty
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.correspondence.pair import study_pair
-from upplied.planning.demonstration.about import Faces, zone_of
+from upplied.planning.demonstration.inspection import Faces, zone_of
 from upplied.planning.geometry.clouds import spacing
 from upplied.planning.surface.frames import frames_for, structure_in
 from upplied.planning.surface.parts import labels_of

@@ -15,7 +15,7 @@ from upplied.geometry.scene import Scene, scene_of
 from upplied.geometry.supposed_scene import scene_for
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.correspondence.memo import Memo
-from upplied.planning.demonstration.about import Faces, zone_of
+from upplied.planning.demonstration.inspection import Faces, zone_of
 from upplied.planning.measures.attainable import attainable
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts

@@ -12,8 +12,8 @@ from upplied.config import CloudSettings, InspectionSettings
 from upplied.errors import SettingsError
 from upplied.geometry.poses import look_at, matrices
 from upplied.geometry.scene import scene_of
-from upplied.planning.demonstration.about import zone_of
 from upplied.planning.demonstration.attention import Attention, _subject, attention
+from upplied.planning.demonstration.inspection import zone_of
 from upplied.planning.surface.frames import structure_in
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
