@@ -26,7 +26,7 @@ from scipy.optimize import minimize
 
 from upplied.config import settings_for
 from upplied.errors import UppliedError
-from upplied.planning.correspondence.certainty import (
+from upplied.planning.correspondence.fit import (
     CAPS,
     evidence_of_counterpart,
     evidence_of_same_kind,

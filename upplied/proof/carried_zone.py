@@ -9,8 +9,7 @@ from scipy.spatial import cKDTree
 
 from upplied.config import Settings
 from upplied.geometry.vectors import with_normals
-from upplied.planning.correspondence.certainty import certainty
-from upplied.planning.correspondence.fit import Fit
+from upplied.planning.correspondence.fit import Fit, certainty
 from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.inspection import Faces, zone_of

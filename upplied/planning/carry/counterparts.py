@@ -16,7 +16,7 @@ import numpy as np
 from upplied.config import Settings
 from upplied.planning.carry.forecast import never_scanned_pct, odd_number, open_parts
 from upplied.planning.constants import COMPACT, MAJORITY
-from upplied.planning.correspondence.certainty import (
+from upplied.planning.correspondence.fit import (
     SAME_KIND,
     certainty,
     evidence_of_same_kind,

@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from upplied.planning.constants import LEAST_PART, SAME_FACE, TOLERANCE
-from upplied.planning.correspondence.certainty import logistic, named_by
+from upplied.planning.correspondence.fit import logistic, named_by
 from upplied.planning.correspondence.label_transfer import unnamed_like
 from upplied.planning.correspondence.naming import choices_for, on_sides, side_of
 from upplied.planning.demonstration.repetition import Attended, Take
