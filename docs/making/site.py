@@ -34,7 +34,7 @@ MODULES = {
         "upplied.planning.correspondence.registration",
         "upplied.planning.correspondence.correspondences",
         "upplied.planning.visibility.frustum",
-        "upplied.planning.demonstration.inspection",
+        "upplied.planning.demonstration.stations",
         "upplied.planning.carry.affine",
         "upplied.planning.carry.affine",
         "upplied.planning.airspace.detours",

@@ -52,7 +52,7 @@ class RequiredZones:
     required : list of dict
         Of each zone its name, set and version, who requires it, and its demand.
     faces : callable, optional
-        Of labels; see `planning.demonstration.about.zone_of`.
+        Of labels; see `planning.demonstration.inspection.zone_of`.
     """
 
     def __init__(

@@ -5,6 +5,9 @@ The probability is logistic in the evidence of how the inspected region correspo
 
 A whole may differ elsewhere, in its superstructure or where a rotor stopped, and a hull or a tower still be
 inspected alike; and another thing may fill the same box. So the evidence is of what the flight was about.
+
+Who asks for each engine, or for the outer one, asks about their number. A scan of which an engine is missing,
+or lies in pieces that nothing recognizes, has one that is flown in its place.
 """
 
 from __future__ import annotations
@@ -101,7 +104,7 @@ CAPS = (1.0, 0.5, 0.3, 0.2, 3.0)
 # Calibrated by bench/forecast.py on one half of 186 pairs of like kind and 107 of other kinds, real meshes
 # and generated ones, whose forced plans were judged. Of the other half, which fitted nothing, 75 of 79 that
 # show at least 90 % pass 0.6, and 0 of 55 of other kinds. Whether a part is the right one is another question
-# (`correspondence.certainty`): a stranger's flight may be carried to the part that corresponds best, and an
+# (`correspondence.fit`): a stranger's flight may be carried to the part that corresponds best, and an
 # engine be shown that is the wrong one. Of those said to be at least 0.6, 0.8 and 0.95
 # certain 89, 100 and 96 % showed as much.
 OFFSET = 4.23

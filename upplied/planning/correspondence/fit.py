@@ -1,4 +1,14 @@
-"""Two clouds of one sort, how one is registered on the other, and what corresponds to what."""
+"""Two clouds of one sort, how one is registered on the other, and how certain its parts correspond.
+
+Two questions are asked of a part of the target. Does it correspond to that one? Then a smooth displacement
+without any parts should bring one onto the other. Is it another one of its kind, an outer engine beside the
+inner one? Then it should have its shape and its size. Each is logistic in its evidence, and each weight is at
+least 0: no evidence against a part ever raises its probability.
+
+Where a sibling labelled the parts, source and sibling, and sibling and target, tell by evidence of their own
+which part is which. What both ways lead to is more certain than either; where they lead to different parts,
+one of them is wrong, and each speaks against the other.
+"""
 
 from __future__ import annotations
 

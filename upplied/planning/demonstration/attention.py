@@ -68,7 +68,7 @@ def attention(
         The stretch of the skin that each lies on, by several divisions of it (`surface.skin`). A sample of
         which they do not agree is meant by the share of them that mean it.
     zone : array of bool, shape (N,), optional
-        What the user says that the flight was about (`demonstration.about`): of that, all that it
+        What the user says that the flight was about (`inspection.zone_of`): of that, all that it
         shows counts, and of nothing else.
     """
     steps = moments(flight, breaks)

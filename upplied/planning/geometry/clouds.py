@@ -58,7 +58,7 @@ def in_source_frame(target: Cloud, registration: Registration) -> Cloud:
 
 
 def nearest_facing(cloud: Cloud, other: Cloud, weight: float) -> tuple[Floats, Ints]:
-    """How far the nearest sample of another surface is, (N,) m, and which; a turned normal counts `weight`."""
+    """How far the nearest sample of another surface is, (N,) m, and which; turning its normal counts."""
     tree = cKDTree(with_normals(other.points, other.outward, weight))
     distance, index = tree.query(with_normals(cloud.points, cloud.outward, weight))
     return distance, index
