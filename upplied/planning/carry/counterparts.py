@@ -107,17 +107,9 @@ def _not_repeated(takes: Sequence[Attended]) -> list[Counterpart]:
     there = take.pair.target.structure_id
     alike = choices_for(source.parts, flown[0], source.parts, [flown[0]]).tolist()
     sides = {side_of(source.parts, part) for part in flown}
-    return [
-        Counterpart(
-            part=(name := _name(source.parts, part)),
-            inspected_pct=100.0,
-            twins=len(alike) - 1,
-            found=0,
-            doubt=f"no part like {name} is on its side of {there}",
-        )
-        for part in alike
-        if side_of(source.parts, part) not in sides
-    ]
+    names = [_name(source.parts, part) for part in alike if side_of(source.parts, part) not in sides]
+    twins, lacks = len(alike) - 1, f"is on its side of {there}"
+    return [Counterpart(name, 100.0, twins, 0, doubt=f"no part like {name} {lacks}") for name in names]
 
 
 def undecided(counterparts: Sequence[Counterpart], settings: Settings) -> str:
@@ -130,12 +122,11 @@ def undecided(counterparts: Sequence[Counterpart], settings: Settings) -> str:
             return f"--repeat {rule.repeat} was requested and {one.doubt}"
         if one.twins or one.found > 1 or (one.found and not one.flown):
             return _sentence(one)
-    if rule.expect is not None and counterparts and counterparts[0].found != rule.expect:
-        reason = (
-            f"{counterparts[0].found} parts like {counterparts[0].part} are on the target, "
-            f"{rule.expect} are expected (correspondence.expect)"
-        )
-        return f"{reason}; {counterparts[0].doubt}" if counterparts[0].doubt else reason
+    first = counterparts[0] if counterparts else None
+    if rule.expect is not None and first is not None and first.found != rule.expect:
+        found = f"{first.found} parts like {first.part} are on the target"
+        reason = f"{found}, {rule.expect} are expected (correspondence.expect)"
+        return f"{reason}; {first.doubt}" if first.doubt else reason
     return ""
 
 

@@ -1,8 +1,8 @@
 """Continuous Frechet distance of polylines, after Alt and Godau (1995), in any dimension.
 
 Two people walk along the two curves, each at any speed but never backwards; the distance is the
-shortest leash that lets them both arrive. Whether a leash suffices is decided on the free-space diagram
-(`free_space`); the shortest one is bisected.
+shortest leash that lets them both arrive. Whether a leash suffices is decided on the free-space diagram, row
+by row in the band of columns that can be reached; the shortest one is bisected.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ def _free(point: Floats, start: Floats, end: Floats, leash: float) -> tuple[floa
 def suffices(first: Floats, second: Floats, leash: float, reach_up: Floats, reach_right: Floats) -> bool:
     """Whether a leash of this length lets both walkers arrive.
 
-    Cell (i, j) of the diagram is leg i of the first curve by leg j of the second. `reach_up[j]` is
-    the part of its lower edge (vertex i, leg j) that a walk can reach, `reach_right` that of its left
-    edge (leg i, vertex j). Only columns between the first and the last reachable one are visited.
+    Cell (i, j) of the diagram is leg i of the first curve by leg j of the second. `reach_up[j]` is the part
+    of its lower edge (vertex i, leg j) that a walk can reach, `reach_right` that of its left edge (leg i,
+    vertex j).
     """
     if distance(first[0], second[0]) > leash or distance(first[-1], second[-1]) > leash:
         return False
@@ -130,6 +130,8 @@ _FLAT = 1e-6  # of the largest deviation: rounding, not a height that varies
 def frechet(first: Floats, second: Floats, relative: float = _RELATIVE) -> float:
     """Continuous Frechet distance of two polylines.
 
+    O(N M) time in the worst case and O(N + M) memory for each of about log2(1 / relative) decisions.
+
     Parameters
     ----------
     first, second : array, shape (N, D) and (M, D), one unit
@@ -146,10 +148,6 @@ def frechet(first: Floats, second: Floats, relative: float = _RELATIVE) -> float
     ------
     InputError
         If a curve is empty or not finite, or their dimensions differ.
-
-    Notes
-    -----
-    O(N M) time in the worst case and O(N + M) memory for each of about log2(1 / relative) decisions.
 
     Examples
     --------
@@ -208,14 +206,7 @@ def frechet_floored(demonstrated: Floats, planned: Floats, relative: float = _RE
 
 
 def zscored(path: Floats) -> Floats:
-    """A path (N, D) with mean 0 and deviation 1 along each axis, by its own `spread`.
-
-    Examples
-    --------
-    >>> zscored(np.array([[0.0, 5], [12, 5]])).round(4)
-    array([[-1.7321,  0.    ],
-           [ 1.7321,  0.    ]])
-    """
+    """A path (N, D) with mean 0 and deviation 1 along each axis, by its own `spread`."""
     mean, deviation = spread(path)
     return (path - mean) / deviation
 
@@ -223,10 +214,9 @@ def zscored(path: Floats) -> Floats:
 def spread(path: Floats) -> tuple[Floats, Floats]:
     """Mean and deviation (D,) of a path (N, D) along each axis, by which it is standardised, in its unit.
 
-    They are those of the curve, by length, not of its vertices: a pilot who hovers, or a plan with fewer
-    waypoints, changes nothing. The deviation of an axis counts as at least a tenth of the path's largest,
-    since on a level flight the plain z-score would divide centimetres of unsteadiness by centimetres and let
-    them decide the distance. A path that stays in one point has deviation 1.
+    They are those of the curve, by length, not of its vertices. An axis counts as at least a tenth of the
+    largest deviation: on a level flight the plain z-score would divide centimetres of unsteadiness by
+    centimetres and let them decide the distance. A path that stays in one point has deviation 1.
     """
     mean, deviation = curve_spread(path)
     if not deviation.any():
