@@ -36,7 +36,6 @@ MODULES = {
         "upplied.planning.visibility.frustum",
         "upplied.planning.demonstration.stations",
         "upplied.planning.carry.affine",
-        "upplied.planning.carry.affine",
         "upplied.planning.airspace.detours",
         "upplied.planning.trajectory.retime",
         "upplied.planning.measures.measure",
