@@ -54,10 +54,13 @@ def follow_counterparts(
     camera: Camera,
     nearest_m: float,
 ) -> Followed:
-    """The flight on the target, which looks at the counterparts from the demonstrated side.
+    """The flight on the target, which looks at the counterparts from the demonstrated side (`recommended`).
 
-    `visibility` (M, N) is what each of M poses truly sees of the source's samples, `carrier` says where the
-    source's space lies on the target, and `nearest_m` is the smallest stand-off: the safety distance.
+    The paper maps viewpoints by the statistics of the whole structure and then repairs them one by one. Here
+    one map, `carrier`, carries the flight. A stand-off in metres is no matter of size: the camera then stands
+    as far from the counterpart of what was in the middle of its picture as is asked for, on the side that it
+    came from. `visibility` (M, N) is what each of M poses truly sees of the source's samples, and `nearest_m`
+    is the smallest stand-off: the safety distance.
     """
     positions, quats = carrier.points(flight.positions), without_roll(carrier.orientations(flight.quat_xyzw))
     known = np.flatnonzero((correspondences.target_index >= 0) & visibility.total)

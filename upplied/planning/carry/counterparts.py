@@ -124,8 +124,8 @@ def undecided(counterparts: Sequence[Counterpart], settings: Settings) -> str:
             return _sentence(one)
     first = counterparts[0] if counterparts else None
     if rule.expect is not None and first is not None and first.found != rule.expect:
-        found = f"{first.found} parts like {first.part} are on the target"
-        reason = f"{found}, {rule.expect} are expected (correspondence.expect)"
+        number = f"{first.found} parts like {first.part} are on the target"
+        reason = f"{number}, {rule.expect} are expected (correspondence.expect)"
         return f"{reason}; {first.doubt}" if first.doubt else reason
     return ""
 

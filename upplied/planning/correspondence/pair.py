@@ -172,17 +172,17 @@ class Task(Record):
 
     def registration(self) -> Registration:
         """How the target lies on the source."""
-        given = *self.clouds, self.settings.registration, self.declared
-        return self.remembered("registration", Registration, lambda: register(*given))
+        inputs = *self.clouds, self.settings.registration, self.declared
+        return self.remembered("registration", Registration, lambda: register(*inputs))
 
     def matched(self, fit: Fit, named: Ints | None = None) -> Fit:
         """A fit with its parts and samples matched as the settings say, and by names (M,) of the target's."""
         named = fit.carried if named is None and fit.inferred >= 0 else named
         rule, marks = self.settings.correspondence, (self.source.landmarks, self.target.landmarks)
         clouds, words = (fit.source, fit.target), self.declared.words
-        given = *clouds, fit.registration, rule, *marks, words, named
+        inputs = *clouds, fit.registration, rule, *marks, words, named
         facts = rule, *(() if named is None else ("named",))
-        match = self.remembered("correspondences", Correspondences, lambda: correspond(*given), *facts)
+        match = self.remembered("correspondences", Correspondences, lambda: correspond(*inputs), *facts)
         return replace(fit, correspondences=match)
 
     def with_carried(self, fit: Fit) -> Fit:

@@ -150,12 +150,7 @@ class Inspection(Record):
 
 
 def inspect_demonstration(
-    demonstration: Demonstration,
-    pair: Pair,
-    skin: Skin,
-    settings: Settings,
-    memo: Memo,
-    grain: str,
+    demonstration: Demonstration, pair: Pair, skin: Skin, settings: Settings, memo: Memo, grain: str
 ) -> Inspection:
     """Visibility along the flight, and its viewpoints, remembered by content.
 
@@ -168,17 +163,17 @@ def inspect_demonstration(
     key = content_key(
         "visibility", *facts, grain, settings.visibility, rule.most_poses, settings.refine.method
     )
-    asked = pair.fit_for(settings).source, camera, settings.visibility, pair.source_scene, flight.fov_deg
-    seen_along = partial(visible, flight.positions, flight.quat_xyzw, *asked)
-    seen = memo("visibility", Visibility, key, seen_along)
-    found = partial(find_viewpoints, flight, seen, rule, breaks)
+    sight = pair.fit_for(settings).source, camera, settings.visibility, pair.source_scene, flight.fov_deg
+    along_flight = partial(visible, flight.positions, flight.quat_xyzw, *sight)
+    seen = memo("visibility", Visibility, key, along_flight)
+    segments = partial(find_viewpoints, flight, seen, rule, breaks)
     in_frustum = partial(views, demonstration.trajectory, pair.voxels.source, camera, BY_FRUSTUM)
     truly, attended = attended_by(demonstration, pair, skin, settings, memo, grain)
     return Inspection(
         flight=flight,
         camera=camera,
         visibility=seen,
-        viewpoints=memo("viewpoints", Viewpoints, content_key("viewpoints", key, rule), found),
+        viewpoints=memo("viewpoints", Viewpoints, content_key("viewpoints", key, rule), segments),
         by_frustum=memo("views", Views, content_key("frustum", *facts), in_frustum),
         truly=truly,
         attention=attended,
@@ -200,8 +195,8 @@ def attended_by(
     memo = remembering(memo, demonstration.sha256, pair.source.sha256)
     flown, camera, cloud = demonstration.trajectory, demonstration.camera, pair.surface.source
     facts = (demonstration.sha256, pair.source.sha256, settings.clouds, grain)
-    seen = partial(views, flown, cloud, camera, TRULY, pair.source_scene)
-    truly = memo("views", Views, content_key("truly", *facts), seen)
+    in_sight = partial(views, flown, cloud, camera, TRULY, pair.source_scene)
+    truly = memo("views", Views, content_key("truly", *facts), in_sight)
 
     def about() -> Attention:
         stretch, rule = skin.of(cloud), settings.inspection
@@ -213,10 +208,7 @@ def attended_by(
 
 
 def prepared(
-    demonstration: Demonstration,
-    settings: Settings,
-    memo: Memo = no_memo,
-    spacing_m: float = np.inf,
+    demonstration: Demonstration, settings: Settings, memo: Memo = no_memo, spacing_m: float = np.inf
 ) -> tuple[Trajectory, Ints]:
     """The flight to plan on, and the poses that start a new part after a gap.
 

@@ -153,7 +153,7 @@ def _peaks(values: Floats, least: float) -> Ints:
 def find_viewpoints(
     flight: Trajectory, visibility: Visibility, settings: ViewpointSettings, breaks: Ints | None = None
 ) -> Viewpoints:
-    """One viewpoint for each stretch of the flight that looks at one region (or for each pose, if set so).
+    """One viewpoint for each stretch that looks at one region (paper, Sec. III-C), or for each pose.
 
     The position is the centroid of the segment's positions, the orientation the mean of its rotations, the
     visible set the union over the segment. `visibility` (N, points) is what each of N poses sees; `breaks`

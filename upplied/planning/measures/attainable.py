@@ -93,7 +93,7 @@ def seen_from(
     most = camera.max_range_m * 0.999
     farthest = np.full(len(cloud), _ANYWHERE_M) if farthest_m is None else farthest_m
     possible = np.minimum(farthest, most) > nearest
-    frames, asked = _frames(cloud), _Asked(cloud, airspace, pitch_deg)
+    frames, targets = _frames(cloud), _Targets(cloud, airspace, pitch_deg)
     served = np.full((len(cloud), 3), np.nan)  # from where each sample was seen
     tried = 0
     while tried < len(tilt) and (np.isnan(served[:, 0]) & possible).any():
@@ -103,14 +103,14 @@ def seen_from(
         reach = np.minimum(farthest[left, None] * np.cos(tilt[batch]), most)
         off = frames[left], tilt[batch], turn[batch], _distances(share[batch], nearest, reach)
         positions = cloud.points[left][:, None] + _from_sample(*off)
-        asked.serve(served, positions, left)
+        targets.serve(served, positions, left)
         tried = batch.stop
-    _ask_neighbours(served, asked, (camera.min_range_m, most), farthest, settings.max_incidence_deg)
+    _ask_neighbours(served, targets, (camera.min_range_m, most), farthest, settings.max_incidence_deg)
     return served
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _Asked(Record):
+class _Targets(Record):
     """Samples that are to be seen, and where a camera may be and look."""
 
     cloud: Cloud
@@ -142,10 +142,14 @@ class _Asked(Record):
 
 
 def _ask_neighbours(
-    served: Floats, asked: _Asked, range_m: tuple[float, float], farthest: Floats, max_incidence_deg: float
+    served: Floats,
+    targets: _Targets,
+    range_m: tuple[float, float],
+    farthest: Floats,
+    max_incidence_deg: float,
 ) -> None:
     """Try for each sample left the positions that served its nearest neighbours, again where one helped."""
-    cloud, left = asked.cloud, np.flatnonzero(np.isnan(served[:, 0]))
+    cloud, left = targets.cloud, np.flatnonzero(np.isnan(served[:, 0]))
     number = min(_NEIGHBOURS + 1, len(cloud))
     near = cKDTree(cloud.points).query(cloud.points[left], k=number)[1].reshape(len(left), number)
     limit = np.cos(np.radians(max_incidence_deg))
@@ -161,7 +165,7 @@ def _ask_neighbours(
         fits = (facing >= limit * length) & (length >= range_m[0]) & (length <= range_m[1])
         fits &= length**2 <= farthest[left[open_], None] * facing
         positions[~fits] = np.inf  # in no airspace
-        asked.serve(served, positions, left[open_])
+        targets.serve(served, positions, left[open_])
         if np.isnan(served[left, 0]).sum() == before:
             return
 

@@ -28,9 +28,9 @@ from upplied.records import Floats, Waypoints
 
 
 def propose(carried: Sequence[Carried], settings: Settings) -> Timed:
-    """The planned trajectory, zooming as the demonstration did at the moments its poses correspond to.
+    """The planned trajectory, from flights as they are carried (paper, Alg. 2, lines 17 and 18).
 
-    `carried` is one flight, or as many as the demonstration is to be repeated.
+    It zooms as the demonstration did at the moments its poses correspond to.
 
     Raises
     ------

@@ -195,8 +195,10 @@ class Cover(Record):
 def arranged(cover: Cover, seconds: Floats, price: float, most: int) -> list[Pass]:
     """The passes that are worth most over the whole path, the nearest to the demonstrated one first.
 
-    `seconds` (S,) is what one pass takes beside each station, `price` the share of the need that a second
-    must show, and `most` the passes to each side.
+    All stations are decided at once, by what the lanes show, what they take in time, and what it takes to
+    begin and to end a pass: so it is flown over the whole length on which it is needed, and no single sample
+    decides. `seconds` (S,) is what one pass takes beside each station, `price` the share of the need that a
+    second must show, and `most` the passes to each side.
     """
     table, every = _states(most), np.arange(cover.stations)
     cost = np.empty((cover.stations, len(table)))

@@ -1,4 +1,9 @@
-"""Which points lie in the frustum, range and incidence of which camera, and near enough to it."""
+"""Which points of a cloud each camera pose sees (paper, Sec. III-C: frustum culling), and truly sees.
+
+The paper's frustum tells only where the camera points. With `VisibilitySettings.occlusion` a point also needs
+a free line of sight and must not be seen too obliquely. Frustum, range and incidence are decided first, for
+all pairs, so that rays are cast only where they matter.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""What a path sees of a cloud on its whole way, at closely spaced poses: of flights and plans alike."""
+"""What a path sees of a cloud on its whole way, of flights and plans alike, and how it moves meanwhile.
+
+A log may hold a hundred poses a second with jitter of centimetres, or two. Averaged over half a second, what
+it says about time and motion no longer depends on that.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coverage: the share of what is to be shown that no station shows, made differentiable.
+"""Coverage: the share of what is to be shown that no station shows, made differentiable, and hidden surface.
 
 A station shows a sample by a share from 0 to 1 that falls smoothly across the limit of the incidence,
 the borders of the picture and the farthest distance; the path shows it unless every station fails to.
@@ -190,7 +190,13 @@ _AT_START = 1 - np.exp(-0.5)  # of its pull, that a place keeps at its own dista
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Hidden(Record):
-    """Share of the need that K places would show, and the path does not, by how far it is from them."""
+    """Share of the need that K places would show, and the path does not, by how far it is from them.
+
+    The slope of the coverage is zero for what is hidden from the path, faces away or lies too far off. So
+    places to all sides of the path are asked what they show of it, as the camera looks there. Each pulls the
+    station it belongs to by its share of what it shows, the larger the more it shows and the nearer to the
+    path it is.
+    """
 
     station: Ints  # (K,)
     place: Floats  # (K, 3) m
