@@ -53,6 +53,11 @@ class Ways:
 def route(path: Waypoints, ways: Ways) -> Waypoints:
     """The waypoints at safe places, with further ones where a leg has to lead round something.
 
+    Parameters
+    ----------
+    path : Waypoints
+    ways : Ways
+
     Returns
     -------
     Waypoints
@@ -87,10 +92,19 @@ def route(path: Waypoints, ways: Ways) -> Waypoints:
 
 
 def safe_positions(positions: Floats, ways: Ways) -> Floats:
-    """As many positions (M, 3), m, as given, near them and in their order, on a path that keeps the rules.
+    """As many positions as given, near them and in their order, on a path that keeps the rules.
 
-    For closely spaced paths: what has to lead round something uses the positions that the unsafe stretch and
-    its neighbourhood have.
+    For closely spaced paths: what has to lead round something uses the positions that the
+    unsafe stretch and its neighbourhood have.
+
+    Parameters
+    ----------
+    positions : array, shape (M, 3), m
+    ways : Ways
+
+    Returns
+    -------
+    array, shape (M, 3), m
 
     Raises
     ------

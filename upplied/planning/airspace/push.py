@@ -14,10 +14,19 @@ _INSIDE_M = 0.05  # of the fence
 
 
 def pushed_out(positions: Floats, airspace: Airspace) -> Floats:
-    """Each position (M, 3), m, moved to where it is allowed, its neighbours along the path with it.
+    """Each position moved to where it is allowed, its neighbours along the path with it.
 
-    It ends with what it can reach: places between two near surfaces, or inside the structure, may stay too
-    near.
+    It ends with what it can reach: places between two near surfaces, or inside the structure, may
+    stay too near.
+
+    Parameters
+    ----------
+    positions : array, shape (M, 3), m
+    airspace : Airspace
+
+    Returns
+    -------
+    array, shape (M, 3), m
     """
     moved = np.array(positions, float)
     weights = _kernel(positions, reach=2 * airspace.clearance_m)

@@ -43,9 +43,15 @@ class Roadmap(Record):
 
 
 def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -> Roadmap:
-    """Places round a structure, whose `surface` has samples of the outside with outward normals.
+    """Places round a structure.
 
-    `further` (N, 3), m, are more places, e.g. of the path itself.
+    Parameters
+    ----------
+    airspace : Airspace
+    surface : Cloud
+        Samples of the outside with outward normals.
+    further : array, shape (N, 3), optional
+        More places, e.g. of the path itself.
     """
     shown = chosen_evenly(len(surface), _SAMPLES)  # what is supposed comes last
     points, normals = surface.points[shown], surface.outward[shown]
@@ -150,9 +156,18 @@ def shortened(path: Floats, airspace: Airspace) -> Floats:
 
 
 def tightened(line: Floats, airspace: Airspace) -> Floats:
-    """A way (K, 3), m, drawn tight: which places of a graph it came by does not matter then.
+    """A way drawn tight round what it leads round: which places of a graph it came by does not matter then.
 
-    It breaks no rule and keeps its ends; where it cannot be drawn tight it comes back as it is.
+    Parameters
+    ----------
+    line : array, shape (K, 3), m
+        That breaks no rule.
+    airspace : Airspace
+
+    Returns
+    -------
+    array, shape (K', 3), m
+        With the same ends; the line itself where it cannot be drawn tight.
     """
     if len(line) < 3:
         return line

@@ -53,9 +53,15 @@ def path_clearance(scene: Scene, positions: Floats) -> Nearest:
 
 
 def legs_below(scene: Scene, start: Floats, end: Floats, limit_m: float) -> Bools:
-    """Which straight legs (N,), from `start` to `end` (N, 3), m, come nearer to the structure than a limit.
+    """Which straight legs come nearer to the structure than a limit, (N,).
 
     A leg that stays within 5 mm above the limit may be called too near, never the reverse.
+
+    Parameters
+    ----------
+    scene : Scene
+    start, end : array, shape (N, 3), m, structure frame
+    limit_m : float
     """
     if np.array_equal(start[1:], end[:-1]):  # the legs of a path share their ends
         along = scene.distance(np.concatenate([start, end[-1:]]))

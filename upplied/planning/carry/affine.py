@@ -75,10 +75,17 @@ def registered_map(registration: Registration) -> AxisMap:
 
 
 def carried_orientation(jacobian: Floats, quat_xyzw: Floats) -> Floats:
-    """Orientations (N, 4) after a local linear map of space, (3, 3) or (N, 3, 3), made orthonormal again.
+    """Orientations after a local linear map of space, made orthonormal again.
 
-    Forward is carried exactly. Up is carried with it and gives the plane of both, to which left is normal:
-    under a scaling along the axes a vertical plane stays vertical, so a level horizon stays level.
+    Parameters
+    ----------
+    jacobian : array, shape (3, 3) or (N, 3, 3)
+    quat_xyzw : array, shape (N, 4)
+
+    Notes
+    -----
+    Forward is carried exactly. Up is carried with it and gives the plane of both, to which left is
+    normal: under a scaling along the axes a vertical plane stays vertical, so a level horizon stays level.
     """
     axes = jacobian @ matrices(quat_xyzw)
     forward = axes[..., 0] / np.linalg.norm(axes[..., 0], axis=-1, keepdims=True)
@@ -91,11 +98,18 @@ def carried_orientation(jacobian: Floats, quat_xyzw: Floats) -> Floats:
 def aimed(
     quat_xyzw: Floats, positions: Floats, aim: Floats, before_quat: Floats, before_to_aim: Floats
 ) -> Floats:
-    """Turn each camera (N, 4) by the smallest rotation that brings its aim to its old place in the picture.
+    """Turn each camera by the smallest rotation that brings its aim to its old place in the picture.
 
-    `positions` and `aim` (N, 3), m, are the camera now, and what it should look at; NaN aims leave the
-    orientation alone. `before_quat` and `before_to_aim` (N, 3), m, are the demonstrated orientation, and the
-    vector from the camera to the centre of what it saw.
+    Parameters
+    ----------
+    quat_xyzw : array, shape (N, 4)
+        Orientations to correct.
+    positions, aim : array, shape (N, 3), m
+        The camera now, and what it should look at; NaN aims leave the orientation alone.
+    before_quat : array, shape (N, 4)
+        Demonstrated orientation.
+    before_to_aim : array, shape (N, 3), m
+        Demonstrated vector from the camera to the centre of what it saw.
     """
     in_picture = np.einsum("nji,nj->ni", matrices(before_quat), before_to_aim)
     now = np.einsum("nij,nj->ni", matrices(quat_xyzw), in_picture)
@@ -138,8 +152,17 @@ def standing(pair: Pair) -> Floats:
 def plane_height(flight: Trajectory, pair: Pair, carried: Floats, settings: TransferSettings) -> float:
     """Height of the plane at the target, m.
 
-    With the stand-off kept, as high above the ground as demonstrated (a robot does not grow), where both
-    grounds are known; else where the structure's map carried the flight, (M, 3) m, target frame.
+    With the stand-off kept, as high above the ground as demonstrated (a robot does not grow), where
+    both grounds are known; else where the structure's map carries the flight.
+
+    Parameters
+    ----------
+    flight : Trajectory
+        In the source's frame.
+    pair : Pair
+    carried : array, shape (M, 3), m, target frame
+        The carried flight.
+    settings : TransferSettings
     """
     here, there = pair.source.surroundings.ground_z_m, pair.target.surroundings.ground_z_m
     if settings.standoff != "kept" or here is None or there is None:

@@ -54,13 +54,29 @@ def follow_counterparts(
     camera: Camera,
     nearest_m: float,
 ) -> Followed:
-    """The flight on the target, which looks at the counterparts from the demonstrated side (`recommended`).
+    """Positions and orientations on the target that look at the counterparts from the demonstrated side.
 
-    The paper maps viewpoints by the statistics of the whole structure and then repairs them one by one. Here
-    one map, `carrier`, carries the flight. A stand-off in metres is no matter of size: the camera then stands
-    as far from the counterpart of what was in the middle of its picture as is asked for, on the side that it
-    came from. `visibility` (M, N) is what each of M poses truly sees of the source's samples, and `nearest_m`
-    is the smallest stand-off: the safety distance.
+    Parameters
+    ----------
+    flight : Trajectory
+        M poses, evenly spaced along the path, source frame.
+    visibility : Visibility
+        What each pose truly sees of `source`, (M, N).
+    source : Cloud
+        N surface samples with areas.
+    correspondences : Correspondences
+        From `source` to the target's surface samples.
+    carrier : AxisMap
+        Where the source's space lies on the target.
+    settings : TransferSettings
+    camera : Camera
+        Bounds the stand-off by its range.
+    nearest_m : float
+        Smallest stand-off, m: the safety distance.
+
+    Returns
+    -------
+    Followed
     """
     positions, quats = carrier.points(flight.positions), without_roll(carrier.orientations(flight.quat_xyzw))
     known = np.flatnonzero((correspondences.target_index >= 0) & visibility.total)
@@ -123,8 +139,11 @@ class Carried(Record):
 def carry(takes: Sequence[Take], settings: Settings) -> list[Carried]:
     """The takes of a demonstration carried to the target.
 
-    `settings.refine.method` says whether whole flights are carried, to be optimised, or viewpoints as
-    published.
+    Parameters
+    ----------
+    takes : sequence of Take
+    settings : Settings
+        `refine.method` says whether whole flights are carried, to be optimised, or viewpoints as published.
 
     Raises
     ------

@@ -207,8 +207,15 @@ def _missing(one: Counterpart) -> str:
 def odd_number(take: Attended, part: int, source: Parts, target: Parts, like: set[int]) -> str:
     """What is odd about how many parts of a kind there are, in words; empty where nothing is.
 
-    Both structures' parts are in the axes in which places are named; `like` are the target's parts that
-    correspond to the inspected `part` of the source or are like it.
+    Parameters
+    ----------
+    take : Attended
+    part : int
+        Of the source, that was inspected.
+    source, target : Parts
+        In the axes in which places are named.
+    like : set of int
+        The target's parts that correspond to it or are like it.
     """
     fit, own = take.pair.surface, side_of(source, part)
     kind = choices_for(source, part, source, [part]).tolist()

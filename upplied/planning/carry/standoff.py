@@ -43,9 +43,19 @@ class Standoff(Record):
 def picture_share(positions: Floats, source: Cloud, known: Ints, inspected: Bools) -> Floats:
     """How much of each picture (M, K) is about each of K samples.
 
-    That is the solid angle under which the camera at each position (M, 3), m, sees it, how much of the
-    picture it fills, times the squared share of its part that the flight saw at all, `inspected` (N,): who
-    flies round an engine means the engine, though the fuselage behind it fills more of the pictures.
+    That is the solid angle under which the camera sees it, how much of the picture it fills, times
+    the squared share of its part that the flight saw at all: who flies round an engine means the
+    engine, though the fuselage behind it fills more of the pictures.
+
+    Parameters
+    ----------
+    positions : array, shape (M, 3), m
+    source : Cloud
+        N surface samples.
+    known : array of int, shape (K,)
+        The samples asked about.
+    inspected : array of bool, shape (N,)
+        What the whole flight saw.
     """
     area = source.areas
     label = labels_of(source)

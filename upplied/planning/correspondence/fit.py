@@ -131,9 +131,18 @@ _ELSEWHERE = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
 
 
 def certainty(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = False) -> float:
-    """Probability that parts of the target, at least one, correspond to a part of the source.
+    """Probability that parts of the target correspond to a part of the source.
 
-    `fit` is of surfaces with parts; `alone` says that no other part of the target is like them.
+    Parameters
+    ----------
+    fit : Fit
+        Of surfaces with parts.
+    part : int
+        Of the source.
+    counterparts : sequence of int
+        Parts of the target, at least one.
+    alone : bool
+        Whether no other part of the target is like them.
     """
     sure = _by_fit(fit, part, counterparts, alone)
     if fit.labelling is None:

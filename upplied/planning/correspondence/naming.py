@@ -36,9 +36,16 @@ def pinned_parts(
 
     A name is a landmark of its structure or ``part_7``. On the target it may be places as well, ``outer`` or
     ``left_inner``: they choose among the parts of the source part's shape, on its side unless they name one.
-    Places are asked on the registered target, however it is turned, in the axes to which `words` (3, 3) turns
-    the source: +X front, +Y left. Surface samples and landmarks are in each structure's own frame. `named`
-    (M,) is the source's part by which each target sample is named, -1 for none: no place means another kind.
+    Places are asked on the registered target, however it is turned.
+
+    Parameters
+    ----------
+    source, target : Cloud
+        Surface samples with parts, each in its own frame; so are the landmarks.
+    words : array, shape (3, 3), optional
+        Quarter turns of the source to the axes in which places are named: +X front, +Y left.
+    named : array of int, shape (M,), optional
+        The source's part by which each target sample is named, -1 for none: no place means another kind.
 
     Raises
     ------

@@ -52,7 +52,13 @@ def register(
 ) -> Registration:
     """Lay the target on the source and judge the fit: as published, or as `settings.acceptance` asks.
 
-    Without `declared` both clouds are in their declared frames.
+    Parameters
+    ----------
+    source, target : Cloud
+        Of the demonstration structure, and of the target.
+    settings : RegistrationSettings
+    declared : Declared, optional
+        Without it both clouds are in their declared frames.
 
     Returns
     -------

@@ -107,8 +107,16 @@ def nearest_in_proportions(
 ) -> tuple[str, ...]:
     """The structures of which the boxes are most like another's but for their size, the nearest first.
 
-    `size_m` (3,), m, are the extents of a structure along its declared axes, `sizes_m` (N, 3), m, those of N
-    others with these names, in any order; at most so many are chosen.
+    Parameters
+    ----------
+    size_m : sequence of float, (3,) m
+        Extents of a structure along its declared axes.
+    names : sequence of str
+        Ids of N others, in any order.
+    sizes_m : array, shape (N, 3), m
+        Their extents.
+    most : int
+        How many at most.
     """
     ratio = np.log(np.maximum(sizes_m, 1e-9)) - np.log(np.maximum(size_m, 1e-9))
     unlike = np.round(ratio.std(axis=1), 9)  # so that libraries do not choose among equals

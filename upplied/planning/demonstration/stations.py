@@ -22,7 +22,13 @@ def pauses(flight: Trajectory, least_s: float = 3.0) -> list[tuple[float, float]
     """Begin and end, s, of each time in which the pilot stood still, start and landing apart.
 
     He stands where the steadied position moves at less than three tenths of his usual speed, or where poses
-    one after another are at the very same place; for less than `least_s`, s, he hesitates.
+    one after another are at the very same place.
+
+    Parameters
+    ----------
+    flight : Trajectory
+    least_s : float
+        Shorter ones are hesitations.
     """
     if len(flight) < 4 or flight.t_s[-1] - flight.t_s[0] < 2 * least_s:
         return []
@@ -86,9 +92,16 @@ def looking(axes: Floats) -> Floats:
 def stations_of(flight: Trajectory, spacing_m: float, extent_m: float, length_m: float) -> Trajectory:
     """The poses by which a steady flight is given: its ends, its hovers, and what its shape asks for.
 
-    The flight is closely spaced, with equal positions one after another where it hovers, and may be a part of
-    one of that extent and length, m. Where it is straight, stations are at most `spacing_m` apart. A line of
-    length s over an arc of curvature k leaves it by k s^2 / 8.
+    A line of length s over an arc of curvature k leaves it by k s^2 / 8.
+
+    Parameters
+    ----------
+    flight : Trajectory
+        Closely spaced; equal positions one after another where it hovers.
+    spacing_m : float
+        Of stations where it is straight, at most.
+    extent_m, length_m : float
+        Of the whole flight, of which this may be a part.
     """
     if len(flight) < 3:
         return flight
@@ -153,11 +166,20 @@ def _peaks(values: Floats, least: float) -> Ints:
 def find_viewpoints(
     flight: Trajectory, visibility: Visibility, settings: ViewpointSettings, breaks: Ints | None = None
 ) -> Viewpoints:
-    """One viewpoint for each stretch that looks at one region (paper, Sec. III-C), or for each pose.
+    """One viewpoint for each stretch of the flight that looks at one region (or for each pose, if set so).
 
-    The position is the centroid of the segment's positions, the orientation the mean of its rotations, the
-    visible set the union over the segment. `visibility` (N, points) is what each of N poses sees; `breaks`
-    are poses that start a new part after a gap in the log: they always start a segment.
+    The position is the centroid of the segment's positions, the orientation the mean of its
+    rotations, the visible set the union over the segment.
+
+    Parameters
+    ----------
+    flight : Trajectory
+        N poses.
+    visibility : Visibility
+        What each pose sees, (N, points).
+    settings : ViewpointSettings
+    breaks : array of int, optional
+        Poses that start a new part after a gap in the log; they always start a segment.
     """
     if settings.method == "poses":
         bounds = np.arange(len(flight) + 1)

@@ -69,7 +69,12 @@ def icp(source: Floats, target: Floats, iterations: int) -> tuple[Floats, Floats
 
     Every source point (N, 3), m, is paired with its nearest target point (M, 3), however far; all iterations
     count. Open3D's ``registration_icp`` with ``ICPConvergenceCriteria(0, 0, iterations)`` gives the same
-    rotation (3, 3) and translation (3,), m.
+    motion.
+
+    Returns
+    -------
+    rotation : array, shape (3, 3)
+    translation : array, shape (3,), m
     """
     tree, rotation, translation = cKDTree(target), np.eye(3), np.zeros(3)
     before = None

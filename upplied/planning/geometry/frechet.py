@@ -185,10 +185,18 @@ def _abreast(first: Floats, second: Floats) -> float:
 
 
 def frechet_z(demonstrated: Floats, planned: Floats, relative: float = _RELATIVE) -> float:
-    """Frechet distance of two paths (N, 3), m, each z-scored by its own mean and deviation (paper, Table II).
+    """Frechet distance of two paths, each z-scored by its own mean and deviation (paper, Table II).
 
-    Each axis is divided by its own deviation, however small: on a level flight that is centimetres, and they
-    decide the distance. `frechet_floored` is the one that tells whether two paths have one shape.
+    Parameters
+    ----------
+    demonstrated, planned : array, shape (N, 3) and (M, 3), m
+    relative : float
+        See `frechet`.
+
+    Notes
+    -----
+    Each axis is divided by its own deviation, however small: on a level flight that is centimetres, and
+    they decide the distance. `frechet_floored` is the one that tells whether two paths have one shape.
     """
     return frechet(_plainly_scored(demonstrated), _plainly_scored(planned), relative)
 
@@ -212,11 +220,21 @@ def zscored(path: Floats) -> Floats:
 
 
 def spread(path: Floats) -> tuple[Floats, Floats]:
-    """Mean and deviation (D,) of a path (N, D) along each axis, by which it is standardised, in its unit.
+    """Mean and deviation of a path along each axis, by which it is standardised.
 
-    They are those of the curve, by length, not of its vertices. An axis counts as at least a tenth of the
-    largest deviation: on a level flight the plain z-score would divide centimetres of unsteadiness by
-    centimetres and let them decide the distance. A path that stays in one point has deviation 1.
+    They are those of the curve, by length, not of its vertices: a pilot who hovers, or a plan with
+    fewer waypoints, changes nothing. The deviation of an axis counts as at least a tenth of the
+    path's largest, since on a level flight the plain z-score would divide centimetres of
+    unsteadiness by centimetres and let them decide the distance. A path that stays in one point
+    has deviation 1.
+
+    Parameters
+    ----------
+    path : array, shape (N, D)
+
+    Returns
+    -------
+    mean, deviation : array, shape (D,), in the unit of the path
     """
     mean, deviation = curve_spread(path)
     if not deviation.any():

@@ -83,10 +83,19 @@ def seen_from(
     farthest_m: Floats | None = None,
     pitch_deg: tuple[float, float] | None = None,
 ) -> Floats:
-    """From where each sample is seen by a camera that looks straight at it, (N, 3), m; NaN: from nowhere.
+    """From where each sample is seen by a camera that looks straight at it.
 
-    That is the most likely of the positions that were tried, which is the most frontal one. Parameters are
-    those of `attainable`, and least and largest pitch of the look, deg; up is positive.
+    Parameters
+    ----------
+    cloud, airspace, camera, settings, farthest_m
+        As above.
+    pitch_deg : tuple, optional
+        Least and largest pitch of the look, deg; up is positive.
+
+    Returns
+    -------
+    array, shape (N, 3), m
+        The most likely of the positions that were tried, which is the most frontal one; NaN where none is.
     """
     tilt, turn, share = _candidates(settings.max_incidence_deg)
     nearest = max(max(camera.min_range_m, airspace.clearance_m) * 1.001, 1e-3)

@@ -148,9 +148,15 @@ class Shown(Record):
 def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown:
     """What a plan shows at least as well as the demonstration, in one look each.
 
-    `planned` is what it truly sees of the target's surface samples. A look does where it is near enough,
-    frontal enough, and slow enough to be sharp. Target surface that corresponds to inspected surface without
-    being anybody's nearest counterpart is judged like its neighbour.
+    A look does where it is near enough, frontal enough, and slow enough to be sharp. Target surface that
+    corresponds to inspected surface without being anybody's nearest counterpart is judged like its neighbour.
+
+    Parameters
+    ----------
+    planned : Views
+        What the plan truly sees of the target's surface samples.
+    takes : sequence of Take
+    settings : Settings
     """
     pair, rule = takes[0].pair, settings.inspection
     inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])

@@ -49,12 +49,25 @@ def picture_score(of: Compared) -> dict[str, float]:
 def picture_worth(
     steps: Moments, seen: Bools, cloud: Cloud, desired_m: Floats, pixel: Floats, exposure_s: float
 ) -> Floats:
-    """The worth (N,) of the best picture of each of N points with normals, 0 to 1.
+    """The worth (N,) of the best picture of each of N points, 0 to 1.
 
-    ``q_seen`` is `seen`, (K, N) of K pictures. ``q_blur`` is a pixel, the tangent of the middle pixel's angle
-    (K,), over the larger of the motions across and up during the exposure; ``q_res`` is `desired_m` (N,),
-    metres a pixel that are enough, over the larger of those where the tangent plane cuts the camera's
-    horizontal and vertical plane. Neither is more than 1.
+    ``q_blur`` is a pixel over the larger of the motions across and up during the exposure, ``q_res`` the
+    desired metres a pixel over the larger of those where the tangent plane cuts the camera's horizontal
+    and vertical plane; neither is more than 1.
+
+    Parameters
+    ----------
+    steps : Moments
+        K pictures.
+    seen : array of bool, shape (K, N)
+        ``q_seen``.
+    cloud : Cloud
+        With normals.
+    desired_m : array, shape (N,)
+        Metres a pixel, that are enough.
+    pixel : array, shape (K,)
+        Tangent of the angle of the middle pixel.
+    exposure_s : float
     """
     axes = np.ascontiguousarray(matrices(steps.poses.quat_xyzw).transpose(0, 2, 1))
     moving = steps.poses.positions, axes, steps.velocity, steps.turn
@@ -109,10 +122,19 @@ def _dot(one: Floats, other: Floats) -> float:  # pragma: no cover - compiled
 def photos_of(
     path: Trajectory, photo: Bools, cloud: Cloud, camera: Camera, scene: Scene, rule: InspectionSettings
 ) -> Photos:
-    """What each photo of a path shows of some surface samples with normals, how finely and how sharply.
+    """What each photo of a path shows of some surface samples, how finely and how sharply.
 
-    `photo` (N,) says which of the N poses are photos; `rule` has the limits of a look that counts, and what
-    is assumed of a camera.
+    Parameters
+    ----------
+    path : Trajectory
+        N poses.
+    photo : array of bool, shape (N,)
+    cloud : Cloud
+        Surface samples with normals.
+    camera : Camera
+    scene : Scene
+    rule : InspectionSettings
+        The limits of a look that counts, and what is assumed of a camera.
     """
     taken = path.take(photo)
     velocity, turn = (of[photo] for of in rates(path))

@@ -29,9 +29,17 @@ _TRANSIT_M, _TRANSIT_S = 50.0, 60.0  # that any plan may add for its ways
 def shortfalls(
     trajectory: Trajectory, measures: Measures, takes: Sequence[Take], settings: Settings
 ) -> tuple[str, ...]:
-    """Why a planned trajectory, in the target's frame, must not be flown, in words; none where it may.
+    """Why a planned trajectory must not be flown, in words; none where it may.
 
-    `settings.verdict` sets the floors, `route` and `retime` the limits of the vehicle.
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Target frame.
+    measures : Measures
+        Of that trajectory.
+    takes : sequence of Take
+    settings : Settings
+        `verdict` sets the floors, `route` and `retime` the limits of the vehicle.
     """
     poses = (trajectory.t_s, trajectory.positions, trajectory.quat_xyzw)
     if not all(np.isfinite(values).all() for values in poses):

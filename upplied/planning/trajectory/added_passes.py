@@ -67,10 +67,18 @@ class Beside(Record):
 
     @classmethod
     def of(cls, path: Flown, view: View, ways: Ways, pace: Pace, half_rad: float) -> Beside | None:
-        """The lanes beside a path of M stations; None where nothing is to be shown from them.
+        """The lanes beside a path; None where nothing is to be shown from them.
 
-        Transits to a pass and on from it lead round what stands in their way. For `half_rad` see
-        `lanes_beside`.
+        Parameters
+        ----------
+        path : Flown
+            M stations.
+        view : View
+        ways : Ways
+            Of the target: transits to a pass and on from it lead round what stands in their way.
+        pace : Pace
+        half_rad : float
+            See `lanes.lanes_beside`.
         """
         few = np.flatnonzero(view.need > 0)[:_NEEDED]  # every beginning of samples is spread evenly
         lanes = lanes_beside(path, view, ways.planning, half_rad, few) if len(few) else None

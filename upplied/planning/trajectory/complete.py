@@ -28,9 +28,24 @@ from upplied.records import Floats, Waypoints
 
 
 def propose(carried: Sequence[Carried], settings: Settings) -> Timed:
-    """The planned trajectory, from flights as they are carried (paper, Alg. 2, lines 17 and 18).
+    """The planned trajectory, which of its poses are viewpoints, and the demonstration's times.
 
-    It zooms as the demonstration did at the moments its poses correspond to.
+    Parameters
+    ----------
+    carried : sequence of Carried
+        One, or as many as the demonstration is to be repeated.
+    settings : Settings
+
+    Returns
+    -------
+    Trajectory
+        P poses, target frame.
+    array of bool, shape (P,)
+        Which of them are viewpoints.
+    array, shape (P,), s
+        The time of the joined flights (`repetition.joined`) that each corresponds to.
+    array of bool, shape (P,)
+        Which of them are on passes added to the demonstrated ones.
 
     Raises
     ------
@@ -81,7 +96,19 @@ _SHORTENED = 5  # times, until passes are flown in time
 
 
 def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
-    """A carried flight made safe, and optimised towards its own goal: every leg keeps the rules.
+    """A carried flight made safe, and optimised.
+
+    Parameters
+    ----------
+    carried : Carried
+    goal : Goal
+        Its own.
+    settings : Settings
+
+    Returns
+    -------
+    Waypoints
+        Every leg keeps the rules.
 
     Raises
     ------

@@ -43,10 +43,19 @@ class Lanes(Record):
 
 
 def lanes_beside(path: Flown, view: View, airspace: Airspace, half_rad: float, needed: Ints) -> Lanes | None:
-    """Lanes beside a path of M stations; None where it looks past the surface.
+    """Lanes beside a path; None where it looks past the surface.
 
-    Their places keep the rules of the airspace. `half_rad` is half the angle across the way of flight within
-    which a look at a wall is fine enough, and `needed` (m,) are the samples that the lanes are asked about.
+    Parameters
+    ----------
+    path : Flown
+        M stations.
+    view : View
+    airspace : Airspace
+        Whose rules the places keep.
+    half_rad : float
+        Half the angle across the way of flight within which a look at a wall is fine enough.
+    needed : array of int, shape (m,)
+        Samples that the lanes are asked about.
     """
     axis = optical_axis(from_yaw_pitch(path.yaw, path.pitch))
     away = view.scene.cast(path.positions, axis)[0]
@@ -195,10 +204,15 @@ class Cover(Record):
 def arranged(cover: Cover, seconds: Floats, price: float, most: int) -> list[Pass]:
     """The passes that are worth most over the whole path, the nearest to the demonstrated one first.
 
-    All stations are decided at once, by what the lanes show, what they take in time, and what it takes to
-    begin and to end a pass: so it is flown over the whole length on which it is needed, and no single sample
-    decides. `seconds` (S,) is what one pass takes beside each station, `price` the share of the need that a
-    second must show, and `most` the passes to each side.
+    Parameters
+    ----------
+    cover : Cover
+    seconds : array, shape (S,)
+        That one pass takes beside each station.
+    price : float
+        Share of the need, that a second must show.
+    most : int
+        Passes to each side.
     """
     table, every = _states(most), np.arange(cover.stations)
     cost = np.empty((cover.stations, len(table)))

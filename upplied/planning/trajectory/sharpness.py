@@ -56,9 +56,19 @@ def sharp_limits(
 ) -> Sharp:
     """How fast a path may be flown, and its camera turned, at each waypoint.
 
-    Its times are those of `flight`, of all takes one after another (`repetition.joined`). Where the expert
-    himself swung his camera round faster than it stays sharp he was on the way from one thing to the next:
-    nothing there is to be sharp, and the plan swings as fast as he did.
+    Where the expert himself swung his camera round faster than it stays sharp he was on the way from one
+    thing to the next: nothing there is to be sharp, and the plan swings as fast as he did.
+
+    Parameters
+    ----------
+    path : Waypoints
+        `t_s` is the time of `flight` that each corresponds to.
+    flight : Trajectory
+        The demonstration, of all takes one after another (`repetition.joined`).
+    takes : sequence of Take
+    inspected : InspectedSurface
+        Of all takes together.
+    settings : Settings
     """
     usual, own = np.degrees(steady_radps(takes, settings.inspection)), _swung_degps(path.t_s, flight)
     speed = np.where(own > usual, np.inf, _sharp_speeds(path, flight, takes, inspected, settings))
@@ -119,8 +129,16 @@ def steadied_swings(sharp: Sharp, path_t_s: Floats, timed: Timed, steady_radps: 
     A swing takes as long on a small structure as on a large one, the rest of the flight does not. The slowest
     swings are flown steadily, as many as leave no more than 5 % of the time for the others.
 
-    `path_t_s` (W,), s, is the time of the demonstration that each of W waypoints corresponds to, `timed` what
-    `retime` gives for these limits, and `steady_radps` up to which a camera turns steadily.
+    Parameters
+    ----------
+    sharp : Sharp
+        Of W waypoints.
+    path_t_s : array, shape (W,), s
+        The time of the demonstration that each corresponds to.
+    timed : tuple
+        What `retime` gives for these limits.
+    steady_radps : float
+        Up to which a camera turns steadily.
     """
     flown, steady_degps = timed.trajectory, np.degrees(steady_radps)
     steps = moments(flown)

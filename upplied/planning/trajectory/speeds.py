@@ -22,8 +22,15 @@ _Rule = tuple[Floats, Floats, float, float]  # legs and turns as of `corner_cap`
 def corner_cap(legs: Floats, turns: Floats, rest: Bools, acceleration: float, angular: float) -> Floats:
     """Speed of each leg (K,), m/s, at which it may be followed by another of the same speed, or by rest.
 
-    Of legs (K, 3), m, on which the heading turns (K,), rad. `rest` (K + 1,) says where the vehicle stands,
-    before, between and after them; `acceleration`, m/s^2, and `angular`, rad/s^2, are its limits.
+    Parameters
+    ----------
+    legs : array, shape (K, 3), m
+    turns : array, shape (K,), rad
+        Of the heading, on each leg.
+    rest : array of bool, shape (K + 1,)
+        Where the vehicle stands, before, between and after the legs.
+    acceleration, angular : float, m/s^2 and rad/s^2
+        Limits.
     """
     length = np.maximum(np.linalg.norm(legs, axis=1), 1e-12)
     ahead, bend = legs / length[:, None], np.abs(turns) / length

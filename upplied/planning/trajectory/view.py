@@ -143,12 +143,25 @@ def required_first(
 ) -> View:
     """The view with the zones that the path can come to show needed before all else.
 
-    A flight is asked for those samples of a zone that it can show from within two of its stand-offs,
-    `usual_m`: from the path as it is carried to the target with its camera turned anywhere, or from an
-    allowed place beside it. What lies elsewhere is for another flight, and does not make this one worse.
+    Parameters
+    ----------
+    view : View
+        What the demonstration asks for.
+    required : RequiredSurface
+        In the frame of the view.
+    path : Flown
+        As it is carried to the target, before it is optimised.
+    airspace : Airspace
+        Whose rules the places beside it keep.
+    usual_m : float
+        The stand-off.
+    times : float
+        What was inspected counts a square metre of a zone.
 
-    The required surface is in the frame of the view, and a square metre of it counts `times` as much as one
-    of what was inspected. The view that comes back has the distances and incidences that the zones ask for.
+    Returns
+    -------
+    View
+        With the distances and incidences that the zones ask for.
     """
     mine = _nearest(view, required)
     zone = np.flatnonzero(required.zone[mine])

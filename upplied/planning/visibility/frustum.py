@@ -215,7 +215,17 @@ def seen_by_any(
     fov_deg: Floats | None = None,
     closeness: Closeness | None = None,
 ) -> Bools:
-    """Which points (N,) some pose truly sees: `visible(...).seen.any(axis=0)`, with few rays for each."""
+    """Which points some pose sees: as `visible(...).seen.any(axis=0)`, with a few rays for each point.
+
+    Parameters
+    ----------
+    positions, quat_xyzw, cloud, camera, settings, scene, fov_deg, closeness
+        As above; `settings` with occlusion.
+
+    Returns
+    -------
+    array of bool, shape (N,)
+    """
     may = _in_frustum(positions, quat_xyzw, cloud, camera, settings, scene, fov_deg, closeness)
     point, pose = np.nonzero(np.ascontiguousarray(may.T))
     first = np.searchsorted(point, np.arange(len(cloud) + 1))

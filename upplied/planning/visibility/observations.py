@@ -38,7 +38,14 @@ class Moments(Record):
 
 
 def moments(flight: Trajectory, breaks: Ints | None = None) -> Moments:
-    """Steps of about half a second, none of them across the gaps in the log after which `breaks` lie."""
+    """Steps of about half a second, none of them across a gap in the log.
+
+    Parameters
+    ----------
+    flight : Trajectory
+    breaks : array of int, optional
+        First pose after each gap.
+    """
     inner = {int(b) for b in breaks if 0 < b < len(flight)} if breaks is not None else set()
     cuts = [0, *sorted(inner), len(flight)]
     parts = [_even(flight, first, last) for first, last in itertools.pairwise(cuts)]
@@ -143,8 +150,14 @@ class Views(Record):
     ) -> tuple[Floats, Floats]:
         """Smallest distance, m, and largest cosine of the incidence of each point, (N,); else inf and -1.
 
-        `seen` is of these points (N, 3), m. Without normals (N, 3) all cosines are 0. `carry` (3, 3) says how
-        lines of sight are carried before they are measured.
+        Parameters
+        ----------
+        points : array, shape (N, 3), m
+            What `seen` is of.
+        normals : array, shape (N, 3), optional
+            Without them all cosines are 0.
+        carry : array, shape (3, 3), optional
+            How lines of sight are carried before they are measured.
         """
         carry = np.eye(3) if carry is None else carry
         normals = np.zeros((len(points), 3)) if normals is None else normals
@@ -152,10 +165,18 @@ class Views(Record):
         return _nearest(positions, points @ carry.T, normals, self.seen, self.coarseness)
 
     def shown_well(self, cloud: Cloud, farthest_m: Floats, sharp_radps: float, least_cosine: float) -> Bools:
-        """Which samples (N,) with normals some pose sees finely, frontally and slowly enough, all at once.
+        """Which samples (N,) some pose sees finely, frontally and slowly enough, all at once.
 
-        `farthest_m` (N,) is that of a frontal look, an oblique one is nearer by the cosine of its incidence;
-        NaN is not asked for. `sharp_radps` is the largest motion of the sample in the picture.
+        Parameters
+        ----------
+        cloud : Cloud
+            What `seen` is of, with normals.
+        farthest_m : array, shape (N,), m
+            Of a frontal look; an oblique one is nearer by the cosine of its incidence. NaN: not asked for.
+        sharp_radps : float
+            Largest motion of the sample in the picture.
+        least_cosine : float
+            Of the incidence.
         """
         moving, points = (self.stations.positions, *rates(self.stations)), (cloud.points, cloud.outward)
         looks = (*(np.ascontiguousarray(of) for of in (*moving, *points)), self.seen, self.coarseness)
@@ -193,7 +214,14 @@ def views(
 ) -> Views:
     """What a trajectory sees of a cloud on its whole way; ask a demonstration in the same manner.
 
-    `settings` are `BY_FRUSTUM` or `TRULY` for the measures; the latter need the scene.
+    Parameters
+    ----------
+    trajectory : Trajectory
+    cloud : Cloud
+    camera : Camera
+    settings : VisibilitySettings
+        `BY_FRUSTUM` or `TRULY` for the measures.
+    scene : Scene, optional
     """
     thinned = stations(trajectory)
     poses, fov_deg = (thinned.positions, thinned.quat_xyzw), thinned.fov_deg

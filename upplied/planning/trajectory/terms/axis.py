@@ -72,10 +72,21 @@ def axes(yaw: Floats, pitch: Floats) -> Floats:
 
 
 def aims_of(positions: Floats, axis: Floats, points: Floats, weight: Floats, seen: Bools) -> Aims:
-    """The surface near each optical axis, a unit vector at each position (S, 3), m.
+    """The surface near each optical axis.
 
-    It is the mean of the points (N, 3), m, that are seen, (S, N), and how they spread, by the weight (N,)
-    that each stands for and weighted towards the axis, half a gaze wide: no single sample decides.
+    Parameters
+    ----------
+    positions, axis : array, shape (S, 3), m and unit vectors
+    points : array, shape (N, 3), m
+    weight : array, shape (N,)
+        How much each sample stands for.
+    seen : array of bool, shape (S, N)
+
+    Returns
+    -------
+    Aims
+        The mean of what is seen and how it spreads, weighted towards the axis, half a gaze wide: no single
+        sample decides.
     """
     given = (np.ascontiguousarray(of, float) for of in (positions, axis, points, weight))
     at, spread = _aims(*given, seen, _SPREAD**2)

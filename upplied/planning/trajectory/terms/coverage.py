@@ -205,9 +205,17 @@ class Hidden(Record):
 
     @classmethod
     def of(cls, view: View, airspace: Airspace, path: Flown, usual_m: float) -> Hidden:
-        """The term near a path of M stations; without places where nothing is missed that any of them shows.
+        """The term near a path; without places where nothing is missed that any of them shows.
 
-        Places keep the rules of the airspace, and are tried up to 0.8 of a stand-off, m, aside.
+        Parameters
+        ----------
+        view : View
+        airspace : Airspace
+            Whose rules the places keep.
+        path : Flown
+            M stations.
+        usual_m : float
+            The stand-off.
         """
         missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
         few, at, off = missed[:_MISSED], *places_beside(path, usual_m)
