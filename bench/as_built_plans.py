@@ -37,7 +37,7 @@ from scipy.spatial import cKDTree
 
 from upplied.config import settings_for
 from upplied.geometry.scene import Scene, scene_of
-from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.rules import path_clearance
 from upplied.planning.plan import decided, plan_transfer
 from upplied.planning.visibility.observations import TRULY, views
 from upplied.records import Bools, Camera, Floats, Plan, Trajectory

@@ -30,8 +30,7 @@ from upplied.geometry.scene import scene_of
 from upplied.planning.demonstration.attention import attention
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
-from upplied.planning.visibility.moments import moments
-from upplied.planning.visibility.observations import TRULY, stations_at, views
+from upplied.planning.visibility.observations import TRULY, moments, stations_at, views
 from upplied.records import Bools, Cloud, Demonstration, Structure
 from upplied.samples.airframe import airframe, left_nacelle
 from upplied.samples.fleet import member

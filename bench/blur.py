@@ -21,8 +21,7 @@ from upplied.config import focal_px, settings_for
 from upplied.geometry.scene import scene_of
 from upplied.planning.plan import plan_transfer
 from upplied.planning.visibility.looks import sharp_looks
-from upplied.planning.visibility.moments import moments
-from upplied.planning.visibility.observations import TRULY, views
+from upplied.planning.visibility.observations import TRULY, moments, views
 from upplied.records import SURFACE_STATES, Camera, Cloud, Floats, Plan, Trajectory
 
 _STEPS, _DOTS, _SIZE = 41, 300, 256

@@ -27,7 +27,7 @@ from upplied.inputs.meshes import read_structure
 from upplied.overlap import Frames
 from upplied.planning.measures.picture_score import picture_worth
 from upplied.planning.plan import plan_transfer
-from upplied.planning.visibility.moments import Moments, rates
+from upplied.planning.visibility.observations import Moments, rates
 from upplied.records import Camera, Cloud, Floats, Structure, Surroundings, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly

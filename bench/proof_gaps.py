@@ -17,9 +17,8 @@ from proof_flights import Manner, flown
 from proof_second import Place, places
 
 from upplied.config import settings_for
-from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import roadmap
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.proof.align import align
 from upplied.proof.as_flown import as_flown
 from upplied.proof.gap import gap_flight

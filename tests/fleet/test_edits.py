@@ -15,7 +15,7 @@ from upplied.errors import InputError
 from upplied.fleet.edits import carry_edits, edit_plan, write_edit
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import scene_of
-from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.rules import path_clearance
 from upplied.proof.carried_edit import (
     StoredEdit,
     ViewpointChange,

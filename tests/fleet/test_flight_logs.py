@@ -32,7 +32,7 @@ from upplied.outputs.flown import seen_as_flown
 from upplied.outputs.logs import write_log
 from upplied.outputs.missions.mcap import mcap_bytes
 from upplied.outputs.publish import publish_pages
-from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.rules import path_clearance
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.looks import looks_of
 from upplied.records import SURFACE_STATES, Cloud, Demonstration, Plan, Trajectory

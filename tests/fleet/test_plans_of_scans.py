@@ -30,7 +30,7 @@ from upplied.outputs.missions import MissionOptions
 from upplied.outputs.pairs import pairs_of
 from upplied.outputs.render import export_transfer
 from upplied.outputs.reports import Reader, plan_of
-from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.rules import path_clearance
 from upplied.planning.plan import plan_transfer
 from upplied.proof.looks import looks_of
 from upplied.records import Camera, Cloud, Demonstration, Plan, Structure, Trajectory

@@ -20,7 +20,7 @@ from upplied.geometry.poses import matrices, yaw_pitch
 from upplied.geometry.scene import scene_of
 from upplied.outputs.logs import write_log
 from upplied.outputs.zones import zones
-from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.rules import path_clearance
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.visibility.observations import stations
 from upplied.proof import required_zones

@@ -18,8 +18,7 @@ from upplied.geometry.supposed_scene import extent, scene_for
 from upplied.outputs.missions import MissionOptions, export, missions_of
 from upplied.outputs.missions.gate import Limits, breaches, broken_by, planned
 from upplied.outputs.missions.transits import default_home
-from upplied.planning.airspace.clearance import path_clearance
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.never_scanned import never_scanned
 from upplied.planning.surface.samples import surface_samples

@@ -11,7 +11,7 @@ from made_scans import body, cut
 from upplied.config import settings_for
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.geometry.scene import scene_of
-from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.rules import path_clearance
 from upplied.planning.plan import plan_transfer
 from upplied.records import Demonstration, Structure
 

@@ -12,9 +12,8 @@ from upplied.config import CloudSettings, settings_for
 from upplied.errors import RefusedError
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import scene_of
-from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import roadmap
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.edit import Edit, Viewpoint, edit_of, edited, viewpoints_of
 from upplied.records import Surroundings

@@ -14,11 +14,10 @@ from upplied.config import CloudSettings, InspectionSettings, settings_for
 from upplied.errors import RefusedError
 from upplied.geometry.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.geometry.scene import scene_of
-from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import roadmap
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.planning.surface.samples import surface_samples
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.frustum import visible
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.observations import TRULY, stations
 from upplied.proof.align import align

@@ -11,7 +11,7 @@ import pytest
 from upplied.config import CloudSettings
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import scene_of
-from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.rules import path_clearance
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.align import align
 from upplied.proof.as_flown import as_flown

@@ -70,7 +70,7 @@ class CorrespondenceSettings:
     repeat: Literal["", "each", "mirror"] = ""  # fly each similar part, or the mirrored part too
     # Number of similar parts that the target must have; a plan for any other number is refused.
     expect: Count | None = None
-    # Least probability that an inspected part's counterpart is the right one (`correspondence.certainty`).
+    # Least probability that an inspected part's counterpart is the right one (`correspondence.fit`).
     # Below it a plan is refused if the part was named or similar parts exist; otherwise it gets a warning.
     least_probability: Share = 0.0
     # Number of reference models for the parts of a scan: structures of the kind, modelled in pieces, with the

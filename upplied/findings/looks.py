@@ -24,8 +24,7 @@ from upplied.findings.place import Errors, drawn_poses
 from upplied.findings.rays import focal_of, footprint_m, pixels_of, pixels_towards, size_px, widest_rad
 from upplied.geometry.poses import interpolate, matrices
 from upplied.geometry.scene import Scene, scene_of
-from upplied.planning.visibility.moments import rates
-from upplied.planning.visibility.observations import TRULY, stations
+from upplied.planning.visibility.observations import TRULY, rates, stations
 from upplied.records import Bools, Camera, Floats, Ints, Record, Trajectory
 
 FLOWN = ("demonstration", "flown")  # kinds of flights that a vehicle flew

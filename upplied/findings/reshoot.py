@@ -24,9 +24,8 @@ from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import in_a_row
 from upplied.geometry.scene import scene_of
 from upplied.geometry.supposed_scene import obstacle, scene_for
-from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import Roadmap, roadmap
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.planning.plan import METHOD_VERSION
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.tour import Toured, toured

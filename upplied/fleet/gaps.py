@@ -20,9 +20,8 @@ from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.supposed_scene import obstacle, scene_for
 from upplied.geometry.vectors import with_normals
 from upplied.outputs.zones import looked
-from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.roadmap import roadmap
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.planning.geometry.clouds import spacing
 from upplied.planning.plan import METHOD_VERSION
 from upplied.proof.gap import GapFlight, gap_flight, square_metres

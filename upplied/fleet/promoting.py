@@ -14,7 +14,7 @@ from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import RefusedError, SettingsError
 from upplied.geometry.supposed_scene import scene_for
-from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.rules import path_clearance
 from upplied.proof.align import silence_s
 from upplied.proof.as_flown import LOOKED, SILENT, STOOD
 from upplied.records import Demonstration

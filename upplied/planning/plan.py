@@ -14,15 +14,14 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.photographed import photographed
 from upplied.planning.carry.carried import carry
 from upplied.planning.carry.counterparts import counterparts_of, doubts, least_probability, undecided
-from upplied.planning.carry.forecast import forecast_of, unlikely, unlikely_together
+from upplied.planning.carry.forecast import forecast_of, missing_of, unlikely, unlikely_together
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by
-from upplied.planning.carry.missing_parts import missing_of
 from upplied.planning.correspondence.memo import METHOD_VERSION, Memo, no_memo
 from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.inspection import nothing_shown
 from upplied.planning.demonstration.repetition import Take, inspected_states, takes_of
 from upplied.planning.measures.evaluate import judge
-from upplied.planning.measures.photos import photos_of
+from upplied.planning.measures.picture_score import photos_of
 from upplied.planning.measures.verdict import in_the_way, odd_shape, shortfalls, slow
 from upplied.planning.surface.frames import (
     demonstration_in,
@@ -32,9 +31,10 @@ from upplied.planning.surface.frames import (
     registration_from,
     structure_in,
 )
-from upplied.planning.trajectory.propose import propose
+from upplied.planning.trajectory.complete import propose
+from upplied.planning.trajectory.retime import Timed
 from upplied.provenance import method
-from upplied.records import Bools, Demonstration, Floats, Measures, Plan, Structure, Trajectory
+from upplied.records import Demonstration, Measures, Plan, Structure
 from upplied.records.required import RequiredSurface
 from upplied.threads import one_thread
 
@@ -220,14 +220,13 @@ def _planned(
         # Where is the same flown on the target? (lines 14 to 16)
         carried = carry(takes, settings)
         # Which path near there shows the most for what it costs, and how fast is it flown? (lines 17 and 18)
-        trajectory, is_viewpoint, demonstrated_s, added = propose(carried, settings)
+        timed = propose(carried, settings)
     except RefusedError as refusal:
         reason = "; ".join((str(refusal), *in_the_way(takes[0].pair)))
         return replace(plan, status="refused", reason=reason, warnings=(), not_flyable="")
     # A flight of photos becomes one: as many as its camera takes, where they are needed.
-    if demonstration.stills:
-        path = trajectory, demonstrated_s, added
-        trajectory, is_viewpoint, demonstrated_s, added = _photographed(takes, settings, *path)
+    timed = _photographed(takes, settings, timed) if demonstration.stills else timed
+    trajectory, is_viewpoint, demonstrated_s, added = timed
     # How good is it? The same measures for every preset.
     measures, surface, warnings = judge(trajectory, demonstrated_s, takes, settings, added)
     likely, certain = plan.measures.acceptance_probability, plan.measures.counterpart_probability
@@ -257,17 +256,16 @@ def _planned(
     )
 
 
-def _photographed(
-    takes: Sequence[Take], settings: Settings, trajectory: Trajectory, demonstrated_s: Floats, added: Bools
-) -> tuple[Trajectory, Bools, Floats, Bools]:
+def _photographed(takes: Sequence[Take], settings: Settings, timed: Timed) -> Timed:
     """The path with its photos for viewpoints, no two nearer in time than the camera takes them."""
     camera, pair = takes[0].inspection.camera, takes[0].pair
     inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
     surface = inspected.cloud.at(inspected.need > 0)
     interval_s, most_mps2 = least_interval(camera)[0], settings.retime.max_acceleration_mps2
-    shots = photographed(trajectory, camera, pair.target_scene, surface, interval_s, most_mps2)
-    at = np.clip(np.searchsorted(trajectory.t_s, shots.planned_s), 0, len(added) - 1)
-    return shots.path, shots.photo, np.interp(shots.planned_s, trajectory.t_s, demonstrated_s), added[at]
+    shots = photographed(timed.trajectory, camera, pair.target_scene, surface, interval_s, most_mps2)
+    t_s, planned_s = timed.trajectory.t_s, shots.planned_s
+    at = np.clip(np.searchsorted(t_s, planned_s), 0, len(timed.added) - 1)
+    return Timed(shots.path, shots.photo, np.interp(planned_s, t_s, timed.demonstrated_s), timed.added[at])
 
 
 def transfer_key(

@@ -12,7 +12,7 @@ from upplied.config import InspectionSettings
 from upplied.geometry.polylines import arc_length, chosen_evenly
 from upplied.geometry.poses import interpolate, optical_axis
 from upplied.geometry.scene import Scene
-from upplied.planning.airspace.clearance import path_clearance
+from upplied.planning.airspace.rules import path_clearance
 from upplied.planning.geometry.frechet import frechet
 from upplied.proof.align import SILENT_S, Alignment, silence_s, silences
 from upplied.proof.inspected import CORRECTED_RIM_DEG, planned_looks, views_from

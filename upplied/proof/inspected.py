@@ -1,6 +1,6 @@
 """Which samples a flight inspected as planned: as finely, and by a look that is sharp and frontal.
 
-The terms are those by which plans are measured (`planning.measures.resolution`, `visibility.pictures`): the
+The terms are those by which plans are measured (`planning.measures.fidelity`, `visibility.pictures`): the
 ground sample distance of the finest sharp look, with the obliquity of the patch in it. A plan requires of a
 patch its own finest look at it.
 """
@@ -15,12 +15,10 @@ from scipy.spatial.transform import Rotation
 from upplied.config import InspectionSettings, VisibilitySettings, focal_px
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
-from upplied.planning.measures.resolution import AS_FINE
-from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.measures.fidelity import AS_FINE
+from upplied.planning.visibility.frustum import coarseness, visible
 from upplied.planning.visibility.looks import Looks, sharp_looks
-from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.observations import TRULY, Views, views
+from upplied.planning.visibility.observations import TRULY, Moments, Views, moments, views
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 
 #: Inside the rim of a picture and the largest incidence, a look is sure: noise of 2 cm turns one from 8 m by

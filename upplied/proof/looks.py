@@ -11,8 +11,7 @@ from numba import njit
 from upplied.geometry.polylines import interpolated
 from upplied.geometry.poses import in_a_row, interpolate
 from upplied.geometry.scene import Scene
-from upplied.planning.visibility.moments import moments
-from upplied.planning.visibility.observations import stations
+from upplied.planning.visibility.observations import moments, stations
 from upplied.proof.align import silence_s
 from upplied.proof.inspected import PlannedLooks, looks_at, views_from
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory

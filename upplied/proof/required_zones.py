@@ -16,11 +16,10 @@ from upplied.geometry.scene import Scene, scene_of
 from upplied.geometry.supposed_scene import scene_for
 from upplied.geometry.vectors import with_normals
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.correspondence.certainty import certainty
-from upplied.planning.correspondence.fit import Fit
+from upplied.planning.correspondence.fit import Fit, certainty
 from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.correspondence.pair import study_pair
-from upplied.planning.demonstration.about import Faces, zone_of
+from upplied.planning.demonstration.inspection import Faces, zone_of
 from upplied.planning.geometry.clouds import spacing
 from upplied.planning.measures.attainable import attainable
 from upplied.planning.surface.frames import frames_for, structure_in
@@ -151,7 +150,7 @@ class RequiredZones:
     required : list of dict
         Of each zone its name, set and version, who requires it, and its demand.
     faces : callable, optional
-        Of labels; see `planning.demonstration.about.zone_of`.
+        Of labels; see `planning.demonstration.inspection.zone_of`.
     """
 
     def __init__(

@@ -91,7 +91,7 @@ class Demonstration(Record):
     clock: str = ""  # source of the time stamps: "header", "publish", "log"
     topic: str = ""
     notes: str = ""
-    about: str = ""  # inspected surface by the user (`planning.demonstration.about`); empty: inferred
+    about: str = ""  # inspected surface by the user (`planning.demonstration.inspection`); empty: inferred
     passport: Mapping[str, object] = field(default_factory=dict)  # figures and findings, plain values
     # (N, 2) of each pose, deg, if the camera zooms; `camera` then has the narrowest
     fov_deg: Floats | None = field(default=None, metadata={"later": True})

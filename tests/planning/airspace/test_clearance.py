@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from upplied.geometry.scene import Scene
-from upplied.planning.airspace.clearance import legs_below, path_clearance
+from upplied.planning.airspace.rules import legs_below, path_clearance
 from upplied.records import Floats
 
 TRIANGLE = np.array([[0, 1, 2]])

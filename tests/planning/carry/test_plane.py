@@ -11,7 +11,7 @@ import pytest
 from upplied.config import TransferSettings
 from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.carry.on_target import at_height, plane_height
+from upplied.planning.carry.affine import at_height, plane_height
 from upplied.planning.correspondence.pair import Pair
 from upplied.records import Surroundings, Trajectory, Waypoints
 

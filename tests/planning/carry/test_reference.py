@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import upplied.planning.trajectory.complete as completing
 import upplied.planning.trajectory.flyable as flyable
 from upplied.config import settings_for
-from upplied.planning.carry.on_target import demonstrated_on_target, standing
+from upplied.planning.carry.affine import demonstrated_on_target, standing
 from upplied.planning.demonstration.repetition import takes_of
 from upplied.planning.geometry.frechet import frechet, zscored
 from upplied.planning.plan import plan_transfer

@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter1d
 from upplied.config import TransferSettings
 from upplied.geometry.poses import angle_between, look_at
 from upplied.planning.carry.affine import AxisMap
-from upplied.planning.carry.to_counterparts import _filled, _smoothed, follow_counterparts
+from upplied.planning.carry.carried import _filled, _smoothed, follow_counterparts
 from upplied.records import Camera, Cloud, Correspondences, Trajectory, Visibility
 
 CAMERA = Camera(max_range_m=200)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from upplied.errors import SettingsError
-from upplied.planning.demonstration.about import zone_of
+from upplied.planning.demonstration.inspection import zone_of
 from upplied.records import Cloud, Structure
 
 GRID = np.array([[x, y, 0.0] for x in range(10) for y in range(10)], float)

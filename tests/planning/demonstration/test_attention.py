@@ -12,13 +12,12 @@ from upplied.config import CloudSettings, InspectionSettings
 from upplied.errors import SettingsError
 from upplied.geometry.poses import look_at, matrices
 from upplied.geometry.scene import scene_of
-from upplied.planning.demonstration.about import zone_of
 from upplied.planning.demonstration.attention import Attention, _subject, attention
+from upplied.planning.demonstration.inspection import zone_of
 from upplied.planning.surface.frames import structure_in
 from upplied.planning.surface.samples import surface_samples
 from upplied.planning.surface.skin import skin_parts
-from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.observations import TRULY, Views, views
+from upplied.planning.visibility.observations import TRULY, Moments, Views, moments, views
 from upplied.records import Camera, Cloud, Demonstration, Floats, Frame, Ints, Structure, Trajectory
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly

@@ -12,8 +12,7 @@ import pytest
 from upplied.config import Settings, ViewpointSettings, settings_for
 from upplied.planning.carry.counterparts import doubts, least_probability, undecided
 from upplied.planning.correspondence.pair import Pair
-from upplied.planning.demonstration.inspection import Inspection, nothing_shown, prepared
-from upplied.planning.demonstration.viewpoints import find_viewpoints
+from upplied.planning.demonstration.inspection import Inspection, find_viewpoints, nothing_shown, prepared
 from upplied.records import Counterpart, Demonstration, Trajectory, Visibility
 
 SURE = Counterpart("part_1 (left)", 60.0, twins=1, found=4, flown=("part_2 (left)",), probability=0.99)

@@ -14,7 +14,7 @@ from upplied.planning.carry.carried import carry
 from upplied.planning.demonstration.repetition import begins_of, demonstrated_part, joined, mirrored, takes_of
 from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.parts import labels_of, parts_of
-from upplied.planning.trajectory.propose import propose
+from upplied.planning.trajectory.complete import propose
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
 

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from upplied.config import ViewpointSettings
 from upplied.geometry.poses import from_yaw_pitch
-from upplied.planning.demonstration.viewpoints import find_viewpoints, segment
+from upplied.planning.demonstration.stations import find_viewpoints, segment
 from upplied.records import Trajectory, Visibility
 
 views = arrays(bool, st.tuples(st.integers(1, 25), st.integers(1, 12)))

@@ -17,11 +17,11 @@ from upplied.planning.measures.attainable import (
     _distances,
     _frames,
     _from_sample,
-    _seen,
+    _Targets,
     attainable,
 )
 from upplied.planning.surface.samples import surface_samples
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.frustum import visible
 from upplied.records import Camera, Cloud, Floats, Structure, Surroundings
 
 TRULY = VisibilitySettings(occlusion=True, max_incidence_deg=75.0)
@@ -176,7 +176,7 @@ def asked(airspace: Airspace, served: Floats, nearest: float = 1.0, farthest: fl
     """Three samples of a floor in a row, with what served the first."""
     cloud = Cloud(np.array([[0.0, 0, 0], [1, 0, 0], [8, 0, 0]]), np.tile([0.0, 0, 1], (3, 1)))
     found = np.vstack([served, np.full((2, 3), np.nan)])
-    _ask_neighbours(found, cloud, airspace, (nearest, farthest), np.full(3, 1e9), 60.0)
+    _ask_neighbours(found, _Targets(cloud, airspace), (nearest, farthest), np.full(3, 1e9), 60.0)
     return np.isfinite(found[:, 0]).tolist()
 
 
@@ -198,7 +198,7 @@ def test_an_allowed_position_with_a_free_line_of_sight_sees_its_sample() -> None
     cloud = Cloud(np.array([[0.0, 0, 0]]), np.array([[1.0, 0, 0]]))
     at = np.array([[5.0, 0, 0], [1.5, 0, 0], [0.9, 0, 0], [0, 0, 4], [0, 0, 9], [np.inf, 0, 0], [1.1, 0, 0]])
     airspace = Airspace(Scene(wall.vertices, wall.triangles, 1), 1.0, Surroundings(ceiling_z_m=8.0))
-    found = _seen(at, np.zeros(7, np.int64), cloud, airspace)
+    found = _Targets(cloud, airspace).seen(at, np.zeros(7, np.int64))
     assert found.tolist() == [False, False, True, True, False, False, False]
 
 
@@ -208,5 +208,5 @@ def test_of_a_sampled_surface_a_ray_arrives_one_grain_before_it() -> None:
     at = np.array([[4.0, 0, 0], [-4.0, 0, 0]])
     for grain, sees in ((0.0, False), (0.25, False), (0.4, True)):
         scene = Scene(plate.vertices, plate.triangles, 1, grain_m=grain)
-        found = _seen(at, np.zeros(2, np.int64), cloud, Airspace(scene, 1.0, Surroundings()))
+        found = _Targets(cloud, Airspace(scene, 1.0, Surroundings())).seen(at, np.zeros(2, np.int64))
         assert found.tolist() == [sees, False]

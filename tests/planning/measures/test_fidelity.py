@@ -17,7 +17,7 @@ from upplied.planning.measures.fidelity import (
     turned_rad,
 )
 from upplied.planning.visibility.looks import Looks
-from upplied.planning.visibility.moments import Moments, moments
+from upplied.planning.visibility.observations import Moments, moments
 from upplied.records import Bools, Cloud, Floats, Trajectory
 
 NAN, INF = float("nan"), float("inf")

@@ -14,11 +14,9 @@ from upplied.geometry.poses import interpolate, look_at
 from upplied.planning.carry.inspected_surface import inspected_by
 from upplied.planning.constants import FACING
 from upplied.planning.demonstration.repetition import Take, look_limits, takes_of
-from upplied.planning.measures.fidelity import bent_rad, fidelity, order_kept, patches_of, turned_rad
+from upplied.planning.measures.fidelity import Compared, bent_rad, fidelity, order_kept, turned_rad
 from upplied.planning.measures.measure import inspected_measures, shown_of
-from upplied.planning.visibility.looks import sharp_looks
-from upplied.planning.visibility.moments import moments, rates
-from upplied.planning.visibility.observations import TRULY, stations, views
+from upplied.planning.visibility.observations import TRULY, moments, rates, stations, views
 from upplied.records import Bools, Floats, Trajectory
 from upplied.samples.pilot import fly
 from upplied.samples.surfaces import box
@@ -188,10 +186,8 @@ def same_place(take: Take) -> Take:
 
 def compared(own: Take, path: Trajectory) -> dict[str, float]:
     """The fidelity of a path to the take."""
-    camera, limits, steps = own.inspection.camera, look_limits([own], SETTINGS.inspection), moments(path)
-    planned = views(path, own.pair.surface.target, camera, TRULY, own.pair.target_scene)
-    looks = sharp_looks(steps, planned, own.pair.surface.target, camera, *limits)
-    return fidelity(steps, looks, patches_of([own], limits), inspected_by(own, SETTINGS), [own], SETTINGS)
+    planned = views(path, own.pair.surface.target, own.inspection.camera, TRULY, own.pair.target_scene)
+    return fidelity(Compared.of(path, planned, inspected_by(own, SETTINGS), [own], SETTINGS))
 
 
 @pytest.mark.ci

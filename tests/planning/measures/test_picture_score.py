@@ -12,7 +12,7 @@ from upplied.geometry.scene import scene_of
 from upplied.overlap import Frames
 from upplied.planning.measures.picture_score import picture_worth
 from upplied.planning.plan import plan_transfer
-from upplied.planning.visibility.moments import Moments
+from upplied.planning.visibility.observations import Moments
 from upplied.records import Camera, Cloud, Demonstration, Plan, Trajectory
 from upplied.samples.pilot import fly
 from upplied.samples.surfaces import box

@@ -9,13 +9,9 @@ import pytest
 from remembered import study_pair
 
 from upplied.config import focal_px, settings_for
-from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.carry.inspected_surface import inspected_by
-from upplied.planning.demonstration.repetition import Take, look_limits, takes_of
-from upplied.planning.measures.fidelity import patches_of
-from upplied.planning.measures.resolution import resolution
-from upplied.planning.visibility.looks import sharp_looks
-from upplied.planning.visibility.moments import moments
+from upplied.planning.demonstration.repetition import Take, takes_of
+from upplied.planning.measures.fidelity import Compared, resolution
 from upplied.planning.visibility.observations import TRULY, views
 from upplied.records import Trajectory
 from upplied.samples.pilot import fly
@@ -35,11 +31,7 @@ def own() -> Take:
 def measured(take: Take, path: Trajectory) -> dict[str, float]:
     camera = take.inspection.camera
     planned = views(path, take.pair.surface.target, camera, TRULY, take.pair.target_scene)
-    inspected = inspected_by(take, SETTINGS)
-    limits = look_limits([take], SETTINGS.inspection)
-    looks = sharp_looks(moments(path), planned, inspected.cloud, camera, *limits)
-    compared = looks, patches_of([take], limits), inspected, [take]
-    return resolution(*compared, airspace_of(take.pair, SETTINGS), SETTINGS)
+    return resolution(Compared.of(path, planned, inspected_by(take, SETTINGS), [take], SETTINGS))
 
 
 def farther(path: Trajectory, times: float) -> Trajectory:

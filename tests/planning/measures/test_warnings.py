@@ -39,5 +39,5 @@ def test_what_is_said_of_the_surface(reconstructed: Structure, stated: dict[str,
     scene, settings = scene_of(target, 1), settings_for("recommended")
     found = replace(Measures(), surface_error_m=scene.error_m, min_clearance_m=9.0)
     seen = cast(InspectedSurface, type("Seen", (), {"without_pct": 0.0}))
-    warnings = _warnings(found, seen, target, scene, settings)
+    warnings = list(_warnings(found, seen, target, scene, settings))
     assert [said in each for each in warnings] == ([True] if said else [])

@@ -11,8 +11,8 @@ from upplied.geometry.poses import from_yaw_pitch
 from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.terms.hidden import Hidden, _shared, places_beside
-from upplied.planning.trajectory.view import View
+from upplied.planning.trajectory.terms.coverage import Hidden, _shared
+from upplied.planning.trajectory.view import View, places_beside
 from upplied.records import Camera, Cloud, Surroundings
 
 COUNT, HIGH = 61, 5.0  # stations; m, of the roof

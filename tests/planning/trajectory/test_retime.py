@@ -249,7 +249,7 @@ def test_the_speeds_are_the_largest_that_fit() -> None:
             blocked = [
                 n
                 for n in beside
-                if speed[n] <= faster and not _fits(speed[n], faster, n, index, legs, turns, 2.0, 2.0)
+                if speed[n] <= faster and not _fits(speed[n], faster, n, index, (legs, turns, 2.0, 2.0))
             ]
             assert blocked, (seed, index)
             slower += 1

@@ -10,7 +10,7 @@ from upplied.config import focal_px, settings_for
 from upplied.geometry.poses import from_yaw_pitch, matrices
 from upplied.planning.carry.inspected_surface import inspected_by
 from upplied.planning.demonstration.repetition import takes_of
-from upplied.planning.trajectory.retime import Sharp
+from upplied.planning.trajectory.retime import Sharp, Timed
 from upplied.planning.trajectory.sharpness import moved_in_picture, sharp_limits, steadied_swings
 from upplied.records import Trajectory, Waypoints
 from upplied.samples.pilot import fly
@@ -79,7 +79,7 @@ def turned(swings, total_s=40.0):
     yaw = np.concatenate([[0.0], np.cumsum(np.radians(rate[:-1]) * 0.1)])
     flown = Trajectory(times, np.zeros((len(times), 3)), from_yaw_pitch(yaw, np.zeros(len(times))))
     limits = Sharp(np.full(len(times), np.inf), np.maximum(rate, 10.0))
-    return limits, times, (flown, np.zeros(len(times), bool), times, np.zeros(len(times), bool))
+    return limits, times, Timed(flown, np.zeros(len(times), bool), times, np.zeros(len(times), bool))
 
 
 def steady_after(swings):

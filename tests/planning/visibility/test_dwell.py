@@ -8,8 +8,7 @@ import pytest
 from upplied.geometry.poses import look_at
 from upplied.geometry.vectors import sphere
 from upplied.planning.visibility.looks import sharp_looks, widened
-from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.observations import Views, stations_at
+from upplied.planning.visibility.observations import Moments, Views, moments, stations_at
 from upplied.records import Camera, Cloud, Floats, Trajectory
 
 SHARP, COSINE = 0.2, 0.5

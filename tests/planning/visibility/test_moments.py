@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from upplied.geometry.poses import look_at
-from upplied.planning.visibility.moments import moments, motion_of, rates, sight_to
+from upplied.planning.visibility.observations import moments, motion_of, rates, sight_to
 from upplied.records import Floats, Trajectory
 
 SPEED, TURN = np.array([1.0, -2.0, 0.5]), 0.3

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.config import focal_px
 from upplied.planning.visibility.looks import sharp_looks
-from upplied.planning.visibility.moments import Moments
-from upplied.planning.visibility.observations import Views
+from upplied.planning.visibility.observations import Moments, Views
 from upplied.records import Camera, Cloud, Floats, Trajectory
 
 CAMERA = Camera(80.0, 65.0, width_px=3000)

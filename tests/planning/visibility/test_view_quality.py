@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from upplied.geometry.poses import look_at
-from upplied.planning.visibility.moments import rates
-from upplied.planning.visibility.observations import Views
+from upplied.planning.visibility.observations import Views, rates
 from upplied.records import Bools, Cloud, Floats, Trajectory
 
 

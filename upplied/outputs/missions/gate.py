@@ -18,8 +18,7 @@ from upplied.geometry.scene import Scene
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.labels import table
 from upplied.outputs.mission_options import DRAFTS, MissionOptions
-from upplied.planning.airspace.clearance import legs_below, path_clearance
-from upplied.planning.airspace.rules import Airspace, crosses_box
+from upplied.planning.airspace.rules import Airspace, crosses_box, legs_below, path_clearance
 from upplied.records import Floats, Plan, Record, Structure, SupposedSurface, Surroundings, Trajectory
 
 #: The rules of every mission by name: the rule in words, and the remedy.

@@ -21,8 +21,7 @@ from upplied.outputs.missions.records import Mission
 from upplied.outputs.missions.sorties import SLOWEST_MPS, Cutter, Sortie
 from upplied.outputs.missions.thinning import thinned
 from upplied.outputs.missions.transits import USUAL_CEILING_M, Transits, default_home
-from upplied.planning.airspace.clearance import path_clearance
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.records import (
     Bools,
     Camera,

@@ -13,8 +13,7 @@ from upplied.geometry.scene import Scene
 from upplied.outputs.missions.flying import Turning, as_flown
 from upplied.outputs.missions.records import SAME_ZOOM
 from upplied.overlap import Frames
-from upplied.planning.airspace.clearance import path_clearance
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.records import Bools, Camera, Floats, Ints, SurfaceStates, Trajectory
 
 _LEAST_SEEN = 0.99  # share of the full path's view that the thinned path must retain

@@ -29,21 +29,15 @@ _SPACING_M = 1.0  # of the waypoints that a detour adds
 
 def airspace_of(pair: Pair, settings: Settings) -> Airspace:
     """Where the vehicle may be at the target."""
-    route, target = settings.route, pair.target
-    return Airspace(
-        pair.target_scene, route.clearance_m, target.surroundings, route.ground_clearance_m, target.frame
-    )
+    rule, target = settings.route, pair.target
+    limits = rule.clearance_m, target.surroundings, rule.ground_clearance_m
+    return Airspace(pair.target_scene, *limits, target.frame)
 
 
 class Ways:
-    """Where to fly round one structure; the graph of ways is made when one is needed, once.
+    """Where to fly round one structure by some rules; the graph of ways is made when one is needed, once.
 
-    Parameters
-    ----------
-    airspace : Airspace
-        The rules to keep.
-    surface : Cloud
-        Samples of the target's outside with normals: where ways round it are sought.
+    `surface` has samples of the target's outside with normals: where ways round it are sought.
     """
 
     def __init__(self, airspace: Airspace, surface: Cloud) -> None:
@@ -77,7 +71,9 @@ def route(path: Waypoints, ways: Ways) -> Waypoints:
     """
     if len(path) == 0 or _is_safe(path.positions, ways.airspace):
         return path
-    positions = _at_good_places(path.positions, ways)
+    positions = pushed_out(path.positions, ways.planning)
+    if not (good := _good(positions, ways)).all():
+        positions = _moved_to_free(positions, good, ways.graph)
     pieces, origin = [positions[:1]], [np.zeros(1)]
     broken = ways.planning.broken(positions)
     for leg in range(len(positions) - 1):
@@ -89,7 +85,8 @@ def route(path: Waypoints, ways: Ways) -> Waypoints:
         origin.append(leg + along[1:] / max(along[-1], 1e-12))
     whence = np.concatenate(origin)
     routed = _with_inserted(path, np.vstack(pieces), whence)
-    smooth = _corners_rounded(routed.positions, _around_added(whence) & ~routed.is_viewpoint, ways.planning)
+    beside_added = _widened(~np.isclose(whence, np.round(whence), atol=1e-9), 1)
+    smooth = _corners_rounded(routed.positions, beside_added & ~routed.is_viewpoint, ways.planning)
     _refuse_unsafe(smooth, ways.airspace)
     return replace(routed, positions=smooth)
 
@@ -155,13 +152,6 @@ def _sees_sky(positions: Floats, airspace: Airspace) -> Bools:
     return np.asarray((~hit).reshape(len(positions), 48).mean(axis=1) > 0.1, bool)
 
 
-def _at_good_places(positions: Floats, ways: Ways) -> Floats:
-    """The path pushed out; what still is not allowed, or cannot be reached, at places that are and can."""
-    pushed = pushed_out(positions, ways.planning)
-    good = _good(pushed, ways)
-    return pushed if good.all() else _moved_to_free(pushed, good, ways.graph)
-
-
 def _good(pushed: Floats, ways: Ways) -> Bools:
     """Which positions (M,) of a path are allowed and can be reached from outside."""
     good = ways.planning.allowed(pushed)
@@ -173,17 +163,12 @@ def _good(pushed: Floats, ways: Ways) -> Bools:
     for number in np.unique(stretch[good]):
         members = np.flatnonzero((stretch == number) & good)
         probes = members[chosen_evenly(len(members), 8)]
-        good[members] = _is_outside(pushed[probes], ways.graph)
+        good[members] = any(len(links(ways.graph, probe)) for probe in pushed[probes])
         if not good[members[0]] and _sees_sky(pushed[probes], ways.planning).all():
             raise _refusal(
                 ways.planning, int(members[0]), pushed[members[0]], "no free way leads here from the rest"
             )
     return good
-
-
-def _is_outside(positions: Floats, graph: Roadmap) -> bool:
-    """Whether a free leg leads from one of these positions to a place of the graph."""
-    return any(len(links(graph, position)) for position in positions)
 
 
 def _moved_to_free(positions: Floats, good: Bools, graph: Roadmap) -> Floats:
@@ -238,10 +223,8 @@ def _with_count(line: Floats, count: int) -> Floats:
     pieces = np.ones(len(length), int)
     for _ in range(count - 1 - len(length)):
         pieces[np.argmax(length / pieces)] += 1
-    legs = [
-        a + np.arange(n)[:, None] / n * (b - a) for a, b, n in zip(line[:-1], line[1:], pieces, strict=True)
-    ]
-    return np.vstack([*legs, line[-1:]])
+    ends = zip(line[:-1], line[1:], pieces, strict=True)
+    return np.vstack([*(a + np.arange(n)[:, None] / n * (b - a) for a, b, n in ends), line[-1:]])
 
 
 def _spaced(line: Floats) -> Floats:
@@ -259,10 +242,6 @@ def _with_inserted(path: Waypoints, positions: Floats, origin: Floats) -> Waypoi
     viewpoint[own] = path.is_viewpoint[np.round(origin[own]).astype(int)]
     added = path.added[np.floor(origin + 1e-9).astype(int)] & path.added[np.ceil(origin - 1e-9).astype(int)]
     return Waypoints(positions, turned, np.interp(origin, index, path.t_s), viewpoint, added)
-
-
-def _around_added(origin: Floats) -> Bools:
-    return _widened(~np.isclose(origin, np.round(origin), atol=1e-9), 1)
 
 
 def _corners_rounded(
@@ -311,10 +290,9 @@ def _refuse_unsafe(positions: Floats, airspace: Airspace) -> None:
         raise _refusal(airspace, 0, positions[0], airspace.why(positions[0]))
     if broken.any():
         leg = int(np.flatnonzero(broken)[0])
-        reason = (
-            airspace.why(positions[leg]) or airspace.why(positions[leg + 1]) or "the leg on breaks a rule"
-        )
-        raise _refusal(airspace, leg, positions[leg], reason)
+        start, end = positions[leg : leg + 2]
+        reason = airspace.why(start) or airspace.why(end) or "the leg on breaks a rule"
+        raise _refusal(airspace, leg, start, reason)
 
 
 def _refusal(airspace: Airspace, index: int, position: Floats, reason: str) -> RefusedError:

@@ -202,9 +202,8 @@ def _one_a_cell(points: Floats, spacing: float) -> Ints:
     """Indices of one point for each cell of a grid."""
     cell = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
     size = cell.max(axis=0) + 1
-    return np.sort(
-        np.unique((cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2], return_index=True)[1]
-    )
+    number = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
+    return np.sort(np.unique(number, return_index=True)[1])
 
 
 def _round_box(box: Floats, distance_m: float, number: int) -> Floats:
@@ -245,7 +244,7 @@ def _neighbours(places: Floats, spacing: float) -> tuple[Ints, Ints]:
     while len(layer) > 1:
         near = cKDTree(places[layer]).query(places[layer], k=min(_DEGREE + 1, len(layer)))[1][:, 1:]
         a, b = layer[np.repeat(np.arange(len(layer)), near.shape[1])], layer[near.ravel()]
-        pairs.append(_edge_id(a, b, count))
+        pairs.append(np.minimum(a, b) * count + np.maximum(a, b))
         spacing *= 2.5
         fewer = layer[_one_a_cell(places[layer], spacing)]
         if len(fewer) == len(layer) or len(layer) <= _DEGREE:
@@ -253,10 +252,6 @@ def _neighbours(places: Floats, spacing: float) -> tuple[Ints, Ints]:
         layer = fewer
     pair = np.unique(np.concatenate(pairs))
     return pair // count, pair % count
-
-
-def _edge_id(a: Ints, b: Ints, count: int) -> Ints:
-    return np.minimum(a, b) * count + np.maximum(a, b)
 
 
 def _backwards(before: Ints, start: int, goal: int) -> Ints:

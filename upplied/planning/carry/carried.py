@@ -6,24 +6,110 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
-from upplied.config import Settings
+from upplied.config import Settings, TransferSettings
 from upplied.errors import RefusedError, SettingsError
+from upplied.geometry.polylines import interpolated, leg_lengths
 from upplied.geometry.poses import from_yaw_pitch, without_roll, yaw_pitch
-from upplied.planning.carry.affine import AxisMap, published_map, registered_map
+from upplied.planning.carry.affine import (
+    AxisMap,
+    at_height,
+    demonstrated_on_target,
+    plane_height,
+    published,
+    published_map,
+    registered_map,
+    standing,
+)
 from upplied.planning.carry.inspected_surface import (
     InspectedSurface,
     area_ratio,
     inspected_by,
     inspected_surface,
 )
-from upplied.planning.carry.on_target import at_height, demonstrated_on_target, plane_height, standing
-from upplied.planning.carry.published import published
-from upplied.planning.carry.standoff import Standoff
-from upplied.planning.carry.to_counterparts import follow_counterparts
+from upplied.planning.carry.standoff import Counted, Standoff, counted, picture_share
 from upplied.planning.correspondence.registration import box_on_box
 from upplied.planning.demonstration.repetition import Take
-from upplied.records import Floats, Record, Trajectory, Waypoints
+from upplied.planning.visibility.frustum import coarseness
+from upplied.records import Camera, Cloud, Correspondences, Floats, Record, Trajectory, Visibility, Waypoints
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Followed(Record):
+    """A flight on the target, and what it was carried by."""
+
+    positions: Floats  # (M, 3) m, target frame
+    quat_xyzw: Floats  # (M, 4), without roll
+    standoff: Counted  # what each demonstrated pose saw, and from how far it is to be seen
+
+
+def follow_counterparts(
+    flight: Trajectory,
+    visibility: Visibility,
+    source: Cloud,
+    correspondences: Correspondences,
+    carrier: AxisMap,
+    settings: TransferSettings,
+    camera: Camera,
+    nearest_m: float,
+) -> Followed:
+    """Positions and orientations on the target that look at the counterparts from the demonstrated side.
+
+    Parameters
+    ----------
+    flight : Trajectory
+        M poses, evenly spaced along the path, source frame.
+    visibility : Visibility
+        What each pose truly sees of `source`, (M, N).
+    source : Cloud
+        N surface samples with areas.
+    correspondences : Correspondences
+        From `source` to the target's surface samples.
+    carrier : AxisMap
+        Where the source's space lies on the target.
+    settings : TransferSettings
+    camera : Camera
+        Bounds the stand-off by its range.
+    nearest_m : float
+        Smallest stand-off, m: the safety distance.
+
+    Returns
+    -------
+    Followed
+    """
+    positions, quats = carrier.points(flight.positions), without_roll(carrier.orientations(flight.quat_xyzw))
+    known = np.flatnonzero((correspondences.target_index >= 0) & visibility.total)
+    if len(known) == 0:
+        nothing = Counted(np.empty((len(flight), 0)), np.empty((0, 3)), None, np.full(len(flight), np.nan))
+        return Followed(positions, quats, nothing)
+    here, there = source.points[known], correspondences.target_points[known]
+    weight = visibility.seen[:, known] * picture_share(flight.positions, source, known, visibility.total)
+    coarse = coarseness(camera, flight.fov_deg)
+    standoff = counted(flight.positions, weight, here, there, carrier, settings, camera, nearest_m, coarse)
+    if standoff.middle is not None and standoff.before is not None:
+        sight = (flight.positions - standoff.before) @ carrier.matrix.T
+        sight *= (standoff.wanted_m / np.linalg.norm(sight, axis=1))[:, None]
+        shift = _filled(standoff.middle + sight - positions)
+        usual = float(np.nanmedian(np.linalg.norm(flight.positions - standoff.before, axis=1)))
+        positions = positions + _smoothed(shift, usual, flight.positions)
+    return Followed(positions, quats, standoff)
+
+
+def _filled(values: Floats) -> Floats:
+    """NaN rows interpolated along the path; all zero where there is nothing to interpolate."""
+    known = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if len(known) == 0:
+        return np.zeros_like(values)
+    return interpolated(np.arange(len(values)), known, values[known])
+
+
+def _smoothed(values: Floats, standoff_m: float, positions: Floats) -> Floats:
+    """Values (M, 3) averaged along the path over half the usual stand-off, an eighth of the path at most."""
+    step = leg_lengths(positions)
+    spacing = max(float(np.mean(step)) if len(step) else 1.0, 1e-6)
+    sigma = float(np.clip(0.5 * standoff_m / spacing, 1.0, max(1.0, len(positions) / 8)))
+    return gaussian_filter1d(values, sigma, axis=0, mode="nearest")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -98,9 +184,8 @@ def _about_inspected(take: Take, *matrices: Floats) -> list[AxisMap]:
     weight = (fit.source.areas * take.inspection.attention.weight)[known]
     if not weight.sum() > 0:
         return []
-    here, there = (
-        weight @ points[known] / weight.sum() for points in (fit.source.points, match.target_points)
-    )
+    both = fit.source.points, match.target_points
+    here, there = (weight @ points[known] / weight.sum() for points in both)
     return [AxisMap(matrix, there - matrix @ here) for matrix in matrices]
 
 
@@ -121,18 +206,11 @@ def _by(carrier: AxisMap, flight: Trajectory, path: Waypoints, height_m: float |
 def _at_counterparts(take: Take, settings: Settings) -> tuple[Waypoints, Standoff]:
     """The whole flight on the target within the gimbal's limits, and the stand-off of its viewpoints."""
     inspection, fit, limits = take.inspection, take.pair.surface, settings.retime
-    flight = inspection.flight
-    mapped = registered_map(fit.registration)
-    followed = follow_counterparts(
-        flight,
-        inspection.visibility,
-        fit.source,
-        fit.correspondences,
-        next(iter(_about_inspected(take, mapped.matrix)), mapped),
-        settings.transfer,
-        inspection.camera,
-        settings.route.clearance_m,
-    )
+    flight, mapped = inspection.flight, registered_map(fit.registration)
+    carrier = next(iter(_about_inspected(take, mapped.matrix)), mapped)
+    seen = inspection.visibility, fit.source, fit.correspondences
+    rules = settings.transfer, inspection.camera, settings.route.clearance_m
+    followed = follow_counterparts(flight, *seen, carrier, *rules)
     positions, quats = followed.positions, followed.quat_xyzw
     if settings.transfer.method != "counterparts":
         carrier = published_map(settings.transfer.method, fit.source, fit.target)

@@ -14,9 +14,9 @@ from functools import partial
 import numpy as np
 
 from upplied.config import Settings
-from upplied.planning.carry.missing_parts import never_scanned_pct, odd_number, open_parts
+from upplied.planning.carry.forecast import never_scanned_pct, odd_number, open_parts
 from upplied.planning.constants import COMPACT, MAJORITY
-from upplied.planning.correspondence.certainty import (
+from upplied.planning.correspondence.fit import (
     SAME_KIND,
     certainty,
     evidence_of_same_kind,
@@ -63,9 +63,8 @@ def counterparts_of(takes: Sequence[Take], settings: Settings) -> tuple[Counterp
         counterparts = _no_part_twice(counterparts, attended[0].pair.target.structure_id)
         for one in _not_repeated(attended):
             counterparts.setdefault(one.part, one)
-    return tuple(
-        sorted(_without_flown(list(counterparts.values()), settings), key=lambda one: -one.inspected_pct)
-    )
+    every = _without_flown(list(counterparts.values()), settings)
+    return tuple(sorted(every, key=lambda one: -one.inspected_pct))
 
 
 def _bodies(inspected: list[tuple[int, float]], take: Attended, source: _Side) -> list[tuple[int, float]]:
@@ -108,17 +107,9 @@ def _not_repeated(takes: Sequence[Attended]) -> list[Counterpart]:
     there = take.pair.target.structure_id
     alike = choices_for(source.parts, flown[0], source.parts, [flown[0]]).tolist()
     sides = {side_of(source.parts, part) for part in flown}
-    return [
-        Counterpart(
-            part=(name := _name(source.parts, part)),
-            inspected_pct=100.0,
-            twins=len(alike) - 1,
-            found=0,
-            doubt=f"no part like {name} is on its side of {there}",
-        )
-        for part in alike
-        if side_of(source.parts, part) not in sides
-    ]
+    names = [_name(source.parts, part) for part in alike if side_of(source.parts, part) not in sides]
+    twins, lacks = len(alike) - 1, f"is on its side of {there}"
+    return [Counterpart(name, 100.0, twins, 0, doubt=f"no part like {name} {lacks}") for name in names]
 
 
 def undecided(counterparts: Sequence[Counterpart], settings: Settings) -> str:
@@ -131,12 +122,11 @@ def undecided(counterparts: Sequence[Counterpart], settings: Settings) -> str:
             return f"--repeat {rule.repeat} was requested and {one.doubt}"
         if one.twins or one.found > 1 or (one.found and not one.flown):
             return _sentence(one)
-    if rule.expect is not None and counterparts and counterparts[0].found != rule.expect:
-        reason = (
-            f"{counterparts[0].found} parts like {counterparts[0].part} are on the target, "
-            f"{rule.expect} are expected (correspondence.expect)"
-        )
-        return f"{reason}; {counterparts[0].doubt}" if counterparts[0].doubt else reason
+    first = counterparts[0] if counterparts else None
+    if rule.expect is not None and first is not None and first.found != rule.expect:
+        number = f"{first.found} parts like {first.part} are on the target"
+        reason = f"{number}, {rule.expect} are expected (correspondence.expect)"
+        return f"{reason}; {first.doubt}" if first.doubt else reason
     return ""
 
 
@@ -235,31 +225,27 @@ def _probability(
 
 def _both(one: Counterpart, other: Counterpart) -> Counterpart:
     """What two takes say of the same part."""
-    flown, left = (
-        tuple(dict.fromkeys(a + b)) for a, b in ((one.flown, other.flown), (one.left_out, other.left_out))
-    )
+    names = (one.flown + other.flown, one.left_out + other.left_out, one.open + other.open)
+    flown, left_out, ends = (tuple(dict.fromkeys(of)) for of in names)
     known = [each.probability for each in (one, other) if each.probability is not None]
     least = min(known) if len(known) == 2 else None
     return replace(
         one,
         flown=flown,
-        left_out=left,
+        left_out=left_out,
         probability=least,
         doubt=one.doubt or other.doubt,
         never_scanned_pct=max(one.never_scanned_pct, other.never_scanned_pct),
-        open=tuple(dict.fromkeys(one.open + other.open)),
+        open=ends,
     )
 
 
 def _without_flown(counterparts: Sequence[Counterpart], settings: Settings) -> list[Counterpart]:
     """The same, with what is left out by all of them alone, and why."""
     flown = {name for one in counterparts for name in one.flown}
-    repeat = settings.correspondence.repeat
-    why = (
-        f"--repeat {repeat} flies what lies as the demonstrated part"
-        if repeat
-        else "not requested (--repeat each)"
-    )
+    repeat, why = settings.correspondence.repeat, "not requested (--repeat each)"
+    if repeat:
+        why = f"--repeat {repeat} flies what lies as the demonstrated part"
     return [
         replace(one, left_out=tuple(f"{name}: {why}" for name in one.left_out if name not in flown))
         for one in counterparts
@@ -303,11 +289,8 @@ def _source(take: Attended) -> _Side:
 
 def _target(take: Attended) -> _Side:
     registered, words = take.pair.surface.registered, named_axes(take.pair.source.frame)
-    return _Side(
-        parts_of(registered).in_axes(words).on(_source(take).parts),
-        labels_of(registered),
-        bool(labels_of(registered).max(initial=0) > 0),
-    )
+    label, parts = labels_of(registered), parts_of(registered).in_axes(words).on(_source(take).parts)
+    return _Side(parts, label, bool(label.max(initial=0) > 0))
 
 
 def _name(parts: Parts, part: int) -> str:

@@ -17,7 +17,7 @@ from upplied.planning.geometry.clouds import diagonal_of, spacing
 from upplied.planning.surface.parts import labels_of
 from upplied.planning.visibility.looks import Looks, sharp_looks
 from upplied.planning.visibility.observations import Views
-from upplied.records import Bools, Camera, Cloud, Correspondences, Floats, Ints, Record
+from upplied.records import Bools, Cloud, Correspondences, Floats, Ints, Record
 
 _ROUND = 6  # samples among which a counterpart is shared: a triangle and its neighbours
 _CORRESPONDS = 3.0  # sample spacings from a carried sample, within which target surface corresponds to it
@@ -78,8 +78,7 @@ def inspected_surface(
     carry : array, shape (3, 3), optional
         How a line of sight is carried to the target where stand-offs scale with the structure.
     weight : array, shape (N,), optional
-        How much the demonstration was about each source point, 0 to 1 (`demonstration.attention`);
-        everything that it saw, where not given.
+        Attention, 0 to 1; everything that it saw counts, where not given.
     near_m : array, shape (N,), m, optional
         From how near it looked at each, carried; where infinite or not given, the nearest of all views.
     """
@@ -153,19 +152,11 @@ def inspected_by(take: Take, settings: Settings) -> InspectedSurface:
     )
     wanted = surface.standoff_m
     if transfer.gsd_m is not None and camera.width_px:
-        wanted = np.where(
-            surface.need > 0, transfer.gsd_m * focal_px(camera.width_px, camera.hfov_deg), np.nan
-        )
-    lowest, highest = _limits(camera, settings)
-    widest = float(
-        inspection.truly.coarseness.max(initial=1.0)
-    )  # where it zooms, distances are of one camera
-    return replace(surface, standoff_m=np.clip(wanted, lowest, highest * widest))
-
-
-def _limits(camera: Camera, settings: Settings) -> tuple[float, float]:
+        sampled_m = transfer.gsd_m * focal_px(camera.width_px, camera.hfov_deg)
+        wanted = np.where(surface.need > 0, sampled_m, np.nan)
     lowest = max(settings.route.clearance_m, camera.min_range_m)
-    return lowest, max(camera.max_range_m, lowest)
+    widest = float(inspection.truly.coarseness.max(initial=1.0))  # a zooming camera's distances are of one
+    return replace(surface, standoff_m=np.clip(wanted, lowest, max(camera.max_range_m, lowest) * widest))
 
 
 def coverage(inspected: InspectedSurface, seen: Bools, whole: bool = False) -> float:

@@ -140,10 +140,8 @@ def counted(
     settings : TransferSettings
         `scaled` takes the distances as the structure's map carries them, `kept` as flown, and a ground
         sampling distance sets the distance at which one pixel covers it in the middle of the picture.
-    camera : Camera
-        Bounds the stand-off by its range.
-    nearest_m : float
-        Smallest stand-off, m: the safety distance.
+    camera, nearest_m
+        The camera's range and the safety distance, m, bound the stand-off.
     coarse : array, shape (M,), optional
         How coarsely each camera shows beside `camera`, where it zooms.
     """
@@ -158,9 +156,8 @@ def counted(
     else:
         sight = carrier.matrix
         wanted = median_distance(positions @ sight.T, here @ sight.T, weight)
-    lowest = max(nearest_m, camera.min_range_m) * (
-        1 + TOLERANCE
-    )  # so that the middle of the view is in range
+    # So that the middle of the view is in range.
+    lowest = max(nearest_m, camera.min_range_m) * (1 + TOLERANCE)
     wanted = np.clip(wanted, lowest, max((1 - TOLERANCE) * camera.max_range_m, lowest))
     return Counted(weight, there, middle, wanted, before)
 

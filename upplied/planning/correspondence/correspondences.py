@@ -72,9 +72,8 @@ def correspond(
     if settings.method == "nearest" or source.normals is None or target.normals is None:
         return nearest(source, target, registration)
     landmarks = (source_landmarks or {}, target_landmarks or {})
-    pinned = pinned_parts(
-        source, target, registration, settings.counterparts, *landmarks, words=words, named=named
-    )
+    names = settings.counterparts, *landmarks, words, named
+    pinned = pinned_parts(source, target, registration, *names)
     return by_parts(source, target, registration, pinned, words, named)
 
 

@@ -27,7 +27,7 @@ from upplied.planning.constants import (
     TOUCH,
 )
 from upplied.planning.correspondence.coherent_point_drift import brought_onto
-from upplied.planning.geometry.clouds import diagonal_of, spacing
+from upplied.planning.geometry.clouds import diagonal_of, nearest_facing, spacing
 from upplied.planning.surface.parts import by_size, joined_small, labels_of
 from upplied.records import Bools, Cloud, Floats, Ints
 
@@ -85,16 +85,9 @@ def _nearest(whole: Cloud, moved: Cloud) -> tuple[Ints, Bools]:
 
     Farther than what turning a normal by a right angle counts.
     """
-    distance, index = _apart(whole, moved, diagonal_of(whole.points))
-    return labels_of(moved)[index], distance > FACING * diagonal_of(whole.points)
-
-
-def _apart(whole: Cloud, moved: Cloud, diagonal: float) -> tuple[Floats, Ints]:
-    """How far (N,) the nearest sample is, m, unlike normals counted, and which it is."""
-    weight = FACING * diagonal
-    tree = cKDTree(with_normals(moved.points, moved.outward, weight))
-    distance, index = tree.query(with_normals(whole.points, whole.outward, weight))
-    return distance, index
+    weight = FACING * diagonal_of(whole.points)
+    distance, index = nearest_facing(whole, moved, weight)
+    return labels_of(moved)[index], distance > weight
 
 
 def _named(whole: Cloud, skin: Ints, name: Ints, moved: Cloud) -> Ints:
@@ -103,12 +96,12 @@ def _named(whole: Cloud, skin: Ints, name: Ints, moved: Cloud) -> Ints:
     What is no farther than neighbours are is not clearer: decks lie close, and so does what a displacement
     brings a step too far. Nor do few samples of a stretch make a part.
     """
-    number, diagonal, slack = int(name.max()) + 1, diagonal_of(whole.points), TOUCH * spacing(whole)
+    number, weight, slack = int(name.max()) + 1, FACING * diagonal_of(whole.points), TOUCH * spacing(whole)
     of_stretch, own_name = _counted(skin, name, number).argmax(axis=1)[skin], name.copy()
     for part in np.unique(of_stretch[name != of_stretch]):
         doubt = np.flatnonzero((of_stretch == part) & (name != part))
-        some = whole.at(doubt)
-        own, other = (_apart(some, one, diagonal)[0] for one in (moved, moved.at(labels_of(moved) == part)))
+        both = moved, moved.at(labels_of(moved) == part)
+        own, other = (nearest_facing(whole.at(doubt), one, weight)[0] for one in both)
         own_name[doubt[other - own < slack]] = part
     few = np.maximum(_LEAST_SAMPLES, TOLERANCE * np.bincount(skin))[skin]
     return np.where(_counted(skin, own_name, number)[skin, own_name] < few, of_stretch, own_name)

@@ -90,9 +90,8 @@ def choices_for(source: Parts, part: int, target: Parts, known: Sequence[int] = 
     if len(known) == 1:
         size = target.area[known[0]]
         alike = [other for other in alike if 1 / SAME_SIZE < target.area[other] / size < SAME_SIZE]
-    return np.array(
-        sorted(alike, key=lambda other: side_of(target, other) != side_of(source, part)), np.int64
-    )
+    side = side_of(source, part)
+    return np.array(sorted(alike, key=lambda other: side_of(target, other) != side), np.int64)
 
 
 def _named(name: str, cloud: Cloud, parts: Parts, landmarks: Landmarks) -> int | None:

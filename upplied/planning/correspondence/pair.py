@@ -172,31 +172,25 @@ class Task(Record):
 
     def registration(self) -> Registration:
         """How the target lies on the source."""
-        rule = self.settings.registration
-        return self.remembered(
-            "registration", Registration, lambda: register(*self.clouds, rule, self.declared)
-        )
+        inputs = *self.clouds, self.settings.registration, self.declared
+        return self.remembered("registration", Registration, lambda: register(*inputs))
 
     def matched(self, fit: Fit, named: Ints | None = None) -> Fit:
         """A fit with its parts and samples matched as the settings say, and by names (M,) of the target's."""
         named = fit.carried if named is None and fit.inferred >= 0 else named
         rule, marks = self.settings.correspondence, (self.source.landmarks, self.target.landmarks)
         clouds, words = (fit.source, fit.target), self.declared.words
-        match = self.remembered(
-            "correspondences",
-            Correspondences,
-            lambda: correspond(*clouds, fit.registration, rule, *marks, words, named),
-            rule,
-            *(() if named is None else ("named",)),
-        )
+        inputs = *clouds, fit.registration, rule, *marks, words, named
+        facts = rule, *(() if named is None else ("named",))
+        match = self.remembered("correspondences", Correspondences, lambda: correspond(*inputs), *facts)
         return replace(fit, correspondences=match)
 
     def with_carried(self, fit: Fit) -> Fit:
         """A fit with the source's part that a smooth displacement brings onto each target sample."""
-        labels = self.remembered(
-            "carried", PartLabels, lambda: PartLabels(carried(fit.registered, fit.source))
+        of = fit.registered, fit.source
+        return replace(
+            fit, carried=self.remembered("carried", PartLabels, lambda: PartLabels(carried(*of))).label
         )
-        return replace(fit, carried=labels.label)
 
     def labelled(self, clouds: tuple[Cloud, Cloud], by: str) -> Task:
         """The same of clouds whose parts another structure labelled."""

@@ -124,10 +124,9 @@ def _core(part: Floats) -> Floats:
     low, high = part.min(axis=0), part.max(axis=0)
     inner_low, inner_high = np.quantile(part, [TOLERANCE, 1 - TOLERANCE], axis=0)
     usual = (inner_high - inner_low) * TOLERANCE / (1 - 2 * TOLERANCE)
-    stray_low, stray_high = inner_low - low > _FAR * usual, high - inner_high > _FAR * usual
-    return np.stack(
-        [np.where(stray_low, inner_low - usual, low), np.where(stray_high, inner_high + usual, high)]
-    )
+    low = np.where(inner_low - low > _FAR * usual, inner_low - usual, low)
+    high = np.where(high - inner_high > _FAR * usual, inner_high + usual, high)
+    return np.stack([low, high])
 
 
 def _direction(part: Floats, whole: Floats) -> tuple[Floats, float, float, bool]:

@@ -91,8 +91,9 @@ def _costs(source: Parts, target: Parts, diagonal_m: float) -> tuple[Floats, Boo
     size = np.abs(np.log(source.area[:, None] / target.area[None, :]))
     near = apart < COMPACT  # boxes matched, no part lies farther from its partner than a compact one is long
     allowed = _alike(source, target, diagonal_m, LEAST_PART, MOST_RATIO) & near & (size < np.log(MOST_RATIO))
-    allowed &= ~_across(source, target)
-    return apart, allowed
+    # On different sides of structures that are their own mirror images.
+    across = (np.abs(source.side[:, None] - target.side[None, :]) > MAJORITY).any(axis=2)
+    return apart, allowed & ~(across & ~_both_blades(source, target))
 
 
 def _alike(source: Parts, target: Parts, diagonal_m: float, floor: float, most: float) -> Bools:
@@ -108,12 +109,6 @@ def _alike(source: Parts, target: Parts, diagonal_m: float, floor: float, most: 
 
 def _both_blades(source: Parts, target: Parts) -> Bools:
     return source.blade[:, None] & target.blade[None, :]
-
-
-def _across(source: Parts, target: Parts) -> Bools:
-    """Which parts (K, L) lie on different sides of structures that are their own mirror images."""
-    apart = np.abs(source.side[:, None] - target.side[None, :])
-    return np.asarray((apart > MAJORITY).any(axis=2) & ~_both_blades(source, target))
 
 
 def _ratios(one: Floats, other: Floats, floor: float) -> Floats:

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from upplied.geometry.vectors import scaled_normals, with_normals
 from upplied.planning.constants import LEAST_PART, MAJORITY
 from upplied.planning.correspondence.coherent_point_drift import spread_over
-from upplied.planning.correspondence.misfit import FACING
+from upplied.planning.correspondence.misfit import GAP_FACING
 from upplied.planning.geometry.clouds import diagonal_of, in_source_frame, spacing
 from upplied.records import Bools, Cloud, Floats, Registration
 
@@ -103,7 +103,7 @@ class _Both:
     def __init__(self, source: Cloud, target: Cloud, box: Registration) -> None:
         registered = in_source_frame(target, box)
         self.box, self.diagonal, self.slack = box, diagonal_of(source.points), spacing(source)
-        self.weight = FACING * self.diagonal
+        self.weight = GAP_FACING * self.diagonal
         mine, theirs = spread_over(source, _SAMPLES), spread_over(target, _SAMPLES)
         self.fixed = with_normals(source.points[mine], source.outward[mine], self.weight)
         self.tree = cKDTree(self.fixed)
@@ -168,10 +168,7 @@ class _Both:
     def judged(self, scale: Floats, shift: Floats) -> Judged:
         """A way as a registration, and how good it is."""
         both_ways = self.distances(scale, shift)
-        apart, error = (
-            (sum(each.mean() for each in both_ways)),
-            sum(each.var() / len(each) for each in both_ways),
-        )
+        apart, error = sum(of.mean() for of in both_ways), sum(of.var() / len(of) for of in both_ways)
         return Judged(float(apart), float(2 * np.sqrt(error)), self.registration(scale, shift))
 
     def distances(self, scale: Floats, shift: Floats) -> tuple[Floats, Floats]:

@@ -2,7 +2,7 @@
 
 Of two scans neither tells its parts; and of a target with four engines a source with two tells half. A
 sibling that lies clearly better on the target labels it instead. Its labels are held against the source: all
-of its parts that were matched without the sibling must be matched with it, and `correspondence.certainty`
+of its parts that were matched without the sibling must be matched with it, and `correspondence.fit`
 asks whether both ways lead to the same part.
 """
 
@@ -36,8 +36,6 @@ def study(
     ----------
     source, target : Structure
         May be given in frames of their own (`surface.frames`).
-    settings : Settings
-    memo : callable, optional
     siblings : sequence of Structure
         In their declared frames and in any order. Those of another kind, of which the pieces tell no parts,
         or that are the source or the target themselves, are left out.

@@ -21,8 +21,7 @@ from upplied.config import InspectionSettings
 from upplied.geometry.poses import matrices
 from upplied.planning.constants import FOVEA, MAJORITY
 from upplied.planning.surface.skin import middle_of
-from upplied.planning.visibility.moments import Moments, moments, motion_of, sight_to
-from upplied.planning.visibility.observations import Views, stations_at
+from upplied.planning.visibility.observations import Moments, Views, moments, motion_of, sight_to, stations_at
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 
 _NEAREST = 0.3  # quantile of the depth in the gaze, that is the subject's
@@ -61,7 +60,6 @@ def attention(
         As logged, source frame.
     breaks : array of int
         First pose after each gap in the log.
-    camera : Camera
     cloud : Cloud
         N surface samples of the source with normals and areas.
     shown : Views
@@ -69,16 +67,17 @@ def attention(
     stretch : array of int, shape (J, N)
         The stretch of the skin that each lies on, by several divisions of it (`surface.skin`). A sample of
         which they do not agree is meant by the share of them that mean it.
-    settings : InspectionSettings
-        When a picture is sharp.
     zone : array of bool, shape (N,), optional
-        What the user says that the flight was about (`demonstration.about`): of that, all that it
+        What the user says that the flight was about (`inspection.zone_of`): of that, all that it
         shows counts, and of nothing else.
     """
     steps = moments(flight, breaks)
     number, area, part = len(cloud), cloud.areas, middle_of(stretch)
-    rows = shown.seen[stations_at(shown, steps)]
-    arguments = _facts(steps, camera, cloud, rows)
+    rows = np.ascontiguousarray(shown.seen[stations_at(shown, steps)])
+    positions, points = (np.ascontiguousarray(of) for of in (steps.poses.positions, cloud.points))
+    facing = np.ascontiguousarray(cloud.outward * (1.0 if cloud.area_m2 is None else cloud.area_m2[:, None]))
+    arguments = positions, np.ascontiguousarray(matrices(steps.poses.quat_xyzw)), points, facing, rows
+    moving = [np.ascontiguousarray(of) for of in (steps.step_s, steps.velocity, steps.turn)]
     depth = _depths(*arguments, FOVEA, _NEAREST)
     known = np.isfinite(depth)
     if not known.any():
@@ -91,15 +90,15 @@ def attention(
     sharp = np.full(len(steps), settings.sharp_radps(camera.hfov_deg, *optics))
     if steps.poses.fov_deg is not None:
         sharp = np.array([settings.sharp_radps(float(angle), *optics) for angle in steps.poses.fov_deg[:, 0]])
-    gaze, time = _gazed(*arguments, limit, steps.step_s, *_motion(steps), sharp, FOVEA)
+    gaze, time = _gazed(*arguments, limit, *moving, sharp, FOVEA)
     gazed, seen = 1 - np.exp(-gaze / _GAZE_S), 1 - np.exp(-time / _SHOWN_S)
     whole = float((area * gazed).sum())
     if whole <= 0:
         return Attention(np.zeros(number), part, subject)
     meant = zone.astype(float) if zone is not None else _meant(stretch, area * gazed, area)
     weight = meant * seen
-    looks = _looks(*arguments, step_s=steps.step_s, moving=_motion(steps), weight=weight, area=area)
-    return Attention(weight, part, subject, *looks)
+    looks = _histograms(positions, points, facing / area[:, None], rows, *moving, weight * area)
+    return Attention(weight, part, subject, *_usual(*looks))
 
 
 def _meant(stretch: Ints, gazed: Floats, area: Floats) -> Floats:
@@ -116,22 +115,8 @@ def _meant(stretch: Ints, gazed: Floats, area: Floats) -> Floats:
     return meant
 
 
-def _looks(
-    positions: Floats,
-    axes: Floats,
-    points: Floats,
-    areas: Floats,
-    seen: Bools,
-    *,
-    step_s: Floats,
-    moving: tuple[Floats, Floats],
-    weight: Floats,
-    area: Floats,
-) -> tuple[float, float]:
-    """95th percentiles of motion (rad/s) and incidence (deg) over the looks at what was inspected."""
-    motion, incidence = _histograms(
-        positions, points, areas / area[:, None], seen, step_s, *moving, weight * area
-    )
+def _usual(motion: Floats, incidence: Floats) -> tuple[float, float]:
+    """95th percentiles of motion (rad/s) and incidence (deg) over the looks, by their histograms."""
     if motion.sum() <= 0:
         return 0.0, 0.0
     at = [float(np.searchsorted(np.cumsum(of), _USUAL * of.sum())) for of in (motion, incidence)]
@@ -166,22 +151,6 @@ def _histograms(
             angle = np.degrees(np.arccos(min(max(cosine, 0.0), 1.0)))
             incidence[min(int(2 * angle), 179)] += weight[index] * step_s[pose]
     return motion, incidence
-
-
-def _facts(
-    steps: Moments, camera: Camera, cloud: Cloud, rows: Bools
-) -> tuple[Floats, Floats, Floats, Floats, Bools]:
-    return (
-        np.ascontiguousarray(steps.poses.positions),
-        np.ascontiguousarray(matrices(steps.poses.quat_xyzw)),
-        np.ascontiguousarray(cloud.points),
-        np.ascontiguousarray(cloud.outward * (1.0 if cloud.area_m2 is None else cloud.area_m2[:, None])),
-        np.ascontiguousarray(rows),
-    )
-
-
-def _motion(steps: Moments) -> tuple[Floats, Floats]:
-    return np.ascontiguousarray(steps.velocity), np.ascontiguousarray(steps.turn)
 
 
 def _subject(steps: Moments, depth: Floats, known: Bools) -> float:

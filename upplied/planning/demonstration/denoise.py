@@ -27,9 +27,8 @@ from upplied.records import Floats, Ints, Record, Trajectory
 _GRID_S = 0.05  # shortest step of the even times that a log is brought to
 _WIDTHS_S = (0.1, 0.2, 0.4, 0.8, 1.6)  # standard deviations of the averages
 _WILD_MPS2 = 30.0  # no camera vehicle accelerates like that
-_NOISE = 1 / (
-    np.sqrt(6) * 1.538
-)  # median norm of the second difference in 3D to its standard deviation per axis
+# From the median norm of the second difference in 3D to its standard deviation per axis.
+_NOISE = 1 / (np.sqrt(6) * 1.538)
 _AGREE = 2.576  # standard deviations within which 99 % of normal noise lies: beyond, it is none
 _HOVER_S = 2.0  # standing still for so long is a place of its own
 
@@ -43,7 +42,7 @@ class Smoothed(Record):
 
 
 def smoothed(flight: Trajectory, spacing_m: float = np.inf, breaks: Ints | None = None) -> Smoothed:
-    """The flight as the pilot meant it.
+    """The flight as the pilot meant it; its times are those at which the demonstration was there.
 
     Parameters
     ----------
@@ -54,11 +53,6 @@ def smoothed(flight: Trajectory, spacing_m: float = np.inf, breaks: Ints | None 
         camera turns, and on a short flight.
     breaks : array of int, optional
         First pose after each gap in the log; nothing is smoothed across.
-
-    Returns
-    -------
-    Smoothed
-        Its times are those at which the demonstration was there.
     """
     cuts = [
         0,

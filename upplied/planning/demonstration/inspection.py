@@ -2,23 +2,127 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from upplied.config import Settings
+from upplied.errors import SettingsError
 from upplied.geometry.polylines import chosen_evenly
+from upplied.geometry.scene import scene_of
 from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
 from upplied.planning.correspondence.pair import Pair
-from upplied.planning.demonstration.about import zone_of
 from upplied.planning.demonstration.attention import Attention, attention
 from upplied.planning.demonstration.denoise import Smoothed, smoothed
-from upplied.planning.demonstration.viewpoints import find_viewpoints
+from upplied.planning.demonstration.stations import find_viewpoints
+from upplied.planning.surface.parts import labels_of
 from upplied.planning.surface.skin import Skin, middle_of
-from upplied.planning.visibility.line_of_sight import visible
-from upplied.planning.visibility.moments import Moments, moments
-from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
-from upplied.records import Camera, Demonstration, Ints, Record, Trajectory, Viewpoints, Visibility
+from upplied.planning.visibility.frustum import visible
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Moments, Views, moments, views
+from upplied.records import (
+    Bools,
+    Camera,
+    Cloud,
+    Demonstration,
+    Floats,
+    Ints,
+    Record,
+    Structure,
+    Trajectory,
+    Viewpoints,
+    Visibility,
+)
+
+_NEIGHBOURS = 25  # samples nearest to a landmark, that say which part of the skin it lies in
+_RULE = (
+    "landmarks, part_0, part_1, ..., 'box X Y Z X Y Z' (two corners, m), 'ball X Y Z R' (m) or labels of "
+    "faces, separated by commas"
+)
+
+
+#: Which faces (T,) of a structure have a label, by the hash of the labels and the label.
+Faces = Callable[[Structure, str, str], Bools]
+
+
+def zone_of(
+    about: str, structure: Structure, cloud: Cloud, skin: Ints, faces: Faces | None = None
+) -> Bools | None:
+    """Which surface samples (N,) a text names; None where it names none.
+
+    Parameters
+    ----------
+    about : str
+        Landmarks of the structure (the part of the skin there), ``part_3`` of a summary, or
+        ``box 10 2 1 14 6 4``: two corners in the structure's declared frame, m, or ``ball 10 2 1 0.5``:
+        the surface that near to a place, on the side that is nearest to it. Separated by commas.
+    structure, cloud
+        In whatever frame it is planned in, and its N surface samples.
+    skin : array of int, shape (N,)
+        The part of the skin that each lies on.
+    faces : callable, optional
+        What ``labels HASH LABEL`` asks for the faces of a label.
+
+    Raises
+    ------
+    SettingsError
+        If a name is unknown, a box or ball has not its numbers, or nothing of the surface is named.
+    """
+    wanted = [word.strip() for word in about.split(",") if word.strip()]
+    if not wanted:
+        return None
+    zone = np.zeros(len(cloud), bool)
+    for word in wanted:
+        zone |= _zone(word, structure, cloud, skin, faces)
+    if not zone.any():
+        raise SettingsError(f"about {about[:80]!r}", "names no surface of the structure", _RULE)
+    return zone
+
+
+def _zone(word: str, structure: Structure, cloud: Cloud, skin: Ints, faces: Faces | None) -> Bools:
+    if word.lower().startswith("box "):
+        corners = _numbers(word, 6, "a box").reshape(2, 3)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        points = structure.frame.to_declared(cloud.points)
+        return np.asarray(((points >= low) & (points <= high)).all(axis=1), bool)
+    if word.lower().startswith("ball "):
+        *place, radius = _numbers(word, 4, "a ball")
+        points = structure.frame.to_declared(cloud.points)
+        off = np.linalg.norm(points - place, axis=1)
+        same_side = np.ones(len(cloud), bool)
+        if cloud.normals is not None:  # of a thin plate one side is meant
+            same_side = cloud.normals @ cloud.normals[int(off.argmin())] > 0
+        return np.asarray((off <= radius) & same_side, bool)
+    if word.startswith("labels ") and faces is not None and len(structure.triangles):
+        named = word.split()
+        if len(named) != 3:
+            raise SettingsError(f"about {word[:60]!r}", "cannot be read as labels", _RULE)
+        nearest = scene_of(structure).closest(cloud.points)[1]
+        return np.asarray(faces(structure, *named[1:])[nearest], bool)
+    if word in structure.landmarks:
+        count = min(_NEIGHBOURS, len(cloud))
+        near = cKDTree(cloud.points).query(np.array(structure.landmarks[word]), k=count)[1]
+        return np.asarray(skin == np.bincount(skin[np.atleast_1d(near)]).argmax(), bool)
+    label = labels_of(cloud)
+    number = word.removeprefix("part_")
+    if word.startswith("part_") and number.isdecimal() and int(number) <= int(label.max()):
+        return np.asarray(label == int(number), bool)
+    known = ", ".join(sorted(structure.landmarks)) or "none"
+    reason = f"is unknown; landmarks of {structure.structure_id}: {known}"
+    raise SettingsError(f"about {word[:60]!r}", reason, _RULE)
+
+
+def _numbers(word: str, count: int, what: str) -> Floats:
+    try:
+        numbers = np.array([float(part) for part in word.split()[1:]])
+    except ValueError:
+        numbers = np.empty(0)
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise SettingsError(f"about {word[:60]!r}", f"cannot be read as {what}", _RULE)
+    return numbers
+
 
 _FOOTPRINT = 0.5  # of the picture's smaller side on the surface: how far stations are apart, at most
 _POSES = 200  # that tell how far from the surface the flight is
@@ -46,12 +150,7 @@ class Inspection(Record):
 
 
 def inspect_demonstration(
-    demonstration: Demonstration,
-    pair: Pair,
-    skin: Skin,
-    settings: Settings,
-    memo: Memo = no_memo,
-    grain: str = "even",
+    demonstration: Demonstration, pair: Pair, skin: Skin, settings: Settings, memo: Memo, grain: str
 ) -> Inspection:
     """Visibility along the flight, and its viewpoints, remembered by content.
 
@@ -60,47 +159,22 @@ def inspect_demonstration(
     memo = remembering(memo, demonstration.sha256, pair.source.sha256)
     camera = demonstration.camera
     flight, breaks = prepared(demonstration, settings, memo, _spacing(demonstration, pair))
-    fit = pair.fit_for(settings)
-    facts = (demonstration.sha256, pair.source.sha256, settings.clouds)
+    facts, rule = (demonstration.sha256, pair.source.sha256, settings.clouds), settings.viewpoints
     key = content_key(
-        "visibility",
-        *facts,
-        grain,
-        settings.visibility,
-        settings.viewpoints.most_poses,
-        settings.refine.method,
+        "visibility", *facts, grain, settings.visibility, rule.most_poses, settings.refine.method
     )
-    seen = memo(
-        "visibility",
-        Visibility,
-        key,
-        lambda: visible(
-            flight.positions,
-            flight.quat_xyzw,
-            fit.source,
-            camera,
-            settings.visibility,
-            pair.source_scene,
-            fov_deg=flight.fov_deg,
-        ),
-    )
+    sight = pair.fit_for(settings).source, camera, settings.visibility, pair.source_scene, flight.fov_deg
+    along_flight = partial(visible, flight.positions, flight.quat_xyzw, *sight)
+    seen = memo("visibility", Visibility, key, along_flight)
+    segments = partial(find_viewpoints, flight, seen, rule, breaks)
+    in_frustum = partial(views, demonstration.trajectory, pair.voxels.source, camera, BY_FRUSTUM)
     truly, attended = attended_by(demonstration, pair, skin, settings, memo, grain)
     return Inspection(
         flight=flight,
         camera=camera,
         visibility=seen,
-        viewpoints=memo(
-            "viewpoints",
-            Viewpoints,
-            content_key("viewpoints", key, settings.viewpoints),
-            lambda: find_viewpoints(flight, seen, settings.viewpoints, breaks),
-        ),
-        by_frustum=memo(
-            "views",
-            Views,
-            content_key("frustum", *facts),
-            lambda: views(demonstration.trajectory, pair.voxels.source, camera, BY_FRUSTUM),
-        ),
+        viewpoints=memo("viewpoints", Viewpoints, content_key("viewpoints", key, rule), segments),
+        by_frustum=memo("views", Views, content_key("frustum", *facts), in_frustum),
         truly=truly,
         attention=attended,
         logged=demonstration.trajectory,
@@ -119,45 +193,22 @@ def attended_by(
 ) -> tuple[Views, Attention]:
     """What a flight truly sees of the source's samples, and how much it was about each."""
     memo = remembering(memo, demonstration.sha256, pair.source.sha256)
+    flown, camera, cloud = demonstration.trajectory, demonstration.camera, pair.surface.source
     facts = (demonstration.sha256, pair.source.sha256, settings.clouds, grain)
-    truly = memo(
-        "views",
-        Views,
-        content_key("truly", *facts),
-        lambda: views(
-            demonstration.trajectory, pair.surface.source, demonstration.camera, TRULY, pair.source_scene
-        ),
-    )
-    return truly, memo(
-        "attention",
-        Attention,
-        content_key("attention", *facts, settings.inspection, demonstration.about),
-        lambda: _attended(demonstration, pair, truly, skin.of(pair.surface.source), settings),
-    )
+    in_sight = partial(views, flown, cloud, camera, TRULY, pair.source_scene)
+    truly = memo("views", Views, content_key("truly", *facts), in_sight)
 
+    def about() -> Attention:
+        stretch, rule = skin.of(cloud), settings.inspection
+        zone = zone_of(rule.about or demonstration.about, pair.source, cloud, middle_of(stretch))
+        return attention(flown, demonstration.breaks, camera, cloud, truly, stretch, rule, zone)
 
-def _attended(
-    demonstration: Demonstration, pair: Pair, truly: Views, stretch: Ints, settings: Settings
-) -> Attention:
-    """What the flight was about."""
-    cloud, source = pair.surface.source, pair.source
-    return attention(
-        demonstration.trajectory,
-        demonstration.breaks,
-        demonstration.camera,
-        cloud,
-        truly,
-        stretch,
-        settings.inspection,
-        zone_of(settings.inspection.about or demonstration.about, source, cloud, middle_of(stretch)),
-    )
+    key = content_key("attention", *facts, settings.inspection, demonstration.about)
+    return truly, memo("attention", Attention, key, about)
 
 
 def prepared(
-    demonstration: Demonstration,
-    settings: Settings,
-    memo: Memo = no_memo,
-    spacing_m: float = np.inf,
+    demonstration: Demonstration, settings: Settings, memo: Memo = no_memo, spacing_m: float = np.inf
 ) -> tuple[Trajectory, Ints]:
     """The flight to plan on, and the poses that start a new part after a gap.
 

@@ -14,11 +14,11 @@ import numpy as np
 from upplied.config import InspectionSettings, Settings
 from upplied.errors import SettingsError
 from upplied.geometry.poses import from_yaw_pitch, in_a_row, yaw_pitch
-from upplied.planning.correspondence.correspondences import correspond
-from upplied.planning.correspondence.memo import Memo, content_key, no_memo, remembering
+from upplied.planning.correspondence.memo import Memo, no_memo, remembering
 from upplied.planning.correspondence.naming import choices_for, side_of
 from upplied.planning.correspondence.never_scanned import without
-from upplied.planning.correspondence.pair import Pair, grained, skin_of
+from upplied.planning.correspondence.pair import Pair, Task, grained, skin_of
+from upplied.planning.correspondence.registration import declared_for
 from upplied.planning.demonstration.inspection import (
     Inspection,
     attended_by,
@@ -29,7 +29,6 @@ from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
 from upplied.planning.surface.skin import Skin
 from upplied.records import (
-    Correspondences,
     Demonstration,
     Floats,
     Ints,
@@ -72,10 +71,7 @@ def takes_of(
 ) -> list[Take]:
     """The demonstration as flown, and its repetitions as the settings ask for them.
 
-    Raises
-    ------
-    SettingsError
-        If a repetition is asked for with a preset that knows no parts.
+    A `SettingsError` says that a repetition is asked for with a preset that knows no parts.
     """
     skin = skin_of(pair.source, pair.source_scene, pair.surface.source, settings.clouds, memo)
     return _with_fine_samples(_attended(demonstration, pair, skin, settings, memo), skin, settings, memo)
@@ -133,11 +129,9 @@ def _with_fine_samples(flights: Sequence[Attended], skin: Skin, settings: Settin
 
 def _shows_each(take: Attended) -> bool:
     """Whether the flight as it was flown shows every part of the kind already: all piers of a bridge."""
-    words, fit = named_axes(take.pair.source.frame), take.pair.surface
-    part, counterparts = demonstrated_part(take), fit.correspondences.target_parts
+    fit, part = take.pair.surface, demonstrated_part(take)
+    counterparts, choices = fit.correspondences.target_parts, _choices(part, take.pair)[2]
     shown = [mine for mine, _ in inspected_parts(take, labels_of(fit.source))]
-    source, target = parts_of_both(fit.source, fit.registered, words)
-    choices = choices_in(take.pair, source, part, target, counterparts(part).tolist()).tolist()
     matched = {other for mine in shown for other in counterparts(mine).tolist()}
     return len(shown) > 1 and part in shown and len(choices) > 0 and set(choices) <= matched
 
@@ -146,27 +140,10 @@ def _matched_anew(pair: Pair, settings: Settings, memo: Memo) -> Pair:
     """The same pair with the surfaces matched as the settings ask."""
     fit, structures = pair.surface, (pair.source, pair.target)
     memo = remembering(memo, *(each.sha256 for each in structures))
-    facts = [(each.sha256, each.frame.heading_rad) for each in structures]
     labelled = () if fit.labelling is None else (fit.labelling.sha256,)
-    key = content_key(
-        "repeated", *facts, *labelled, settings.clouds, settings.registration, settings.correspondence
-    )
-    match = memo(
-        "correspondences",
-        Correspondences,
-        key,
-        lambda: correspond(
-            fit.source,
-            fit.target,
-            fit.registration,
-            settings.correspondence,
-            pair.source.landmarks,
-            pair.target.landmarks,
-            named_axes(pair.source.frame),
-            fit.carried if fit.inferred >= 0 else None,
-        ),
-    )
-    match = without(match, pair.missing, fit.source, fit.target, fit.carried)
+    clouds, names = (fit.source, fit.target), ("repeated", *labelled)
+    task = Task(*structures, settings, memo, clouds, declared_for(*structures), names)
+    match = without(task.matched(fit).correspondences, pair.missing, *clouds, fit.carried)
     return replace(pair, surface=replace(fit, correspondences=match))
 
 
@@ -245,11 +222,16 @@ def choices_in(pair: Pair, source: Parts, part: int, target: Parts, known: Seque
 
 def _on_this_side(part: int, pair: Pair) -> list[int]:
     """Target parts like a source part, on its side or in the middle."""
-    words, fit = named_axes(pair.source.frame), pair.surface
-    source, target = parts_of_both(fit.source, fit.registered, words)
-    side = side_of(source, part)
-    choices = choices_in(pair, source, part, target, fit.correspondences.target_parts(part).tolist())
-    return [int(choice) for choice in choices if side_of(target, int(choice)) in (0, side)]
+    source, target, choices = _choices(part, pair)
+    return [choice for choice in choices if side_of(target, choice) in (0, side_of(source, part))]
+
+
+def _choices(part: int, pair: Pair) -> tuple[Parts, Parts, list[int]]:
+    """Both structures' parts in the axes in which places are named, and the target's like a source part."""
+    fit = pair.surface
+    source, target = parts_of_both(fit.source, fit.registered, named_axes(pair.source.frame))
+    known = fit.correspondences.target_parts(part).tolist()
+    return source, target, choices_in(pair, source, part, target, known).tolist()
 
 
 USUAL_PCT = 95.0  # of the demonstration's time

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upplied.records import Cloud, Floats, Registration
+from upplied.geometry.vectors import with_normals
+from upplied.records import Cloud, Floats, Ints, Registration
 
 UNTURNED = np.eye(3)
 
@@ -54,6 +55,13 @@ def in_source_frame(target: Cloud, registration: Registration) -> Cloud:
     # A mirroring turns a surface inside out; the outside stays outside.
     outward = np.sign(np.linalg.det(registration.matrix)) * normals / stretch[:, None]
     return Cloud(points, outward, area, target.part, target.leaf_m, target.open)
+
+
+def nearest_facing(cloud: Cloud, other: Cloud, weight: float) -> tuple[Floats, Ints]:
+    """How far the nearest sample of another surface is, (N,) m, and which; turning its normal counts."""
+    tree = cKDTree(with_normals(other.points, other.outward, weight))
+    distance, index = tree.query(with_normals(cloud.points, cloud.outward, weight))
+    return distance, index
 
 
 def icp(source: Floats, target: Floats, iterations: int) -> tuple[Floats, Floats]:

@@ -8,6 +8,8 @@ is proven by a position; a `False` means that none of some seven hundred does.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -15,7 +17,7 @@ from upplied.config import VisibilitySettings
 from upplied.geometry.vectors import across
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.visibility.observations import TRULY
-from upplied.records import Bools, Camera, Cloud, Floats, Ints
+from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
 _TILTS = (0.0, 0.3, 0.55, 0.75, 0.88, 0.98)  # of the largest incidence
 _TURNS = 16
@@ -100,53 +102,63 @@ def seen_from(
     most = camera.max_range_m * 0.999
     farthest = np.full(len(cloud), _ANYWHERE_M) if farthest_m is None else farthest_m
     possible = np.minimum(farthest, most) > nearest
-    frames = _frames(cloud)
+    frames, targets = _frames(cloud), _Targets(cloud, airspace, pitch_deg)
     served = np.full((len(cloud), 3), np.nan)  # from where each sample was seen
     tried = 0
     while tried < len(tilt) and (np.isnan(served[:, 0]) & possible).any():
         left = np.flatnonzero(np.isnan(served[:, 0]) & possible)
         # As many again as were tried, since most samples are served soon.
         batch = slice(tried, tried + max(1, min(tried, _BATCH // len(left))))
-        positions = cloud.points[left][:, None] + _from_sample(
-            frames[left],
-            tilt[batch],
-            turn[batch],
-            _distances(share[batch], nearest, np.minimum(farthest[left, None] * np.cos(tilt[batch]), most)),
-        )
-        _serve(served, positions, left, cloud, airspace, pitch_deg)
+        reach = np.minimum(farthest[left, None] * np.cos(tilt[batch]), most)
+        off = frames[left], tilt[batch], turn[batch], _distances(share[batch], nearest, reach)
+        positions = cloud.points[left][:, None] + _from_sample(*off)
+        targets.serve(served, positions, left)
         tried = batch.stop
-    limits = (camera.min_range_m, most), farthest, settings.max_incidence_deg
-    _ask_neighbours(served, cloud, airspace, *limits, pitch_deg)
+    _ask_neighbours(served, targets, (camera.min_range_m, most), farthest, settings.max_incidence_deg)
     return served
 
 
-def _serve(
-    served: Floats,
-    positions: Floats,
-    left: Ints,
-    cloud: Cloud,
-    airspace: Airspace,
-    pitch_deg: tuple[float, float] | None = None,
-) -> None:
-    """Note for each sample of `left` the first of its positions (left, tried, 3) that sees it."""
-    sample = np.repeat(left, positions.shape[1])
-    arguments = positions.reshape(-1, 3), sample, cloud, airspace, pitch_deg
-    seen = _seen(*arguments).reshape(positions.shape[:2])
-    success = seen.any(axis=1)
-    served[left[success]] = positions[success, seen[success].argmax(axis=1)]
+@dataclass(frozen=True, eq=False, repr=False)
+class _Targets(Record):
+    """Samples that are to be seen, and where a camera may be and look."""
+
+    cloud: Cloud
+    airspace: Airspace
+    pitch_deg: tuple[float, float] | None = None
+
+    def serve(self, served: Floats, positions: Floats, left: Ints) -> None:
+        """Note for each sample of `left` the first of its positions (left, tried, 3) that sees it."""
+        sample = np.repeat(left, positions.shape[1])
+        seen = self.seen(positions.reshape(-1, 3), sample).reshape(positions.shape[:2])
+        success = seen.any(axis=1)
+        served[left[success]] = positions[success, seen[success].argmax(axis=1)]
+
+    def seen(self, positions: Floats, sample: Ints) -> Bools:
+        """Which positions are allowed and freely see their sample (K,); cheap questions first."""
+        airspace, scene, points = self.airspace, self.airspace.scene, self.cloud.points[sample]
+        seen = np.isfinite(positions[:, 0])
+        if self.pitch_deg is not None:
+            rise, (low, high) = points[seen] - positions[seen], np.sin(np.radians(self.pitch_deg))
+            sine = rise[:, 2] / np.linalg.norm(rise, axis=1)
+            seen[seen] = (sine >= low) & (sine <= high)
+        seen[seen] = airspace.in_bounds(positions[seen])
+        if scene.grain_m:
+            ray = points[seen] - positions[seen]
+            points[seen] -= ray * (scene.grain_m / np.linalg.norm(ray, axis=1))[:, None]
+        seen[seen] = ~scene.occluded(positions[seen], points[seen])
+        seen[seen] = scene.distance(positions[seen]) >= airspace.clearance_m
+        return seen
 
 
 def _ask_neighbours(
     served: Floats,
-    cloud: Cloud,
-    airspace: Airspace,
+    targets: _Targets,
     range_m: tuple[float, float],
     farthest: Floats,
     max_incidence_deg: float,
-    pitch_deg: tuple[float, float] | None = None,
 ) -> None:
     """Try for each sample left the positions that served its nearest neighbours, again where one helped."""
-    left = np.flatnonzero(np.isnan(served[:, 0]))
+    cloud, left = targets.cloud, np.flatnonzero(np.isnan(served[:, 0]))
     number = min(_NEIGHBOURS + 1, len(cloud))
     near = cKDTree(cloud.points).query(cloud.points[left], k=number)[1].reshape(len(left), number)
     limit = np.cos(np.radians(max_incidence_deg))
@@ -162,7 +174,7 @@ def _ask_neighbours(
         fits = (facing >= limit * length) & (length >= range_m[0]) & (length <= range_m[1])
         fits &= length**2 <= farthest[left[open_], None] * facing
         positions[~fits] = np.inf  # in no airspace
-        _serve(served, positions, left[open_], cloud, airspace, pitch_deg)
+        targets.serve(served, positions, left[open_])
         if np.isnan(served[left, 0]).sum() == before:
             return
 
@@ -184,9 +196,8 @@ def _candidates(max_incidence_deg: float) -> tuple[Floats, Floats, Floats]:
 
 def _distances(share: Floats, nearest: float, farthest: Floats) -> Floats:
     """Distances (samples, candidates), m, at shares of the way from near to far on a logarithmic scale."""
-    return np.asarray(
-        np.where(farthest > nearest, nearest * (np.maximum(farthest, nearest) / nearest) ** share, np.nan)
-    )
+    growth = np.maximum(farthest, nearest) / nearest
+    return np.asarray(np.where(farthest > nearest, nearest * growth**share, np.nan))
 
 
 def _frames(cloud: Cloud) -> Floats:
@@ -200,26 +211,3 @@ def _from_sample(frames: Floats, tilt: Floats, turn: Floats, distance: Floats) -
     around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
     direction = np.cos(tilt)[:, None] * normal + np.sin(tilt)[:, None] * around
     return distance[:, :, None] * direction
-
-
-def _seen(
-    positions: Floats,
-    sample: Ints,
-    cloud: Cloud,
-    airspace: Airspace,
-    pitch_deg: tuple[float, float] | None = None,
-) -> Bools:
-    """Which positions are allowed and have a free line of sight to their sample; cheap questions first."""
-    scene, points = airspace.scene, cloud.points[sample]
-    seen = np.isfinite(positions[:, 0])
-    if pitch_deg is not None:
-        rise, (low, high) = points[seen] - positions[seen], np.sin(np.radians(pitch_deg))
-        sine = rise[:, 2] / np.linalg.norm(rise, axis=1)
-        seen[seen] = (sine >= low) & (sine <= high)
-    seen[seen] = airspace.in_bounds(positions[seen])
-    if scene.grain_m:
-        ray = points[seen] - positions[seen]
-        points[seen] -= ray * (scene.grain_m / np.linalg.norm(ray, axis=1))[:, None]
-    seen[seen] = ~scene.occluded(positions[seen], points[seen])
-    seen[seen] = scene.distance(positions[seen]) >= airspace.clearance_m
-    return seen

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,26 +14,23 @@ from upplied.geometry.reconstruction import looks_scanned
 from upplied.geometry.scene import Scene
 from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.carry.affine import registered_map
+from upplied.planning.carry.affine import demonstrated_on_target, registered_map, standing
 from upplied.planning.carry.forecast import forecast_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface
-from upplied.planning.carry.on_target import demonstrated_on_target, standing
 from upplied.planning.carry.standoff import (
     carried_sight,
     counted,
     picture_share,
 )
 from upplied.planning.correspondence.fit import Fit
+from upplied.planning.correspondence.never_scanned import NeverScanned
 from upplied.planning.correspondence.pair import Pair
-from upplied.planning.demonstration.repetition import Take, begins_of, look_limits
+from upplied.planning.demonstration.repetition import Take, begins_of
 from upplied.planning.geometry.frechet import frechet, frechet_floored
 from upplied.planning.measures.attainable import attainable_beside
-from upplied.planning.measures.fidelity import fidelity, patches_of
+from upplied.planning.measures.fidelity import Compared, fidelity, resolution
 from upplied.planning.measures.measure import FRECHET, inspected_measures, measure, shown_of, surface_states
 from upplied.planning.measures.picture_score import picture_score
-from upplied.planning.measures.resolution import resolution
-from upplied.planning.visibility.looks import sharp_looks
-from upplied.planning.visibility.moments import moments
 from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
 from upplied.records import (
     Bools,
@@ -75,11 +72,8 @@ def judge(
     if not pair.surface.registration.accepted and forecast_of(takes).probability < _LIKELY:
         measures = measure(trajectory, carried, pair.target_scene, paper, standing=standing(pair))
         unmeasured = f"what is really seen was not measured: {pair.surface.registration.reason}"
-        return (
-            measures,
-            None,
-            (unmeasured, *_too_near(measures, settings), *_beyond_the_gimbal(takes, settings)),
-        )
+        warnings = unmeasured, *_too_near(measures, settings), *_by_camera(measures, takes, settings)
+        return measures, None, warnings
     true = (
         InspectedSurface.together(
             [_seen_surface(take, take.pair.surface, take.inspection.truly, settings) for take in takes]
@@ -90,17 +84,15 @@ def judge(
     possible = _attainable(true[0], true[1], airspace, camera)
     measures = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair))
     shown = shown_of(true[1], takes, settings)
-    limits, steps = look_limits(takes, settings.inspection), moments(trajectory)
-    looks = sharp_looks(steps, true[1], true[0].cloud, camera, *limits)
-    compared = looks, patches_of(takes, limits), shown.inspected, takes
+    compared = Compared.of(trajectory, true[1], shown.inspected, takes, settings)
     measures = replace(
         measures,
         **inspected_measures(shown, true[1], takes),
-        **fidelity(steps, *compared, settings),
-        **resolution(*compared, airspace, settings),
-        **picture_score(steps, true[1], true[0].cloud, compared[1], takes, settings.inspection),
+        **fidelity(compared),
+        **resolution(compared),
+        **picture_score(compared),
+        never_scanned_m2=pair.missing.area_m2,
     )
-    measures = replace(measures, never_scanned_m2=pair.missing.area_m2)
     if added is not None and not added.all():
         measures = replace(measures, **_shape_of_demonstrated(trajectory, added, carried, pair, measures))
     if demonstrated_s is not None:
@@ -108,10 +100,9 @@ def judge(
         flown = trajectory.take(own), demonstrated_s[own]
         measures = replace(measures, standoff_kept_pct=_standoff_kept(*flown, takes, settings))
     warnings = (
-        _warnings(measures, true[0], pair.target, pair.target_scene, settings)
-        + _beyond(pair)
-        + _beyond_the_gimbal(takes, settings)
-        + _blurred(measures, camera, settings)
+        *_warnings(measures, true[0], pair.target, pair.target_scene, settings),
+        *_beyond(pair.missing),
+        *_by_camera(measures, takes, settings),
     )
     return measures, surface_states(shown), warnings
 
@@ -170,32 +161,29 @@ def _seen_surface(take: Take, fit: Fit, demonstrated: Views, settings: Settings)
 
 def _warnings(
     measures: Measures, seen: InspectedSurface, target: Structure, scene: Scene, settings: Settings
-) -> tuple[str, ...]:
-    """What a person should know before this plan is flown, in words."""
-    warnings = []
+) -> Iterator[str]:
+    """What a person should know of the target's surface before this plan is flown, in words."""
     if seen.without_pct >= 1:
-        warnings.append(
+        yield (
             f"{seen.without_pct:.0f} % of what the demonstration saw has no counterpart on the target: "
             f"{seen.without:.0f} m2 of the source's surface"
         )
-    short = measures.coverage_attainable_pct - measures.coverage_seen_pct
-    if short > 5:
-        warnings.append(f"{short:.0f} % of the surface that a camera could see here is not seen")
+    if (short := measures.coverage_attainable_pct - measures.coverage_seen_pct) > 5:
+        yield f"{short:.0f} % of the surface that a camera could see here is not seen"
     if looks_scanned(target):
-        warnings.append(
+        yield (
             "the target looks like a reconstruction of a scan and counts as drawn: "
             "declare surface = 'scanned' in the manifest, or 'drawn' where it was"
         )
+    known_m, adds = f"{measures.surface_error_m:.2f} m", "the path adds that to the clearance"
     if target.is_scan and measures.surface_error_m > 0:
-        warnings.append(
-            f"the target is a scan, whose surface is known to {measures.surface_error_m:.2f} m where it was "
-            "scanned: the path adds that to the clearance" + _not_held(scene)
+        yield (
+            f"the target is a scan, whose surface is known to {known_m} where it was scanned: {adds}"
+            + _not_held(scene)
         )
     elif target.surface_error_m:
-        warnings.append(
-            f"the target is known to {measures.surface_error_m:.2f} m: the path adds that to the clearance"
-        )
-    return (*warnings, *_too_near(measures, settings))
+        yield f"the target is known to {known_m}: {adds}"
+    yield from _too_near(measures, settings)
 
 
 def _not_held(scene: Scene) -> str:
@@ -209,59 +197,44 @@ def _not_held(scene: Scene) -> str:
     )
 
 
-def _beyond(pair: Pair) -> tuple[str, ...]:
+def _beyond(missing: NeverScanned) -> Iterator[str]:
     """That the scan of the target is open, and how much of it is not there."""
-    missing, warnings = pair.missing, []
     if len(missing.beyond):
-        warnings.append(
+        yield (
             f"about {missing.area_m2:.0f} m2 of the target were never scanned: path and transit legs "
             f"stay clear of where the source has them, known to {missing.error_m:.2f} m where the "
             "target is shaped as the source is"
         )
     if missing.reach_m > 0:
-        warnings.append(
+        yield (
             f"where the scan ends the target may go on by up to {missing.reach_m:.1f} m more: the path "
             "stays clear of that as well"
         )
-    return tuple(warnings)
 
 
-def _too_near(measures: Measures, settings: Settings) -> tuple[str, ...]:
+def _too_near(measures: Measures, settings: Settings) -> Iterator[str]:
     """That the path does not keep the safety distance."""
-    if not measures.min_clearance_m < settings.route.clearance_m:
-        return ()
-    return (
-        f"comes within {measures.min_clearance_m:.2f} m of the structure; "
-        f"{settings.route.clearance_m:g} m are required",
-    )
+    least_m, reached_m = settings.route.clearance_m, measures.min_clearance_m
+    if reached_m < least_m:
+        yield f"comes within {reached_m:.2f} m of the structure; {least_m:g} m are required"
 
 
-def _blurred(measures: Measures, camera: Camera, settings: Settings) -> tuple[str, ...]:
-    """That pictures smear by more than is allowed, as the expert's own did."""
-    rule = settings.inspection
-    if not measures.blur_px_p99 > rule.max_motion_px:
-        return ()
-    exposure = camera.exposure_s or rule.exposure_s
-    return (
-        f"1 % of what is shown moves by {measures.blur_px_p99:.1f} px or more during an exposure of "
-        f"1/{1 / exposure:.0f} s, {rule.max_motion_px:g} px is sharp (inspection.max_motion_px)",
-    )
-
-
-def _beyond_the_gimbal(takes: Sequence[Take], settings: Settings) -> tuple[str, ...]:
-    """That the expert's camera looked further up or down than the planned one may."""
-    limits = settings.retime
-    if not limits.limits:
-        return ()
-    pitch = np.degrees(yaw_pitch(takes[0].inspection.flight.quat_xyzw)[1])
-    low, high = np.percentile(pitch, [5, 95])
-    if high <= limits.max_gimbal_pitch_deg + _ALMOST_DEG and low >= limits.min_gimbal_pitch_deg - _ALMOST_DEG:
-        return ()
-    return (
-        f"the demonstration looks from {low:.0f} to {high:.0f} deg of pitch, the plan only from "
-        f"{limits.min_gimbal_pitch_deg:g} to {limits.max_gimbal_pitch_deg:g} "
-        "(retime.min_gimbal_pitch_deg and max_gimbal_pitch_deg)",
-    )
+def _by_camera(measures: Measures, takes: Sequence[Take], settings: Settings) -> Iterator[str]:
+    """That the expert's camera looked further up or down than the planned one may, or that pictures smear."""
+    rule, limits, inspection = settings.inspection, settings.retime, takes[0].inspection
+    low, high = np.percentile(np.degrees(yaw_pitch(inspection.flight.quat_xyzw)[1]), [5, 95])
+    least, most = limits.min_gimbal_pitch_deg, limits.max_gimbal_pitch_deg
+    if limits.limits and not (high <= most + _ALMOST_DEG and low >= least - _ALMOST_DEG):
+        yield (
+            f"the demonstration looks from {low:.0f} to {high:.0f} deg of pitch, the plan only from "
+            f"{least:g} to {most:g} (retime.min_gimbal_pitch_deg and max_gimbal_pitch_deg)"
+        )
+    if measures.blur_px_p99 > rule.max_motion_px:
+        yield (
+            f"1 % of what is shown moves by {measures.blur_px_p99:.1f} px or more during an exposure of "
+            f"1/{1 / (inspection.camera.exposure_s or rule.exposure_s):.0f} s, {rule.max_motion_px:g} px is "
+            "sharp (inspection.max_motion_px)"
+        )
 
 
 def _attainable(seen: InspectedSurface, planned: Views, airspace: Airspace, camera: Camera) -> Bools:

@@ -1,4 +1,4 @@
-"""How like the demonstration a plan looks at each patch, and how steadily its camera moves."""
+"""How finely, and how like the demonstration, a plan looks at each patch, and how steadily."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from upplied.config import Settings
+from upplied.config import Settings, focal_px
 from upplied.geometry.polylines import arc_length, interpolated
 from upplied.geometry.poses import angle_between
+from upplied.planning.airspace.detours import airspace_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, demonstrated_looks
-from upplied.planning.demonstration.repetition import Take, begins_of, steady_radps
+from upplied.planning.demonstration.repetition import Take, begins_of, look_limits, steady_radps
 from upplied.planning.geometry.clouds import weighted_percentile
-from upplied.planning.visibility.looks import Looks, widened
-from upplied.planning.visibility.moments import Moments
-from upplied.records import Floats, Ints, Rows
+from upplied.planning.measures.attainable import attainable_beside
+from upplied.planning.visibility.looks import Looks, sharp_looks, widened
+from upplied.planning.visibility.observations import Moments, Views, moments
+from upplied.records import Floats, Ints, Record, Rows, Trajectory
 
 _ORDERED = 2000  # patches, at most, whose order is compared
 _STEADY_RAD = np.radians(3.0)  # turns below this are jitter of the hand
@@ -35,10 +37,33 @@ class Patches(Rows):
     shown: Looks  # of K patches of the source, its times from the start of the joined flights
 
 
-def patches_of(takes: Sequence[Take], limits: tuple[float, float]) -> Patches:
-    """The patches of all takes, with their looks within limits as those of `look_limits`."""
-    begins = begins_of([take.inspection.logged for take in takes])
-    return Patches.stacked([_patches(take, begin, limits) for take, begin in zip(takes, begins, strict=True)])
+@dataclass(frozen=True, eq=False, repr=False)
+class Compared(Record):
+    """A plan beside the demonstration, as both showed what was inspected."""
+
+    steps: Moments  # of the plan
+    views: Views  # of the plan, at N samples of the target
+    looks: Looks  # of the plan, at these samples
+    patches: Patches
+    inspected: InspectedSurface  # of all takes together, by these samples
+    takes: Sequence[Take]
+    settings: Settings
+
+    @classmethod
+    def of(
+        cls,
+        plan: Trajectory,
+        seen: Views,
+        inspected: InspectedSurface,
+        takes: Sequence[Take],
+        settings: Settings,
+    ) -> Compared:
+        """A plan that truly has these views."""
+        limits, steps = look_limits(takes, settings.inspection), moments(plan)
+        looks = sharp_looks(steps, seen, inspected.cloud, takes[0].inspection.camera, *limits)
+        begins = begins_of([take.inspection.logged for take in takes])
+        patches = [_patches(take, begin, limits) for take, begin in zip(takes, begins, strict=True)]
+        return cls(steps, seen, looks, Patches.stacked(patches), inspected, takes, settings)
 
 
 def _patches(take: Take, begin_s: float, limits: tuple[float, float]) -> Patches:
@@ -50,31 +75,11 @@ def _patches(take: Take, begin_s: float, limits: tuple[float, float]) -> Patches
     return Patches(weight[chosen], target[chosen], replace(shown, time_s=shown.time_s + begin_s))
 
 
-def fidelity(
-    steps: Moments,
-    looks: Looks,
-    patches: Patches,
-    inspected: InspectedSurface,
-    takes: Sequence[Take],
-    settings: Settings,
-) -> dict[str, float]:
-    """The measures of `records.Measures` that compare looks, turns and pictures with the demonstration's.
-
-    Parameters
-    ----------
-    steps : Moments
-        Of the plan.
-    looks : Looks
-        Of the plan, at the target's samples.
-    patches : Patches
-    inspected : InspectedSurface
-        Of all takes together.
-    takes : sequence of Take
-    settings : Settings
-    """
-    flown = [take.inspection.steps for take in takes]
-    figures = _smoothness(steps, flown, inspected, steady_radps(takes, settings.inspection))
-    return figures | _compared(patches, looks, inspected) if len(patches.weight) else figures
+def fidelity(of: Compared) -> dict[str, float]:
+    """The measures of `records.Measures` that compare looks, turns and pictures with the demonstration's."""
+    flown = [take.inspection.steps for take in of.takes]
+    figures = _smoothness(of.steps, flown, of.inspected, steady_radps(of.takes, of.settings.inspection))
+    return figures | _compared(of.patches, of.looks, of.inspected) if len(of.patches.weight) else figures
 
 
 def _compared(patches: Patches, looks: Looks, inspected: InspectedSurface) -> dict[str, float]:
@@ -132,13 +137,10 @@ def _smoothness(
         "camera_turn_ratio": turned_rad(steps.poses.quat_xyzw) / max(turned, _LEAST_RAD),
         "path_turn_ratio": bent_rad(steps.poses.positions, leg_m) / max(bent, _LEAST_RAD),
         "pan_fast_pct": _share(
-            float(steps.step_s[_rate(steps) > limit_radps].sum()), float(steps.step_s.sum())
+            float(steps.step_s[np.linalg.norm(steps.turn, axis=1) > limit_radps].sum()),
+            float(steps.step_s.sum()),
         ),
     }
-
-
-def _rate(steps: Moments) -> Floats:
-    return np.asarray(np.linalg.norm(steps.turn, axis=1), float)
 
 
 def turned_rad(quat_xyzw: Floats) -> float:
@@ -171,3 +173,49 @@ def bent_rad(positions: Floats, leg_m: float) -> float:
         if turn >= _BEND_RAD:
             way, total = other, total + turn
     return total
+
+
+AS_FINE = 1.1  # times the demonstrated ground sample distance: no coarser is as fine
+
+
+def resolution(of: Compared) -> dict[str, float]:
+    """Ground sample distances, blur and defocus of `Measures`, of the finest sharp look at each patch.
+
+    Nothing here is relative to size: a crack is as long on a large structure as on a small one. What no
+    allowed camera could picture as finely does not count.
+    """
+    rule, camera = of.settings.inspection, of.takes[0].inspection.camera
+    patches = of.patches.rows(np.isfinite(of.patches.shown.sampled_m))
+    weight, theirs = patches.weight, patches.shown.sampled_m
+    if not len(weight):
+        return {}
+    now = of.looks.rows(patches.target)
+    focal = focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
+    exposure = camera.exposure_s or rule.exposure_s
+    pixel_mm = 1e3 / focal
+    return {
+        **_percentiles("gsd_demonstrated_mm", theirs * pixel_mm, weight, (50, 95)),
+        **_percentiles("gsd_mm", now.sampled_m * pixel_mm, weight, (50, 95)),
+        "gsd_within_pct": _within(of, patches, AS_FINE * theirs),
+        **_percentiles("blur_px", now.moved * focal * exposure, weight, (50, 99)),
+        **(_percentiles("defocus_px", now.defocus * focal, weight, (95,)) if camera.f_number else {}),
+    }
+
+
+def _within(of: Compared, patches: Patches, wanted_m: Floats) -> float:
+    """Share, in percent, of patches as fine as asked, of those that some allowed camera shows so."""
+    take, target, weight, cloud = of.takes[0], patches.target, patches.weight, of.inspected.cloud
+    fine = of.looks.sampled_m[target] <= wanted_m
+    coarsest = np.zeros(len(cloud))  # of each sample, what the least demanding of its patches asks
+    np.maximum.at(coarsest, target, wanted_m)
+    missed = np.unique(target[~fine])
+    airspace, possible = airspace_of(take.pair, of.settings), np.ones(len(cloud), bool)
+    possible[missed] = attainable_beside(missed, cloud, airspace, take.inspection.camera, coarsest)
+    counted = fine | possible[target]
+    whole = float(weight[counted].sum())
+    return 100 * (1 - float(weight[counted & ~fine].sum()) / whole) if whole > 0 else float("nan")
+
+
+def _percentiles(name: str, values: Floats, weight: Floats, percents: tuple[int, ...]) -> dict[str, float]:
+    known = np.isfinite(values)
+    return {f"{name}_p{p}": weighted_percentile(values[known], weight[known], p) for p in percents}

@@ -16,8 +16,8 @@ import numpy as np
 from upplied.config import Settings
 from upplied.geometry.polylines import accelerations, leg_lengths
 from upplied.geometry.scene import Scene
-from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.detours import airspace_of
+from upplied.planning.airspace.rules import path_clearance
 from upplied.planning.carry.inspected_surface import (
     InspectedSurface,
     coverage,

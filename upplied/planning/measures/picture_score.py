@@ -6,47 +6,30 @@ below a fifth; a point is worth its best picture.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numba import njit
 
 from upplied.config import InspectionSettings, focal_px
 from upplied.geometry.poses import matrices
-from upplied.planning.demonstration.repetition import Take
-from upplied.planning.measures.fidelity import Patches
-from upplied.planning.visibility.moments import Moments
-from upplied.planning.visibility.observations import Views, stations_at
-from upplied.records import Bools, Cloud, Floats
+from upplied.geometry.scene import Scene
+from upplied.overlap import Frames
+from upplied.planning.measures.fidelity import Compared
+from upplied.planning.visibility.frustum import coarseness, visible
+from upplied.planning.visibility.looks import sharp_looks
+from upplied.planning.visibility.observations import TRULY, Moments, Views, rates, stations_at
+from upplied.records import Bools, Camera, Cloud, Floats, Photos, Trajectory
 
 _LEAST = 0.2  # below it a picture is worth nothing
 _FLAT_DEG = 120.0  # of a field of view, beyond which there is no picture plane
 
 
-def picture_score(
-    steps: Moments,
-    shown: Views,
-    cloud: Cloud,
-    patches: Patches,
-    takes: Sequence[Take],
-    rule: InspectionSettings,
-) -> dict[str, float]:
+def picture_score(of: Compared) -> dict[str, float]:
     """`Measures.picture_score`: mean worth of the patches, of which the demonstrated resolution is desired.
 
-    Parameters
-    ----------
-    steps : Moments
-        Of the plan, a picture each.
-    shown : Views
-        What the plan truly sees of the target's samples, in the same time.
-    cloud : Cloud
-        These samples.
-    patches : Patches
-    takes : sequence of Take
-    rule : InspectionSettings
-        What is assumed of a camera.
+    Each step of the plan is a picture.
     """
-    camera, finest_m = takes[0].inspection.camera, patches.shown.sampled_m
+    steps, shown, patches, rule = of.steps, of.views, of.patches, of.settings.inspection
+    camera, finest_m = of.takes[0].inspection.camera, patches.shown.sampled_m
     known = np.isfinite(finest_m) & (patches.weight > 0)
     if not known.any() or camera.hfov_deg > _FLAT_DEG:
         return {}
@@ -55,7 +38,7 @@ def picture_score(
     worth = picture_worth(
         steps,
         shown.seen[np.ix_(station, target)],
-        cloud.at(target),
+        of.inspected.cloud.at(target),
         pixel * finest_m[known],
         pixel * shown.coarseness[station],
         camera.exposure_s or rule.exposure_s,
@@ -88,23 +71,16 @@ def picture_worth(
     """
     axes = np.ascontiguousarray(matrices(steps.poses.quat_xyzw).transpose(0, 2, 1))
     moving = steps.poses.positions, axes, steps.velocity, steps.turn
-    arrays = (*moving, cloud.points, cloud.outward, desired_m, pixel)
-    return _best(np.ascontiguousarray(seen), exposure_s, *(np.ascontiguousarray(of, float) for of in arrays))
+    given = (*moving, cloud.points, cloud.outward, desired_m, pixel)
+    arrays = tuple(np.ascontiguousarray(of, float) for of in given)
+    return _best(np.ascontiguousarray(seen), exposure_s, arrays)
 
 
 @njit(cache=True)
 def _best(
-    seen: Bools,
-    exposure_s: float,
-    positions: Floats,
-    axes: Floats,
-    velocity: Floats,
-    turn: Floats,
-    points: Floats,
-    normals: Floats,
-    desired_m: Floats,
-    pixel: Floats,
+    seen: Bools, exposure_s: float, arrays: tuple[Floats, ...]
 ) -> Floats:  # pragma: no cover - compiled
+    positions, axes, velocity, turn, points, normals, desired_m, pixel = arrays
     best, rows = np.zeros(len(points)), range(3)
     ray, moving = np.empty(3), np.empty(3)
     at, after, normal = np.empty(3), np.empty(3), np.empty(3)  # forward, left, up
@@ -141,3 +117,52 @@ def _best(
 @njit(cache=True, inline="always")
 def _dot(one: Floats, other: Floats) -> float:  # pragma: no cover - compiled
     return float(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])
+
+
+def photos_of(
+    path: Trajectory, photo: Bools, cloud: Cloud, camera: Camera, scene: Scene, rule: InspectionSettings
+) -> Photos:
+    """What each photo of a path shows of some surface samples, how finely and how sharply.
+
+    Parameters
+    ----------
+    path : Trajectory
+        N poses.
+    photo : array of bool, shape (N,)
+    cloud : Cloud
+        Surface samples with normals.
+    camera : Camera
+    scene : Scene
+    rule : InspectionSettings
+        The limits of a look that counts, and what is assumed of a camera.
+    """
+    taken = path.take(photo)
+    velocity, turn = (of[photo] for of in rates(path))
+    seen = visible(taken.positions, taken.quat_xyzw, cloud, camera, TRULY, scene, fov_deg=taken.fov_deg).seen
+    coarse = coarseness(camera, taken.fov_deg)
+    limits = (
+        rule.sharp_radps(camera.hfov_deg, camera.width_px, camera.exposure_s),
+        float(np.cos(np.radians(rule.max_incidence_deg))),
+    )
+    rows = []
+    for at in range(len(taken)):
+        one = slice(at, at + 1)
+        steps = Moments(taken.take(one), np.ones(1), velocity[one], turn[one])
+        shown = Views(taken.take(one), seen[one], None if coarse is None else coarse[one])
+        looks = sharp_looks(steps, shown, cloud, camera, *limits)
+        sharp = np.isfinite(looks.sampled_m)
+        shown_by = (looks.sampled_m[sharp], looks.moved[sharp])
+        rows.append([float(sharp.sum()), *(np.median(of) if len(of) else np.nan for of in shown_by)])
+    count, sampled, moved = np.array(rows).reshape(-1, 3).T
+    focal = focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
+    frames = Frames(taken, camera, scene)
+    overlap = [np.nan, *(100 * frames.overlap(at - 1, at) for at in range(1, len(taken)))][: len(taken)]
+    return Photos(
+        taken.t_s,
+        taken.positions,
+        taken.quat_xyzw,
+        count.astype(np.int64),
+        1e3 * sampled / focal,
+        moved * focal * (camera.exposure_s or rule.exposure_s),
+        np.array(overlap),
+    )

@@ -6,7 +6,7 @@ measures and carry the verdict beside them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 
 import numpy as np
@@ -14,14 +14,14 @@ import numpy as np
 from upplied.config import FIDELITIES, Settings
 from upplied.geometry.polylines import leg_lengths
 from upplied.planning.airspace.detours import airspace_of
+from upplied.planning.carry.affine import demonstrated_on_target
 from upplied.planning.carry.inspected_surface import area_ratio, inspected_by
-from upplied.planning.carry.on_target import demonstrated_on_target
 from upplied.planning.correspondence.label_transfer import fragments
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take
 from upplied.records import Measures, Trajectory
 
-_TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.clearance`)
+_TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.rules`)
 _TOLERANCE = 1.05  # of speeds and accelerations, which are read off differences of poses
 _TRANSIT_M, _TRANSIT_S = 50.0, 60.0  # that any plan may add for its ways
 
@@ -50,37 +50,34 @@ def shortfalls(
     return (
         *_shown(measures, settings),
         *_near(trajectory, measures, takes, settings),
-        *_long(measures, takes, settings),
-        *_hard(measures, settings),
+        *_beyond(measures, takes, settings),
     )
 
 
-def _shown(measures: Measures, settings: Settings) -> list[str]:
+def _shown(measures: Measures, settings: Settings) -> Iterator[str]:
     least, shown = settings.verdict.least_inspected_pct, measures.coverage_inspected_pct
-    if np.isnan(shown):
-        return ["what of the inspected surface it shows was not measured"] if least > 0 else []
-    if shown >= least:
-        return []
-    return [
-        f"shows {shown:.1f} % of what was inspected at least as well, {least:g} % are required "
-        "(verdict.least_inspected_pct)"
-    ]
+    if np.isnan(shown) and least > 0:
+        yield "what of the inspected surface it shows was not measured"
+    elif shown < least:
+        yield (
+            f"shows {shown:.1f} % of what was inspected at least as well, {least:g} % are required "
+            "(verdict.least_inspected_pct)"
+        )
 
 
-def _near(trajectory: Trajectory, measures: Measures, takes: Sequence[Take], settings: Settings) -> list[str]:
-    """Clearance, and every other rule of the airspace."""
-    clearance_m = settings.route.clearance_m
-    if measures.min_clearance_m < clearance_m - _TOLERANCE_M:
-        return [
-            f"comes within {measures.min_clearance_m:.2f} m of the structure, {clearance_m:g} m are required"
-        ]
+def _near(
+    trajectory: Trajectory, measures: Measures, takes: Sequence[Take], settings: Settings
+) -> Iterator[str]:
+    """Clearance, or else any other rule of the airspace."""
+    clearance_m, reached_m = settings.route.clearance_m, measures.min_clearance_m
+    if reached_m < clearance_m - _TOLERANCE_M:
+        yield f"comes within {reached_m:.2f} m of the structure, {clearance_m:g} m are required"
+        return
     airspace = airspace_of(takes[0].pair, settings)
     outside = np.flatnonzero(~airspace.in_bounds(trajectory.positions))
     if len(outside):
         place = trajectory.positions[outside[0]]
-        declared_m = airspace.frame.to_declared(place).round(1).tolist()
-        return [f"{airspace.why(place)} at {declared_m} m"]
-    return []
+        yield f"{airspace.why(place)} at {airspace.frame.to_declared(place).round(1).tolist()} m"
 
 
 def _at_size(takes: Sequence[Take], settings: Settings) -> tuple[float, float]:
@@ -88,47 +85,38 @@ def _at_size(takes: Sequence[Take], settings: Settings) -> tuple[float, float]:
     length_m = time_s = 0.0
     for take in takes:
         flown = take.inspection.by_frustum.stations
-        before, carried = (
-            float(leg_lengths(path).sum()) for path in (flown.positions, demonstrated_on_target(take))
-        )
+        both = flown.positions, demonstrated_on_target(take)
+        before, carried = (float(leg_lengths(path).sum()) for path in both)
         times = max(1.0, carried / max(before, 1e-9), _larger(take, settings))
         length_m += max(carried, before * times)
         time_s += float(flown.t_s[-1] - flown.t_s[0]) * times
     return length_m, time_s
 
 
-def _long(measures: Measures, takes: Sequence[Take], settings: Settings) -> list[str]:
-    """Path and time beside the demonstration's."""
+def _beyond(measures: Measures, takes: Sequence[Take], settings: Settings) -> Iterator[str]:
+    """Path and time beside the demonstration's, speed and acceleration beside what the vehicle can do."""
     length_m, time_s = _at_size(takes, settings)
-    reasons, floors = [], settings.verdict
+    floors, limits = settings.verdict, settings.retime
     if measures.path_length_m > floors.longest_path * length_m + _TRANSIT_M * len(takes):
-        reasons.append(
+        yield (
             f"flies {measures.path_length_m:.0f} m where the demonstration is {length_m:.0f} m long "
             f"at this size, {floors.longest_path:g} times as much is allowed (verdict.longest_path)"
         )
     if measures.duration_s > floors.longest_time * time_s + _TRANSIT_S * len(takes):
-        reasons.append(
+        yield (
             f"takes {measures.duration_s:.0f} s where the demonstration takes {time_s:.0f} s at this size, "
             f"{floors.longest_time:g} times as much is allowed (verdict.longest_time)"
         )
-    return reasons
+    if measures.peak_speed_mps > limits.max_speed_mps * _TOLERANCE:
+        yield f"flies {measures.peak_speed_mps:.1f} m/s, {limits.max_speed_mps:g} m/s are allowed"
+    reached, most = measures.peak_acceleration_mps2, limits.max_acceleration_mps2
+    if reached > most * _TOLERANCE:
+        yield f"asks for {reached:.1f} m/s2, {most:g} m/s2 are allowed"
 
 
 def _larger(take: Take, settings: Settings) -> float:
     """How many times the inspected area is larger on the target, where passes are added to show it."""
     return area_ratio([take], inspected_by(take, settings)) if settings.refine.added_passes else 1.0
-
-
-def _hard(measures: Measures, settings: Settings) -> list[str]:
-    """Speed and acceleration beside what the vehicle can do."""
-    limits = settings.retime
-    reasons = []
-    if measures.peak_speed_mps > limits.max_speed_mps * _TOLERANCE:
-        reasons.append(f"flies {measures.peak_speed_mps:.1f} m/s, {limits.max_speed_mps:g} m/s are allowed")
-    most = limits.max_acceleration_mps2
-    if measures.peak_acceleration_mps2 > most * _TOLERANCE:
-        reasons.append(f"asks for {measures.peak_acceleration_mps2:.1f} m/s2, {most:g} m/s2 are allowed")
-    return reasons
 
 
 def odd_shape(measures: Measures, settings: Settings) -> tuple[str, ...]:
@@ -156,17 +144,15 @@ def slow(measures: Measures, takes: Sequence[Take], settings: Settings) -> tuple
     )
 
 
-def in_the_way(pair: Pair) -> tuple[str, ...]:
+def in_the_way(pair: Pair) -> Iterator[str]:
     """What a path has no room for that may be none of the target, or was never scanned, in words."""
-    warnings, number = [], fragments(pair.surface.target)
-    if number:
-        warnings.append(
+    if number := fragments(pair.surface.target):
+        yield (
             f"{number} fragments of the target touch nothing, and the path stays clear of them: "
             "`upplied structures check --clean` removes what is not the target, such as birds and cables"
         )
     if pair.missing.reach_m > 0:
-        warnings.append(
+        yield (
             f"the scan ends where the target may go on, by up to {pair.missing.reach_m:.1f} m more than the "
             "source has, and the path stays clear of that: scan the whole of it"
         )
-    return tuple(warnings)

@@ -7,7 +7,7 @@ needed (`arrangement`). They are flown after the flight, once more round or back
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,11 +15,10 @@ from upplied.geometry.polylines import arc_length, cumulated, interpolated, leg_
 from upplied.geometry.poses import wrapped
 from upplied.planning.airspace.detours import Ways
 from upplied.planning.airspace.roadmap import way
-from upplied.planning.trajectory.arrangement import Cover, Pass, arranged
-from upplied.planning.trajectory.lanes import STEPS, Lanes, lanes_beside
+from upplied.planning.trajectory.lanes import STEPS, Cover, Lanes, Pass, arranged, lanes_beside
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
-from upplied.records import Bools, Floats, Ints, Record
+from upplied.records import Bools, Floats, Ints, Record, Rows
 
 _NEEDED = 600  # samples, at most, that stand for all that is needed
 _LEAST = 0.02  # share of the need, that a pass must show
@@ -120,7 +119,7 @@ class Beside(Record):
         while passes:
             before = cover.before(flown)
             gains = [(cover.before(one.flown_with(flown)) - before).sum() for one in passes]
-            spent = [max(float(self.seconds[one.rows].sum()), 1e-9) if a_second else 1.0 for one in passes]
+            spent = [max(float(self.seconds[one.row].sum()), 1e-9) if a_second else 1.0 for one in passes]
             one = passes.pop(int(np.argmax(np.array(gains) / spent)))
             part, taken_s = tour.longest(one, spare_s)
             more = float((cover.before(part.flown_with(flown)) - before).sum())
@@ -133,12 +132,12 @@ class Beside(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _Piece(Record):
+class _Piece(Rows):
     """What is flown without a transit."""
 
     path: Flown
     origin: Ints  # of each of its stations
-    added: bool
+    added: Bools
 
 
 class _Tour:
@@ -147,7 +146,7 @@ class _Tour:
     def __init__(self, path: Flown, lanes: Lanes, ways: Ways, pace: Pace) -> None:
         self.lanes, self.ways, self.pace = lanes, ways, pace
         self.step_m = max(float(np.median(leg_lengths(path.positions))), 0.05)
-        self.pieces = [_Piece(path, np.arange(len(path)), False)]
+        self.pieces = [_Piece(path, np.arange(len(path)), np.zeros(len(path), bool))]
         self.own = np.full(len(lanes.station), STEPS)  # the lane of the demonstrated pass
         self.passes_s = 0.0
 
@@ -155,7 +154,7 @@ class _Tour:
         """A pass from where it begins, as far as there is time for it, and the seconds that it takes."""
         whole = self._onward(whole)
         for eighths in range(_PIECES, 0, -1):
-            part = whole.to(len(whole.rows) * eighths // _PIECES)
+            part = whole.rows(slice(len(whole) * eighths // _PIECES))
             taken_s = self._seconds(part)
             if taken_s <= spare_s:
                 break
@@ -165,26 +164,26 @@ class _Tour:
         """Fly a pass after what is there."""
         self.passes_s += taken_s
         self.pieces.append(_spaced(self._flown_piece(one), self.step_m))
-        self.own[one.rows] = one.own
+        self.own[one.row] = one.own
 
     def _onward(self, one: Pass) -> Pass:
         """A pass the way the flight goes, or back where it begins much nearer so."""
-        free = self.lanes.free[one.rows, one.lane]
-        one = Pass(one.rows[free], one.lane[free], one.own[free])
-        if len(one.rows) < 2:
+        one = one.rows(self.lanes.free[one.row, one.lane])
+        if len(one) < 2:
             return one
-        ends = self.lanes.poses[one.rows[[0, -1]], one.lane[[0, -1]], :3]
+        ends = self.lanes.poses[one.row[[0, -1]], one.lane[[0, -1]], :3]
         ahead_m, back_m = np.linalg.norm(ends - self.pieces[-1].path.positions[-1], axis=1)
         nearer = back_m < ahead_m - 0.5 * np.linalg.norm(ends[1] - ends[0])
-        return Pass(one.rows[::-1], one.lane[::-1], one.own[::-1]) if nearer else one
+        return one.rows(slice(None, None, -1)) if nearer else one
 
     def _flown_piece(self, one: Pass) -> _Piece:
-        poses, origin = self.lanes.poses[one.rows, one.lane], self.lanes.station[one.rows]
-        return _Piece(Flown(poses[:, :3], np.unwrap(poses[:, 3]), poses[:, 4]), origin, True)
+        poses, origin = self.lanes.poses[one.row, one.lane], self.lanes.station[one.row]
+        path = Flown(poses[:, :3], np.unwrap(poses[:, 3]), poses[:, 4])
+        return _Piece(path, origin, np.ones(len(path), bool))
 
     def _seconds(self, one: Pass) -> float:
         """How long a pass takes, with the way to it; infinite where there is none."""
-        if len(one.rows) < 2:
+        if len(one) < 2:
             return np.inf
         piece = self._flown_piece(one)
         line = self._transit(self.pieces[-1].path.positions[-1], piece.path.positions[0])
@@ -204,13 +203,9 @@ class _Tour:
         parts = [self._aside(self.pieces[0])]
         for piece in self.pieces[1:]:
             parts += [self._between(parts[-1], piece), piece]
-        positions, yaw, pitch = (
-            np.concatenate([getattr(part.path, name) for part in parts])
-            for name in ("positions", "yaw", "pitch")
-        )
-        added = np.concatenate([np.full(len(part.path), part.added) for part in parts])
-        origin = np.concatenate([part.origin for part in parts])
-        return Extended(Flown(positions, np.unwrap(yaw), pitch), origin, added, self.passes_s, price)
+        whole = _Piece.stacked(parts)
+        path = replace(whole.path, yaw=np.unwrap(whole.path.yaw))
+        return Extended(path, whole.origin, whole.added, self.passes_s, price)
 
     def _aside(self, piece: _Piece) -> _Piece:
         """A piece of the demonstrated pass on the lane that it is flown on."""
@@ -221,7 +216,7 @@ class _Tour:
         off = interpolated(piece.origin.astype(float), self.lanes.station.astype(float), off)
         path = piece.path
         path = Flown(path.positions + off[:, :3], path.yaw + off[:, 3], path.pitch + off[:, 4])
-        return _Piece(path, piece.origin, False)
+        return replace(piece, path=path)
 
     def _between(self, before: _Piece, after: _Piece) -> _Piece:
         """The stations of a transit, without its ends, as the camera turns from one to the other."""
@@ -233,16 +228,14 @@ class _Tour:
         yaw = before.path.yaw[-1] + np.array([0.0, float(wrapped(after.path.yaw[0] - before.path.yaw[-1]))])
         pitch = np.array([before.path.pitch[-1], after.path.pitch[0]])
         poses = Flown(line, np.interp(share, [0, 1], yaw), np.interp(share, [0, 1], pitch))
-        whole = _spaced(_Piece(poses, np.full(len(line), before.origin[-1]), True), self.step_m)
-        path = Flown(whole.path.positions[1:-1], whole.path.yaw[1:-1], whole.path.pitch[1:-1])
-        return _Piece(path, whole.origin[1:-1], True)
+        whole = _Piece(poses, np.full(len(line), before.origin[-1]), np.ones(len(line), bool))
+        return _spaced(whole, self.step_m).rows(slice(1, -1))
 
 
 def _spaced(piece: _Piece, step_m: float) -> _Piece:
     """The same with stations about so far apart; on a way of no length its ends alone."""
-    path = piece.path
-    along = arc_length(path.positions)
+    along = arc_length(piece.path.positions)
     at = np.linspace(0, along[-1], max(int(np.ceil(along[-1] / step_m)), 1) + 1)
-    poses = interpolated(at, along, np.column_stack([path.positions, path.yaw, path.pitch]))
-    origin = piece.origin[np.searchsorted(along, at).clip(0, len(along) - 1)]
-    return _Piece(Flown(poses[:, :3], poses[:, 3], poses[:, 4]), origin, piece.added)
+    poses = interpolated(at, along, piece.path.columns)
+    near = np.searchsorted(along, at).clip(0, len(along) - 1)
+    return _Piece(Flown(poses[:, :3], poses[:, 3], poses[:, 4]), piece.origin[near], piece.added[near])

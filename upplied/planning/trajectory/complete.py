@@ -2,27 +2,92 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from upplied.config import FIDELITIES, Settings
 from upplied.errors import RefusedError
-from upplied.geometry.poses import optical_axis, yaw_pitch
-from upplied.planning.airspace.detours import Ways, airspace_of
+from upplied.geometry.poses import fov_at, optical_axis, yaw_pitch
+from upplied.planning.airspace.detours import Ways, airspace_of, route
 from upplied.planning.carry.carried import Carried, Goal
-from upplied.planning.demonstration.repetition import Take, steady_radps
+from upplied.planning.carry.inspected_surface import InspectedSurface
+from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined, steady_radps
 from upplied.planning.trajectory.added_passes import PRICES, Beside, Extended, Pace
 from upplied.planning.trajectory.flyable import Flyable, Result
 from upplied.planning.trajectory.optimise import ALIKE, Optimised, Problem, Start, optimise
-from upplied.planning.trajectory.required import required_first
-from upplied.planning.trajectory.retime import demonstrated_speed
+from upplied.planning.trajectory.retime import Timed, demonstrated_speed, retime
+from upplied.planning.trajectory.sharpness import sharply_timed
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.axis import aims_of
 from upplied.planning.trajectory.terms.path import Shape
-from upplied.planning.trajectory.view import View
+from upplied.planning.trajectory.view import View, required_first
 from upplied.records import Floats, Waypoints
+
+
+def propose(carried: Sequence[Carried], settings: Settings) -> Timed:
+    """The planned trajectory, which of its poses are viewpoints, and the demonstration's times.
+
+    Parameters
+    ----------
+    carried : sequence of Carried
+        One, or as many as the demonstration is to be repeated.
+    settings : Settings
+
+    Returns
+    -------
+    Trajectory
+        P poses, target frame.
+    array of bool, shape (P,)
+        Which of them are viewpoints.
+    array, shape (P,), s
+        The time of the joined flights (`repetition.joined`) that each corresponds to.
+    array of bool, shape (P,)
+        Which of them are on passes added to the demonstrated ones.
+
+    Raises
+    ------
+    RefusedError
+        If no path keeps what the settings demand.
+    """
+    takes = [one.take for one in carried]
+    flight = joined([take.inspection.flight for take in takes])
+    paths = [one.path if one.goal is None else completed(one, one.goal, settings) for one in carried]
+    paths = _in_joined_times(paths, takes)
+    if len(takes) > 1:
+        pair = takes[0].pair
+        paths = _with_transits(paths, Ways(airspace_of(pair, settings), pair.obstacle))
+    path = Waypoints.stacked(paths)
+    goals = [one.goal for one in carried if one.goal is not None]
+    if goals and settings.retime.limits:
+        inspected = InspectedSurface.together([goal.inspected for goal in goals])
+        timed = sharply_timed(path, flight, takes, inspected, settings)
+    else:
+        timed = retime(path, flight, settings.retime, breaks_of(takes))
+    planned = replace(timed.trajectory, fov_deg=fov_at(flight, timed.demonstrated_s))
+    return timed._replace(trajectory=planned)
+
+
+def _in_joined_times(paths: Sequence[Waypoints], takes: Sequence[Take]) -> list[Waypoints]:
+    """The paths of several takes in the times of the joined flight."""
+    begins = begins_of([take.inspection.flight for take in takes])
+    return [
+        replace(path, t_s=path.t_s - take.inspection.flight.t_s[0] + begin)
+        for path, take, begin in zip(paths, takes, begins, strict=True)
+    ]
+
+
+def _with_transits(paths: Sequence[Waypoints], ways: Ways) -> list[Waypoints]:
+    """The paths, and between them safe ways from the end of each to the start of the next."""
+    whole = [paths[0]]
+    for before, after in itertools.pairwise(paths):
+        ends = Waypoints.stacked([before.rows(slice(-1, None)), after.rows(slice(1))])
+        transit = route(replace(ends, is_viewpoint=np.zeros(2, bool)), ways)
+        whole += [transit.rows(slice(1, -1)), after]
+    return whole
+
 
 _LEAST_TURN_RAD = np.pi / 2  # that a demonstration counts as having turned: little turning is not dear
 _LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
@@ -63,21 +128,19 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     turned = float(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)).sum())
     starts, view = _starts(carried, flyable.safe), _view(take, goal, settings)
     if take.required is not None:
-        times = settings.optimise.required
-        view = required_first(
-            view, take.required, starts[0].safe, ways.planning, goal.standoff.usual_m, times
-        )
+        near, times = (starts[0].safe, ways.planning, goal.standoff.usual_m), settings.optimise.required
+        view = required_first(view, take.required, *near, times)
+    speed_mps = demonstrated_speed(flight.t_s, flight, inspection.breaks)
+    fastest = np.radians(settings.retime.max_yaw_rate_degps)
     problem = Problem(
         starts=starts,
         demonstrated=Shape.of(flown, goal.standing),
         view=view,
         standoff=goal.standoff,
         airspace=ways.planning,
-        speed_mps=_finite(demonstrated_speed(flight.t_s, flight, inspection.breaks)),
+        speed_mps=np.where(np.isfinite(speed_mps), speed_mps, 1.0),  # a flight may not move at all
         turned_rad=max(turned, _LEAST_TURN_RAD),
-        pan_radps=min(
-            np.radians(settings.retime.max_yaw_rate_degps), steady_radps([take], settings.inspection)
-        ),
+        pan_radps=min(fastest, steady_radps([take], settings.inspection)),
         aside_rad=_aside(take),
         level=settings.transfer.plane,
     )
@@ -127,12 +190,7 @@ def _longer(
     """The carried flight with passes that are flown in at most so much time; None where there are none.
 
     The pace knows neither bends nor sharp pictures: passes are shortened until the time is right. Those that
-    took too long `before` are shortened at their price, not chosen anew.
-
-    Raises
-    ------
-    RefusedError
-        If there is no safe way along them.
+    took too long `before` are shortened at their price, not chosen anew. Refused if there is no safe way.
     """
     spare_s = (most_s - alone_s) * beside.own_s / max(alone_s, 1e-3)
     for _ in range(_SHORTENED):
@@ -156,13 +214,7 @@ def _half_rad(take: Take, settings: Settings) -> float:
 
 
 def _starts(carried: Carried, safe: Callable[[Floats], Floats]) -> list[Start]:
-    """The paths to start from that can be made safe.
-
-    Raises
-    ------
-    RefusedError
-        If none can: why the first cannot.
-    """
+    """The paths to start from that can be made safe; refused where none can, as the first is."""
     starts, refusals = [], []
     for path in (carried.path, *carried.others):
         yaw, pitch = yaw_pitch(path.quat_xyzw)
@@ -207,8 +259,3 @@ def _view(take: Take, goal: Goal, settings: Settings) -> View:
         take.pair.target_scene,
         take.inspection.flight.fov_deg,
     )
-
-
-def _finite(speed_mps: Floats) -> Floats:
-    """Speeds with one metre a second for those of a flight that does not move."""
-    return np.where(np.isfinite(speed_mps), speed_mps, 1.0)

@@ -127,7 +127,7 @@ class Flyable(Record):
         """The time of a path as it will be flown."""
         take = self.carried.take
         flight = take.inspection.flight
-        timed = sharply_timed(path, flight, [take], self.goal.inspected, self.settings)[0]
+        timed = sharply_timed(path, flight, [take], self.goal.inspected, self.settings).trajectory
         return float(timed.t_s[-1] - timed.t_s[0])
 
 
@@ -136,10 +136,7 @@ def _within(
 ) -> Floats:
     """The path, drawn towards the demonstrated shape until it departs by no more than the bound, and safe.
 
-    Raises
-    ------
-    RefusedError
-        If the path that is drawn is not safe within the bound.
+    Refused if the path that is drawn is not safe within the bound.
     """
     flown = interpolated(at, np.arange(float(len(goal.flown))), goal.flown)
     image, stands = Shape.of(flown, goal.standing).image(positions), goal.standing

@@ -21,16 +21,13 @@ from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
-from upplied.planning.trajectory.sight import WIDEST, Sight
-from upplied.planning.trajectory.state import Flown, State
-from upplied.planning.trajectory.terms import Term
-from upplied.planning.trajectory.terms.coverage import Coverage
-from upplied.planning.trajectory.terms.hidden import Hidden
+from upplied.planning.trajectory.state import Flown, State, Term
+from upplied.planning.trajectory.terms.coverage import Coverage, Hidden
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning
-from upplied.planning.trajectory.view import View
+from upplied.planning.trajectory.view import WIDEST, Sight, View
 from upplied.records import Bools, Floats, Ints, Record
 
-_NARROWEST = 0.04  # of the soft coverage's borders, last: far first (`sight.WIDEST`), then exactly
+_NARROWEST = 0.04  # of the soft coverage's borders, last: far first (`view.WIDEST`), then exactly
 _APART = 0.15  # stand-offs flown plus radians turned, between stations that are asked what they show
 _CORRECTIONS = 12  # that L-BFGS keeps
 _FURTHER = 3  # rounds at most, while the path still comes too near
@@ -70,8 +67,8 @@ class Problem(Record):
         It starts from that path, and from it with its own stations on the best path without added ones.
         """
         own, fov_deg = np.flatnonzero(~added), self.view.fov_deg
-        shape, poses = self.demonstrated, np.column_stack([path.positions, path.yaw, path.pitch])
-        poses[own] = np.column_stack([best.positions, best.yaw, best.pitch])[origin[own]]
+        shape, poses = self.demonstrated, path.columns
+        poses[own] = best.columns[origin[own]]
         led = Flown(poses[:, :3].copy(), np.unwrap(poses[:, 3]), poses[:, 4].copy())
         return replace(
             self,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,13 +31,22 @@ _SHORTEST_S = 2e-3  # of a leg
 _STANDING_M = 1e-6  # shorter legs are none
 
 
+class Timed(NamedTuple):
+    """A path with its times."""
+
+    trajectory: Trajectory  # P poses, target frame; under limits as close as speeds and turns are flown
+    is_viewpoint: Bools  # (P,)
+    demonstrated_s: Floats  # (P,) s, of the joined flights (`repetition.joined`), that each corresponds to
+    added: Bools  # (P,) on passes added to the demonstrated ones
+
+
 def retime(
     path: Waypoints,
     flight: Trajectory,
     settings: RetimeSettings,
     breaks: Ints | None = None,
     sharp: Sharp | None = None,
-) -> tuple[Trajectory, Bools, Floats, Bools]:
+) -> Timed:
     """Give a path its times.
 
     Parameters
@@ -52,20 +62,10 @@ def retime(
     sharp : Sharp, optional
         How fast the path may be flown where the demonstration shows something; in between its parts only
         the vehicle's limits hold.
-
-    Returns
-    -------
-    Trajectory
-        With further poses under limits, so that speeds and turns are given as they are flown.
-    array of bool
-        Which of its poses are viewpoints.
-    array
-        Time of the demonstration, s, that each of its poses corresponds to.
-    array of bool
-        Which of them are on added passes.
     """
     if not settings.limits or len(path) < 2:
-        return at_demonstrated_speed(path, flight), np.array(path.is_viewpoint, bool), path.t_s, path.added
+        viewpoint = np.array(path.is_viewpoint, bool)
+        return Timed(at_demonstrated_speed(path, flight), viewpoint, path.t_s, path.added)
     anything = np.full(len(path), np.inf)
     path, sharp = _without_repeats(path, Sharp(anything, anything) if sharp is None else sharp)
     hover = hovering(path, flight, settings.least_stop_s, breaks)
@@ -77,8 +77,8 @@ def retime(
     pan_degps = np.minimum(stations.sharp.pan_degps[:-1], stations.sharp.pan_degps[1:])
     pan = np.radians(np.where(legs_show, pan_degps, np.inf))
     times = _timed(stations, bound, pan, settings)
-    quats = from_yaw_pitch(stations.yaw, stations.pitch)
-    return Trajectory(times, stations.positions, quats), stations.is_viewpoint, stations.t_s, stations.added
+    planned = Trajectory(times, stations.positions, from_yaw_pitch(stations.yaw, stations.pitch))
+    return Timed(planned, stations.is_viewpoint, stations.t_s, stations.added)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -220,12 +220,8 @@ class _Flown(Record):
         times, positions = steadied(part)
         step, tick = leg_lengths(positions), float(times[1] - times[0])
         moving = step > _STILL * float(np.percentile(step, 75))
-        return cls(
-            times,
-            cumulated(step),
-            cumulated(np.where(moving, tick, 0.0)),
-            float(np.percentile(step, _TRANSIT)) / tick,
-        )
+        spent, fastest = cumulated(np.where(moving, tick, 0.0)), float(np.percentile(step, _TRANSIT)) / tick
+        return cls(times, cumulated(step), spent, fastest)
 
     def speed(self, t_s: Floats) -> Floats:
         """Mean speed (S,) over some metres to each side."""

@@ -19,10 +19,9 @@ from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.constants import MAJORITY
 from upplied.planning.demonstration.repetition import USUAL_PCT, Take, breaks_of, look_limits, steady_radps
 from upplied.planning.geometry.clouds import weighted_percentile
-from upplied.planning.trajectory.retime import Sharp, retime
-from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.line_of_sight import visible
-from upplied.planning.visibility.moments import moments
+from upplied.planning.trajectory.retime import Sharp, Timed, retime
+from upplied.planning.visibility.frustum import coarseness, visible
+from upplied.planning.visibility.observations import moments
 from upplied.records import Bools, Floats, Ints, Trajectory, Waypoints
 
 _SAMPLES = 1500  # of the inspected surface, that are asked for
@@ -38,7 +37,7 @@ def sharply_timed(
     takes: Sequence[Take],
     inspected: InspectedSurface,
     settings: Settings,
-) -> tuple[Trajectory, Bools, Floats, Bools]:
+) -> Timed:
     """A path with its times (`retime.retime`): sharp, and with slow swings of the camera made steady."""
     sharp = sharp_limits(path, flight, takes, inspected, settings)
     timed = retime(path, flight, settings.retime, breaks_of(takes), sharp)
@@ -124,9 +123,7 @@ def _sharp_speeds(
     return np.minimum(np.append(fastest, np.inf), np.insert(fastest, 0, np.inf))
 
 
-def steadied_swings(
-    sharp: Sharp, path_t_s: Floats, timed: tuple[Trajectory, Bools, Floats, Bools], steady_radps: float
-) -> Sharp:
+def steadied_swings(sharp: Sharp, path_t_s: Floats, timed: Timed, steady_radps: float) -> Sharp:
     """The limits with slow swings of the camera made steady, so that fast ones stay the exception.
 
     A swing takes as long on a small structure as on a large one, the rest of the flight does not. The slowest
@@ -143,16 +140,16 @@ def steadied_swings(
     steady_radps : float
         Up to which a camera turns steadily.
     """
-    flown, _, demonstrated_s, _ = timed
-    steps, steady_degps = moments(flown), np.degrees(steady_radps)
+    flown, steady_degps = timed.trajectory, np.degrees(steady_radps)
+    steps = moments(flown)
     fast = sharp.pan_degps > steady_degps
     first = np.flatnonzero(np.diff(fast, prepend=~fast[:1]))  # of each swing, and of each stretch between two
     swing = np.repeat(np.maximum.reduceat(sharp.pan_degps, first), np.diff(first, append=len(fast)))
-    at = np.interp(np.interp(steps.poses.t_s, flown.t_s, demonstrated_s), path_t_s, np.arange(len(fast)))
+    at = np.interp(steps.poses.t_s, flown.t_s, timed.demonstrated_s)
+    at = np.interp(at, path_t_s, np.arange(len(fast)))
     is_fast = np.linalg.norm(steps.turn, axis=1) > steady_radps
-    slow = weighted_percentile(
-        np.where(is_fast, swing[np.rint(at).astype(int)], 0.0), steps.step_s, USUAL_PCT
-    )
+    swung = np.where(is_fast, swing[np.rint(at).astype(int)], 0.0)
+    slow = weighted_percentile(swung, steps.step_s, USUAL_PCT)
     if not slow > 0:
         return sharp
     return replace(sharp, pan_degps=np.where(fast & (swing <= slow), MARGIN * steady_degps, sharp.pan_degps))

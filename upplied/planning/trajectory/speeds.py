@@ -16,6 +16,7 @@ from numba import njit
 from upplied.records import Bools, Floats
 
 _HALVINGS = 40
+_Rule = tuple[Floats, Floats, float, float]  # legs and turns as of `corner_cap`, acceleration and angular
 
 
 def corner_cap(legs: Floats, turns: Floats, rest: Bools, acceleration: float, angular: float) -> Floats:
@@ -33,13 +34,10 @@ def corner_cap(legs: Floats, turns: Floats, rest: Bools, acceleration: float, an
     """
     length = np.maximum(np.linalg.norm(legs, axis=1), 1e-12)
     ahead, bend = legs / length[:, None], np.abs(turns) / length
-    cap = np.full(len(legs), np.inf)
-    for there, which in ((rest[:-1], slice(None)), (rest[1:], slice(None))):
-        from_rest = np.minimum(
-            np.sqrt(acceleration * length[which] / 2),
-            np.sqrt(angular * length[which] / (2 * np.maximum(bend, 1e-12))),
-        )
-        cap = np.where(there, np.minimum(cap, from_rest), cap)
+    from_rest = np.minimum(
+        np.sqrt(acceleration * length / 2), np.sqrt(angular * length / (2 * np.maximum(bend, 1e-12)))
+    )
+    cap = np.where(rest[:-1] | rest[1:], from_rest, np.inf)
     both = (length[:-1] + length[1:]) / 2
     across = np.linalg.norm(np.diff(ahead, axis=0), axis=1)
     winding = np.abs(np.diff(turns / length))
@@ -61,39 +59,26 @@ def passes(
 
     Parameters are those of `corner_cap`; `cap` is at most what that gives.
     """
-    speed = cap.copy()
+    speed, rule = cap.copy(), (legs, turns, acceleration, angular)
     last = len(speed) - 1
     for index in range(last):
         if not rest[index + 1] and speed[index + 1] > speed[index]:
-            speed[index + 1] = _reached(
-                speed[index], speed[index + 1], index, index + 1, legs, turns, acceleration, angular
-            )
+            speed[index + 1] = _reached(speed[index], speed[index + 1], index, index + 1, rule)
     for index in range(last, 0, -1):
         if not rest[index] and speed[index - 1] > speed[index]:
-            speed[index - 1] = _reached(
-                speed[index], speed[index - 1], index, index - 1, legs, turns, acceleration, angular
-            )
+            speed[index - 1] = _reached(speed[index], speed[index - 1], index, index - 1, rule)
     return speed
 
 
 @njit(cache=True)
-def _reached(
-    slow: float,
-    fast: float,
-    here: int,
-    beside: int,
-    legs: Floats,
-    turns: Floats,
-    acceleration: float,
-    angular: float,
-) -> float:
+def _reached(slow: float, fast: float, here: int, beside: int, rule: _Rule) -> float:
     """The largest speed from `slow` to `fast` that a leg beside one of speed `slow` may have."""
-    if _fits(slow, fast, here, beside, legs, turns, acceleration, angular):
+    if _fits(slow, fast, here, beside, rule):
         return fast
     low, high = slow, fast
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        if _fits(slow, middle, here, beside, legs, turns, acceleration, angular):
+        if _fits(slow, middle, here, beside, rule):
             low = middle
         else:
             high = middle
@@ -101,22 +86,14 @@ def _reached(
 
 
 @njit(cache=True)
-def _fits(
-    slow: float,
-    fast: float,
-    here: int,
-    beside: int,
-    legs: Floats,
-    turns: Floats,
-    acceleration: float,
-    angular: float,
-) -> bool:
+def _fits(slow: float, fast: float, here: int, beside: int, rule: _Rule) -> bool:
     """Whether a leg of speed `slow` and its neighbour of speed `fast` may follow each other.
 
     The change of velocity has to be within the limit for the time between the middles of both legs, as
     their own speeds give it and as a steady acceleration from one to the other gives it. The left sides grow
     with `fast`, the right sides shrink: if one speed fits, so does every one between it and `slow`.
     """
+    legs, turns, acceleration, angular = rule
     length_here = np.sqrt(legs[here, 0] ** 2 + legs[here, 1] ** 2 + legs[here, 2] ** 2)
     length = np.sqrt(legs[beside, 0] ** 2 + legs[beside, 1] ** 2 + legs[beside, 2] ** 2)
     time = min((length_here / slow + length / fast) / 2, (length_here + length) / (slow + fast))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator
@@ -10,7 +11,7 @@ from scipy.linalg import solveh_banded
 from scipy.sparse import csr_matrix
 
 from upplied.geometry.polylines import cumulated, interpolated, leg_lengths, pieces_of_legs
-from upplied.records import Floats, Record
+from upplied.records import Floats, Record, Rows
 
 _DEGREE = 3
 _RIDGE = 1e-3  # of a control point's own weight: what the stations leave open stays small
@@ -19,15 +20,25 @@ _MOST_PIECES = 40  # of a leg
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Flown(Record):
+class Flown(Rows):
     """A path as flown at M stations; of slopes, the same fields hold derivatives."""
 
     positions: Floats  # (M, 3) m
     yaw: Floats  # (M,) rad, unwrapped
     pitch: Floats  # (M,) rad
 
-    def __len__(self) -> int:
-        return len(self.yaw)
+    @property
+    def columns(self) -> Floats:
+        """Positions, yaw and pitch, (M, 5)."""
+        return np.column_stack([self.positions, self.yaw, self.pitch])
+
+
+class Term(Protocol):
+    """What a path is asked for, as a number that is to become small."""
+
+    def value(self, flown: Flown) -> tuple[float, Flown]:
+        """The number in the term's unit, and its slope: derivatives by positions, yaw and pitch."""
+        ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,7 +57,7 @@ class State(Record):
     @classmethod
     def of(cls, base: Flown, unit_m: Floats, controls: int) -> State:
         """The state with so many control points."""
-        basis = _basis(len(base), controls)
+        basis = _splines(np.linspace(0, 1, len(base)) if len(base) > 1 else np.zeros(1), controls)
         return cls(base, np.append(unit_m, [1.0, 1.0]), basis, basis.T.tocsr())
 
     def flown(self, variables: Floats) -> Flown:
@@ -55,12 +66,12 @@ class State(Record):
 
     def pulled_back(self, slope: Flown) -> Floats:
         """The slope with respect to the variables, from that with respect to the path at its stations."""
-        return np.asarray((self.back @ _columns(slope) * self.unit).ravel())
+        return np.asarray((self.back @ slope.columns * self.unit).ravel())
 
     def nearest(self, path: Flown) -> Floats:
         """The variables whose path comes nearest to one of as many stations (least squares)."""
         unit = np.where(self.unit > 0, self.unit, np.inf)
-        return _fitted(self.basis, (_columns(path) - _columns(self.base)) / unit).ravel()
+        return _fitted(self.basis, (path.columns - self.base.columns) / unit).ravel()
 
     def curve(self, variables: Floats, step_m: float) -> tuple[Floats, Flown]:
         """The path as a curve with legs of about `step_m`, and the station (a fraction) of each vertex.
@@ -80,14 +91,6 @@ class State(Record):
     def _with(self, base: Flown, variables: Floats, basis: csr_matrix) -> Flown:
         change = basis @ (variables.reshape(-1, len(self.unit)) * self.unit)
         return Flown(base.positions + change[:, :3], base.yaw + change[:, 3], base.pitch + change[:, 4])
-
-
-def _columns(path: Flown) -> Floats:
-    return np.column_stack([path.positions, path.yaw, path.pitch])
-
-
-def _basis(stations: int, controls: int) -> csr_matrix:
-    return _splines(np.linspace(0, 1, stations) if stations > 1 else np.zeros(1), controls)
 
 
 def _splines(at: Floats, controls: int) -> csr_matrix:

@@ -15,8 +15,7 @@ from numba import njit
 
 from upplied.geometry.poses import matrices
 from upplied.geometry.vectors import sphere
-from upplied.planning.visibility.moments import Moments, motion_of, sight_to
-from upplied.planning.visibility.observations import Views, stations_at
+from upplied.planning.visibility.observations import Moments, Views, motion_of, sight_to, stations_at
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Rows
 
 _FLAT_DEG = 120.0  # of a field of view, beyond which a picture's angle grows evenly (`config.focal_px`)
@@ -62,11 +61,8 @@ def sharp_looks(
         What the flight truly sees of the samples, in the same time.
     cloud : Cloud
         N samples with normals.
-    camera : Camera
-    sharp_radps : float
-        Largest motion in the picture.
-    least_cosine : float
-        Of the incidence.
+    sharp_radps, least_cosine : float
+        Largest motion in the picture, rad/s, and least cosine of the incidence.
     carry : array, shape (3, 3), optional
         How a line of sight is carried to the structure that `sides` are compared on.
     coarsest_m : array, shape (N,), optional
@@ -91,15 +87,16 @@ def sharp_looks(
         defocus=zero.copy(),
         pose=np.full(number, -1),
     )
+    moving = (np.ascontiguousarray(of) for of in (steps.velocity, steps.turn, shown.coarseness[station]))
+    coarsest = np.full(number, np.inf) if coarsest_m is None else np.ascontiguousarray(coarsest_m)
     _looked(
-        *(positions, axes, np.ascontiguousarray(steps.velocity), np.ascontiguousarray(steps.turn)),
-        *(steps.poses.t_s, steps.step_s, seen, np.ascontiguousarray(shown.coarseness[station])),
-        *(points, np.ascontiguousarray(cloud.outward), sharp_radps, max(least_cosine, 1e-6)),
-        np.ascontiguousarray(np.eye(3) if carry is None else carry),
-        np.full(number, np.inf) if coarsest_m is None else np.ascontiguousarray(coarsest_m),
-        *(camera.hfov_deg <= _FLAT_DEG, sphere(_SIDES)),
-        *(looks.sampled_m, looks.carried_m, looks.frontal, looks.held_s, looks.time_s, looks.sides),
-        *(looks.number, looks.depth_m, looks.moved, looks.pose),
+        (positions, axes, *moving, steps.poses.t_s, steps.step_s),
+        seen,
+        (points, np.ascontiguousarray(cloud.outward), coarsest),
+        (sharp_radps, max(least_cosine, 1e-6), camera.hfov_deg <= _FLAT_DEG),
+        (np.ascontiguousarray(np.eye(3) if carry is None else carry), sphere(_SIDES)),
+        (looks.sampled_m, looks.carried_m, looks.frontal, looks.held_s, looks.time_s, looks.sides),
+        (looks.number, looks.depth_m, looks.moved, looks.pose),
     )
     looks.defocus[:] = _defocus(camera, positions, axes, seen, points, looks.depth_m, looks.pose)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -139,33 +136,21 @@ def widened(sides: Bools) -> Bools:
 
 @njit(cache=True)
 def _looked(
-    positions: Floats,
-    axes: Floats,
-    velocity: Floats,
-    turn: Floats,
-    t_s: Floats,
-    step_s: Floats,
+    flight: tuple[Floats, ...],
     seen: Bools,
-    coarse: Floats,
-    points: Floats,
-    normals: Floats,
-    sharp: float,
-    least_cosine: float,
-    carry: Floats,
-    coarsest: Floats,
-    flat: bool,
-    directions: Floats,
-    sampled: Floats,
-    reached: Floats,
-    frontal: Floats,
-    held: Floats,
-    time: Floats,
-    sides: Bools,
-    looks: Ints,
-    depth: Floats,
-    moved: Floats,
-    finest: Ints,
+    surface: tuple[Floats, Floats, Floats],
+    limits: tuple[float, float, bool],
+    compared: tuple[Floats, Floats],
+    every: tuple[Floats, Floats, Floats, Floats, Floats, Bools],
+    fine: tuple[Ints, Floats, Floats, Ints],
 ) -> None:  # pragma: no cover - compiled
+    """Fill in what is known of `every` look, and of the `fine` ones."""
+    positions, axes, velocity, turn, coarse, t_s, step_s = flight
+    points, normals, coarsest = surface
+    sharp, least_cosine, flat = limits
+    carry, directions = compared
+    sampled, reached, frontal, held, time, sides = every
+    looks, depth, moved, finest = fine
     ray, carried, swept = np.empty(3), np.empty(3), np.empty(3)
     for pose in range(len(positions)):
         axis, v, w = axes[pose], velocity[pose], turn[pose]

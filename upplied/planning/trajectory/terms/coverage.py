@@ -1,4 +1,4 @@
-"""Coverage: the share of what is to be shown that no station shows, made differentiable.
+"""Coverage: the share of what is to be shown that no station shows, made differentiable, and hidden surface.
 
 A station shows a sample by a share from 0 to 1 that falls smoothly across the limit of the incidence,
 the borders of the picture and the farthest distance; the path shows it unless every station fails to.
@@ -12,8 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from upplied.geometry.poses import from_yaw_pitch
+from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.view import View
+from upplied.planning.trajectory.view import View, places_beside
 from upplied.planning.visibility.frustum import coarseness
 from upplied.records import Bools, Floats, Ints, Record
 
@@ -178,3 +180,77 @@ def _missed(
     for i in range(len(need)):
         missed += need[i] * left[i]
     return missed, total
+
+
+_MISSED = 256  # samples, at most, that stand for all that is missed
+_CHOOSY = 8.0  # power of what a place shows for a metre aside, by which what several show is shared
+_LITTLE = 1e-4  # of all that is missed, for which a place is left out
+_AT_START = 1 - np.exp(-0.5)  # of its pull, that a place keeps at its own distance from the path
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Hidden(Record):
+    """Share of the need that K places would show, and the path does not, by how far it is from them.
+
+    The slope of the coverage is zero for what is hidden from the path, faces away or lies too far off. So
+    places to all sides of the path are asked what they show of it, as the camera looks there. Each pulls the
+    station it belongs to by its share of what it shows, the larger the more it shows and the nearer to the
+    path it is.
+    """
+
+    station: Ints  # (K,)
+    place: Floats  # (K, 3) m
+    need: Floats  # (K,) that each shows
+    away_m: Floats  # (K,) from the station, as the path was
+
+    @classmethod
+    def of(cls, view: View, airspace: Airspace, path: Flown, usual_m: float) -> Hidden:
+        """The term near a path; without places where nothing is missed that any of them shows.
+
+        Parameters
+        ----------
+        view : View
+        airspace : Airspace
+            Whose rules the places keep.
+        path : Flown
+            M stations.
+        usual_m : float
+            The stand-off.
+        """
+        missed = view.missed(path.positions, from_yaw_pitch(path.yaw, path.pitch))
+        few, at, off = missed[:_MISSED], *places_beside(path, usual_m)
+        beside = airspace.allowed(path.positions[at] + off) & off.any(axis=1)
+        at, off = at[beside], off[beside]
+        left, away_m = np.array(view.need[few]), np.linalg.norm(off, axis=1)
+        left *= view.need[missed].sum() / max(left.sum(), 1e-12)
+        shows = np.zeros((len(at), len(few)), bool)
+        if shows.size:
+            shows = _shown(path, at, off, few, view)
+        need = _shared(shows, left, away_m)
+        row = np.flatnonzero(need > _LITTLE * need.sum())
+        return cls(at[row], path.positions[at[row]] + off[row], need[row], away_m[row])
+
+    def value(self, flown: Flown) -> tuple[float, Flown]:
+        """Need of the places, times how much farther than at them the path is, and its slope."""
+        off = flown.positions[self.station] - self.place
+        near = np.exp(-(off**2).sum(axis=1) / (2 * self.away_m**2))
+        need, nothing = self.need / _AT_START, np.zeros(len(flown))
+        slope = np.zeros_like(flown.positions)
+        np.add.at(slope, self.station, (need * near / self.away_m**2)[:, None] * off)
+        return float((need * (1 - near)).sum()), Flown(slope, nothing, nothing)
+
+
+def _shared(shows: Bools, need: Floats, away_m: Floats) -> Floats:
+    """(C,) the need that each place has of the samples (C, m) that it shows: more, the better it is.
+
+    Each sample's need (m,) is shared by all places that show it, so that none is chosen by a hair's breadth.
+    """
+    worth = (shows @ need) / away_m
+    worth = (worth / worth.max(initial=1e-300)) ** _CHOOSY
+    total = worth @ shows
+    return worth * (shows @ np.where(total > 0, need / np.maximum(total, 1e-300), 0.0))
+
+
+def _shown(path: Flown, at: Ints, off: Floats, few: Ints, view: View) -> Bools:
+    """(C, m) which samples are seen from the places with the camera as it looks from their stations."""
+    return view.seen(path.positions[at] + off, from_yaw_pitch(path.yaw[at], path.pitch[at]), few, at)

@@ -138,9 +138,7 @@ class StandoffKept(Record):
         return float((excess**2).mean()), Flown(slope, nothing, nothing)
 
 
-_LITTLE_RAD = np.radians(
-    0.3
-)  # between two stations, below which a turn costs little: so that there is a slope
+_LITTLE_RAD = np.radians(0.3)  # between stations: smaller turns cost little, so that there is a slope
 
 
 @dataclass(frozen=True, eq=False, repr=False)
