@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from upplied.inputs.flight.tracks import Track, fields_of, pose_track, shapes_of, source_times, stamps
+from upplied.inputs.flight.tracks import Track, fields_of, pose_track, shapes_of, source_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Floats, Ints
@@ -42,7 +42,7 @@ def velocity(tables: Sequence[Table], topic: str) -> tuple[Ints, Floats] | None:
     good = np.isfinite(motion).all(axis=1)
     if not motion[good].any():
         return None
-    return source_times(table, stamps(table, "header.stamp"))[0][good], motion[good]
+    return source_times(table)[0][good], motion[good]
 
 
 def turning(tables: Sequence[Table]) -> list[tuple[Ints, Floats]]:
@@ -57,7 +57,7 @@ def turning(tables: Sequence[Table]) -> list[tuple[Ints, Floats]]:
             continue
         felt = table.stack(*_INERTIAL)
         good = np.isfinite(felt).all(axis=1)
-        t_ns, felt = source_times(table, stamps(table, "header.stamp"))[0][good], felt[good]
+        t_ns, felt = source_times(table)[0][good], felt[good]
         length = np.linalg.norm(felt[:, 3:], axis=1)
         if not len(felt) or not felt[:, :3].any() or not _GRAVITY_MPS2[0] < length.mean() < _GRAVITY_MPS2[1]:
             continue
