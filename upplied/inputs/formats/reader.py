@@ -8,13 +8,13 @@ import numpy as np
 
 from upplied.errors import UppliedError
 from upplied.inputs.files import table
-from upplied.inputs.formats import clouds, collada, gltf, obj, ply, threemf
+from upplied.inputs.formats import clouds, gltf, obj, ply, scenes
 from upplied.inputs.raw import RawMesh, Source
 from upplied.inputs.repair import used_vertices
 
 READERS: dict[str, Callable[[Source], RawMesh]] = {
     "ply": ply.read_ply, "stl": obj.read_stl, "obj": obj.read_obj, "off": obj.read_off,
-    "glb": gltf.read_gltf, "gltf": gltf.read_gltf, "dae": collada.read_collada, "3mf": threemf.read_threemf,
+    "glb": gltf.read_gltf, "gltf": gltf.read_gltf, "dae": scenes.read_collada, "3mf": scenes.read_threemf,
     "pcd": clouds.read_pcd, "las": clouds.read_las, "laz": clouds.read_las, "e57": clouds.read_e57,
 }  # fmt: skip
 
