@@ -16,9 +16,9 @@ from upplied.geometry.poses import angle_between
 from upplied.geometry.scene import scene_of
 from upplied.inputs.logs import LogOptions, fingerprint, read_demonstration
 from upplied.inputs.passport import conventions, fits, measured, rules
+from upplied.inputs.passport.fits import aim_of, inside
 from upplied.inputs.passport.measured import Measured
 from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings, changed
-from upplied.inputs.passport.sight import aim_of, inside
 from upplied.inputs.rules import check_allowed, refusals
 from upplied.records import Demonstration
 from upplied.samples.fleet import member
