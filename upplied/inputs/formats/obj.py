@@ -31,15 +31,14 @@ def read_obj(source: Source) -> RawMesh:
     # A negative index counts back from the last vertex above its face.
     above = np.repeat(np.searchsorted(at_vertices, at_faces), sizes)
     corners = np.where(corners > 0, corners - 1, above + corners)
-    triangles, polygon = source.triangulated(vertices, corners, sizes, 1)
+    triangles = source.triangulated(vertices, corners, sizes, 1)
     names = lines.text(at_names).decode("utf-8", "replace").split("\n")[: len(at_names)]
-    part, part_names = np.searchsorted(at_names, at_faces[polygon]), ("", *(it.strip()[:80] for it in names))
     remarks = counted(
         (int((sizes > 3).sum()), "polygons triangulated"),
         (len(lines.of("lp")), "lines and points left aside"),
         (int((sizes < 3).sum()), "faces of less than three corners left aside"),
     )
-    return RawMesh(vertices, triangles, part=part, part_names=part_names, remarks=remarks)
+    return RawMesh(vertices, triangles, part_names=("", *(it.strip()[:80] for it in names)), remarks=remarks)
 
 
 class _Lines:
@@ -114,7 +113,7 @@ def read_off(source: Source) -> RawMesh:
     except (ValueError, IndexError):
         rule = "numbers as OFF wants them"
         raise source.error("a line holds something else than its numbers", rule) from None
-    triangles, _ = source.triangulated(vertices, corners, sizes)
+    triangles = source.triangulated(vertices, corners, sizes)
     remarks = counted((int((sizes > 3).sum()), "polygons triangulated"))
     return RawMesh(vertices, triangles, remarks=remarks)
 

@@ -20,13 +20,12 @@ from defusedxml import sax
 from scipy.spatial.transform import Rotation
 
 from upplied.inputs.files import plain_xml
-from upplied.inputs.raw import Assembly, RawMesh, Source, counted, flatten, integers, numbers
+from upplied.inputs.raw import NO_TRIANGLES, Assembly, RawMesh, Source, counted, flatten, integers, numbers
 from upplied.records import Floats, Ints
 
 _UP = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
 _FACES = ("triangles", "polylist", "polygons", "trifans", "tristrips")
 _LINES = ("lines", "linestrips")
-_NO_POINTS, _NO_TRIANGLES = np.empty((0, 3)), np.empty((0, 3), np.int64)
 
 
 def read_collada(source: Source) -> RawMesh:
@@ -122,8 +121,8 @@ class _Reader:
                 triangles.append(_strips(corners, sizes, group.tag) + first)
                 continue
             self._counts["polygons triangulated"] += int((sizes > 3).sum())
-            triangles.append(self._source.triangulated(positions, corners, sizes)[0] + first)
-        return np.concatenate([_NO_POINTS, *vertices]), np.concatenate([_NO_TRIANGLES, *triangles])
+            triangles.append(self._source.triangulated(positions, corners, sizes) + first)
+        return np.concatenate([np.empty((0, 3)), *vertices]), np.concatenate([NO_TRIANGLES, *triangles])
 
     def _input(self, group: Any) -> Any:
         """The source of the positions of a group of faces."""
@@ -158,7 +157,7 @@ class _Reader:
 
 
 def _strips(corners: Ints, sizes: Ints, tag: str) -> Ints:
-    triangles = [_NO_TRIANGLES]
+    triangles = [NO_TRIANGLES]
     for ring in np.split(corners, np.cumsum(sizes)[:-1]):
         step = np.arange(max(len(ring) - 2, 0))
         odd = step % 2 if tag == "tristrips" else 0 * step
