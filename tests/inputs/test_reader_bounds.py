@@ -26,10 +26,10 @@ from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.passport import conventions, fits
 from upplied.inputs.passport.fits import aim_of, inside, sight_of
 from upplied.inputs.passport.measured import _best, _off_centre
-from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.passport.velocity import steadiness
 from upplied.inputs.raw import RawMesh
 from upplied.inputs.repair import topology_of
+from upplied.inputs.rules import PassportSettings
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Camera, Surroundings
 from upplied.samples.fleet import member

@@ -23,8 +23,7 @@ from upplied.inputs.mcap.recording import open_recording
 from upplied.inputs.passport.conventions import converted
 from upplied.inputs.passport.measured import SEEN, Reading
 from upplied.inputs.passport.rules import RULES, passport_of
-from upplied.inputs.passport.settings import SHAPING, PassportSettings
-from upplied.inputs.rules import Verdict, broken
+from upplied.inputs.rules import SHAPING, PassportSettings, Verdict, broken
 from upplied.inputs.schemas import cameras, geodetic, px4, ros
 from upplied.inputs.sidecar import LogOptions, inspection, placed, sidecar_of, stated
 from upplied.inputs.sources import door

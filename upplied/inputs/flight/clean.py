@@ -13,7 +13,7 @@ from upplied.errors import InputError
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import normalised
 from upplied.inputs.flight.tracks import AT_THE_ENDS, Track, are_unit, source_times
-from upplied.inputs.passport.settings import PassportSettings
+from upplied.inputs.rules import PassportSettings
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from upplied.geometry.poses import from_yaw_pitch, yaw_pitch
 from upplied.geometry.scene import Scene
 from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track, are_unit
-from upplied.inputs.passport.settings import CONVENTIONS
+from upplied.inputs.rules import CONVENTIONS
 from upplied.records import Floats
 
 Poses = tuple[Floats, Floats]  # positions (M, 3), quaternions (M, 4)

@@ -17,7 +17,7 @@ from upplied.geometry.vectors import unit
 from upplied.inputs.flight.inspection import met_in_the_middle, phases_of
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.conventions import MOUNTS, NAMED, ON_EARTH, Convention, Poses, offsets, turns
-from upplied.inputs.passport.settings import CONVENTIONS
+from upplied.inputs.rules import CONVENTIONS
 from upplied.inputs.schemas.geodetic import STRUCTURE
 from upplied.records import Bools, Camera, Floats, Record, Structure
 
