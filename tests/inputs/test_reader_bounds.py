@@ -220,7 +220,7 @@ def test_what_floats_or_was_cut_off_is_told() -> None:
     assert rules_of(CUBE.vertices + np.array([0, 0, 30.0]), entry) == {"floating"}
     ship = member("cruise-v1").structure
     vertices, triangles, _, _ = repair.clean(ship.vertices, ship.triangles)
-    assert cut_off(vertices, topology_of(triangles).rim) == ()
+    assert not list(cut_off(vertices, topology_of(triangles).rim))
     flat = vertices[:, [2, 1, 0]] * [-1, 1, 1]  # on its stern, and cut 35 % below its bow
     at = float(np.quantile(flat[:, 2], 0)) + 0.35 * float(np.ptp(flat[:, 2]))
     rest, corners, _ = repair.clip_below(flat, triangles, at)

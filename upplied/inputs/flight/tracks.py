@@ -65,6 +65,15 @@ class Track(Record):
             ends[inner[0] : inner[-1] + 1] = False
         return self.keep(~ends, f"no {what}{AT_THE_ENDS}").keep(known[~ends], f"no {what}")
 
+    def noted(self, note: str) -> Track:
+        """The same with a note more."""
+        return replace(self, notes=(*self.notes, note))
+
+    def turned(self, turn: Rotation, positions: Floats) -> Track:
+        """The same in another frame: turned, at these positions."""
+        quats = (turn * Rotation.from_quat(self.quat_xyzw)).as_quat()
+        return replace(self, positions=positions, quat_xyzw=quats)
+
     def take(self, index: Ints | Bools) -> Track:
         """The samples of this index."""
         parts: dict[str, Any] = {name: getattr(self, name) for name in _OF_SAMPLES}

@@ -123,7 +123,7 @@ def _with_attitude(track: Track, table: Table, tables: Sequence[Table], facts: L
         heading = np.where(np.abs(heading) < 1e3, heading, np.nan)
         quats = from_yaw_pitch(np.pi / 2 - heading, np.zeros(len(heading)))
         note = "heading of the fix: the attitude is taken to be level"
-        return _from_antenna(replace(track, quat_xyzw=quats, notes=(*track.notes, note)), facts)
+        return _from_antenna(replace(track, quat_xyzw=quats).noted(note), facts)
     if px4.earth_fixed(tables) and facts.body_T_antenna_position_m is None:
         return replace(track, quat_xyzw=np.tile([0.0, 0, 0, 1], (len(track), 1)))
     finding = "gives positions, but the log holds no attitude of the vehicle"
