@@ -33,7 +33,7 @@ from upplied.geometry.poses import angle_between, from_yaw_pitch, optical_axis, 
 from upplied.geometry.scene import scene_of
 from upplied.inputs.logs import LogOptions, read_demonstration
 from upplied.inputs.passport.conventions import NAMED, Change
-from upplied.inputs.passport.settings import CONVENTIONS
+from upplied.inputs.rules import CONVENTIONS
 
 _POSES = 300  # of a flight that is written in a wrong convention
 _LOCAL = (  # forms whose frame is the log's own

@@ -12,8 +12,7 @@ from upplied.catalog import open_catalog
 from upplied.fleet.flight_logs import add_flight_logs
 from upplied.fleet.gaps import plan_gaps
 from upplied.fleet.ingest import passed_over
-from upplied.inputs.passport import settings as passport
-from upplied.inputs.rules import changed as changed_bounds
+from upplied.inputs.rules import PassportSettings, StructureSettings
 from upplied.inputs.sidecar import LogOptions
 
 from .environment import check_roots
@@ -51,7 +50,7 @@ def ingest_structures(
         bounds: Of the rules, where they differ from the defaults.
     """
     check_roots(catalog=catalog, manifest=manifest)
-    rules = fleet.RuleOptions(tuple(allow), strict, changed_bounds(bound_options(bounds)))
+    rules = fleet.RuleOptions(tuple(allow), strict, StructureSettings.changed(bound_options(bounds)))
     makes = asset(catalog, "structures"), [source(manifest)]
     read = stored("ingest-structures", fleet.ingest_structures, *makes)
     files = read(open_catalog(catalog), manifest, workers, prune=prune, rules=rules)
@@ -88,7 +87,7 @@ def ingest_demonstrations(
 
 def log_options(allow: Sequence[str], strict: bool, bounds: Sequence[str]) -> LogOptions:
     """What a run says of all its logs: rules that are overruled, whether oddities are refused, and bounds."""
-    return LogOptions(allow=tuple(allow), strict=strict, passport=passport.changed(tuple(bounds)))
+    return LogOptions(allow=tuple(allow), strict=strict, passport=PassportSettings.changed(bounds))
 
 
 @flow(name="ingest-flights", flow_run_name=run_name)

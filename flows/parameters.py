@@ -9,9 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from upplied.config import Preset, Settings
 from upplied.inputs.passport.rules import RULES as FLIGHT_RULES
-from upplied.inputs.passport.settings import PassportSettings
 from upplied.inputs.rules import RULES as STRUCTURE_RULES
-from upplied.inputs.rules import StructureSettings
+from upplied.inputs.rules import PassportSettings, StructureSettings
 
 Id = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
 Location = Annotated[str, Field(min_length=1, description="A folder, or the URI of an object store.")]

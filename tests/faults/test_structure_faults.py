@@ -24,7 +24,7 @@ from upplied.fleet.admission import Admission, shape_of
 from upplied.fleet.members import Member, judged
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.meshes import read_structure
-from upplied.inputs.rules import StructureSettings, changed, from_json, unlike_its_kind
+from upplied.inputs.rules import StructureSettings, from_json, unlike_its_kind
 from upplied.recommend.shapes import shape_features, turned
 from upplied.records import Cloud, Structure
 from upplied.samples.fleet import sample_structures
@@ -173,10 +173,10 @@ def test_bounds_are_settings(tmp_path: Path) -> None:
     wrong = bad_meshes.scaled(known()["b777-v1"], 20)
     new, others = Member("x", "airliner", shape_of(wrong)), [member(name) for name in known()]
     assert refused(judged(new, others, BOUNDS)) == ["size"]
-    assert "size" not in refused(judged(new, others, changed(["structures.size_ratio=50"])))
+    assert "size" not in refused(judged(new, others, StructureSettings.changed(["structures.size_ratio=50"])))
     for said in ("nothing=1", "size_ratio=x", "size_ratio=-1"):
         with pytest.raises(SettingsError):
-            changed([said])
+            StructureSettings.changed([said])
 
 
 def test_units_and_odd_size_are_told_apart() -> None:

@@ -9,7 +9,7 @@ from upplied import fleet
 from upplied.catalog import open_catalog
 from upplied.flows.ingest import ingest_demonstrations, ingest_structures, log_options
 from upplied.flows.parameters import FlightBounds, bound_options
-from upplied.inputs.passport.settings import changed
+from upplied.inputs.rules import PassportSettings
 from upplied.outputs.logs import write_log
 from upplied.samples.fleet import member
 from upplied.samples.pilot import fly
@@ -41,6 +41,7 @@ def test_what_no_rule_or_bound_can_be_is_refused_when_it_is_said(what, wrong):
 
 
 def test_bounds_that_are_said_reach_the_reader():
+    changed = PassportSettings.changed
     assert changed(tuple(bound_options(FlightBounds()))) == changed(())
     said = bound_options(FlightBounds(max_speed_mps=40, max_clock_steps=3))
     assert changed(tuple(said)) == changed(("max_speed_mps=40", "max_clock_steps=3"))

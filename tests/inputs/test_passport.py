@@ -16,10 +16,9 @@ from upplied.geometry.poses import angle_between
 from upplied.geometry.scene import scene_of
 from upplied.inputs.logs import LogOptions, fingerprint, read_demonstration
 from upplied.inputs.passport import conventions, fits, measured, rules
+from upplied.inputs.passport.fits import aim_of, inside
 from upplied.inputs.passport.measured import Measured
-from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings, changed
-from upplied.inputs.passport.sight import aim_of, inside
-from upplied.inputs.rules import check_allowed, refusals
+from upplied.inputs.rules import CONVENTIONS, PassportSettings, check_allowed, refusals
 from upplied.records import Demonstration
 from upplied.samples.fleet import member
 
@@ -136,10 +135,10 @@ def test_rules_and_bounds_are_named_or_refused() -> None:
     check_allowed(("below-ground", "zoom-untimed"), rules.RULES)
     with pytest.raises(SettingsError, match="below-grund"):
         check_allowed(("below-grund",), rules.RULES)
-    assert changed(("max_speed_mps=9",)).max_speed_mps == 9
+    assert PassportSettings.changed(("max_speed_mps=9",)).max_speed_mps == 9
     for wrong in ("speed=9", "max_speed_mps=fast", "max_speed_mps=nan", "max_speed_mps"):
         with pytest.raises(SettingsError):
-            changed((wrong,))
+            PassportSettings.changed((wrong,))
 
 
 def test_every_convention_of_a_side_car_is_known() -> None:
@@ -576,11 +575,11 @@ def test_a_log_is_known_again_unless_what_is_said_changes_what_is_kept_of_it(tmp
     path = right(0).write(tmp_path / "a.mcap")
 
     def known_as(*said: str) -> str:
-        return fingerprint(path, LogOptions(passport=changed(said)))[1]
+        return fingerprint(path, LogOptions(passport=PassportSettings.changed(said)))[1]
 
     assert known_as() == known_as("odd_speed_mps=0.1") == known_as("hover_cap_s=30")
     assert (
         len({known_as(), known_as("hover_cap_s=1"), known_as("hover_cap_s=2"), known_as("long_gap_s=9")}) == 4
     )
-    read = read_demonstration(path, LogOptions(passport=changed(("hover_cap_s=1",))))
+    read = read_demonstration(path, LogOptions(passport=PassportSettings.changed(("hover_cap_s=1",))))
     assert read.sha256 == known_as("hover_cap_s=1")

@@ -24,12 +24,12 @@ from upplied.inputs.flight.tracks import Track, at_times
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.passport import conventions, fits
+from upplied.inputs.passport.fits import aim_of, inside, sight_of
 from upplied.inputs.passport.measured import _best, _off_centre
-from upplied.inputs.passport.settings import PassportSettings
-from upplied.inputs.passport.sight import aim_of, inside, sight_of
 from upplied.inputs.passport.velocity import steadiness
 from upplied.inputs.raw import RawMesh
 from upplied.inputs.repair import topology_of
+from upplied.inputs.rules import PassportSettings
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Camera, Surroundings
 from upplied.samples.fleet import member
@@ -220,7 +220,7 @@ def test_what_floats_or_was_cut_off_is_told() -> None:
     assert rules_of(CUBE.vertices + np.array([0, 0, 30.0]), entry) == {"floating"}
     ship = member("cruise-v1").structure
     vertices, triangles, _, _ = repair.clean(ship.vertices, ship.triangles)
-    assert cut_off(vertices, topology_of(triangles).rim) == ()
+    assert not list(cut_off(vertices, topology_of(triangles).rim))
     flat = vertices[:, [2, 1, 0]] * [-1, 1, 1]  # on its stern, and cut 35 % below its bow
     at = float(np.quantile(flat[:, 2], 0)) + 0.35 * float(np.ptp(flat[:, 2]))
     rest, corners, _ = repair.clip_below(flat, triangles, at)

@@ -50,13 +50,13 @@ def add(
         Logs of any kind, photogrammetry projects, missions, folders of photos, or folders of all of these.
     """
     from upplied.fleet.ingest import find_logs, passed_over
-    from upplied.inputs.passport.settings import changed
+    from upplied.inputs.rules import PassportSettings
     from upplied.inputs.sidecar import LogOptions
 
     options = LogOptions(
-        allow=flags.allow, strict=flags.strict, passport=changed(flags.set_), publisher=publisher,
+        allow=flags.allow, strict=flags.strict, passport=PassportSettings.changed(flags.set_),
         structure_id=structure, points=_points(register), start_s=start, stop_s=stop,
-        kind=kind, unit_m=unit_m,
+        kind=kind, unit_m=unit_m, publisher=publisher,
     )  # fmt: skip
     if dry_run and where.opened().identity.id is None:
         say(f"no catalog at {where.location}: flights cannot be checked against a structure")

@@ -143,9 +143,9 @@ def check(
 
 def _rule_options(flags: RuleFlags) -> RuleOptions:
     from upplied.fleet import RuleOptions
-    from upplied.inputs.rules import changed
+    from upplied.inputs.rules import StructureSettings
 
-    return RuleOptions(flags.allow, flags.strict, changed(flags.set_))
+    return RuleOptions(flags.allow, flags.strict, StructureSettings.changed(flags.set_))
 
 
 def _others(where: Where) -> Catalog | None:

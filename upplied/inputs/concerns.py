@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from upplied.inputs.manifests import StructureEntry
-from upplied.inputs.outliers import Outlier
 from upplied.inputs.raw import RawMesh
-from upplied.inputs.repair import Topology
+from upplied.inputs.repair import Outlier, Topology
 from upplied.inputs.rules import RULES, Verdict, broken, measured, refusals, unlike_its_kind
 from upplied.records import Floats, Ints, Record
 
@@ -83,17 +82,15 @@ def nominal_problems(
     return tuple(verdicts)
 
 
-def cut_off(vertices: Floats, rim: Ints) -> tuple[Verdict, ...]:
+def cut_off(vertices: Floats, rim: Ints) -> Iterator[Verdict]:
     """Where the surface (V, 3), m, ends in a plane at one side, `rim` being the vertices at which it ends."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     side = np.maximum(high - low, 1e-9)
-    verdicts = []
     for axis, other in ((0, 1), (1, 0)):
         for name, at in (("low", low[axis]), ("high", high[axis])):
             ends = vertices[rim[np.abs(vertices[rim, axis] - at) < _PLANE * side[axis]]]
             if len(ends) >= _RIM and (np.ptp(ends[:, [other, 2]], axis=0) > _ACROSS * side[[other, 2]]).all():
-                verdicts.append(measured("cut-off", "xy"[axis], at, name))
-    return tuple(verdicts)
+                yield measured("cut-off", "xy"[axis], at, name)
 
 
 def _standing_up(low: Floats, high: Floats, turn: Floats) -> str:

@@ -1,7 +1,6 @@
 """The keys of a structure manifest, and the parsers of declared values: what each accepts, and its error."""
 
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -54,44 +53,42 @@ def axes(given: Mapping[str, Any], what: str) -> tuple[str, str]:
     return up, forward
 
 
-def text(most: int) -> Parser:
-    """A parser of text of so many characters."""
-
-    def parse_text(value: Any, what: str) -> str:
-        if isinstance(value, str) and len(value) <= most and "\0" not in value:
-            return value
-        raise InputError(what, f"got {_shown(value)}", f"text of at most {most} characters")
-
-    return parse_text
+def _parser(check: Callable[..., Any]) -> Callable[..., Parser]:
+    """Makes parsers with bounds: what the check takes besides a value and its name in errors."""
+    return lambda *bounds, **more: lambda value, what: check(value, what, *bounds, **more)
 
 
-def number(low: float = -1e12, high: float = 1e12, above: float = -math.inf, whole: bool = False) -> Parser:
-    """A parser of numbers, typed or as text."""
-    least = f"from {low:g}" if math.isinf(above) else f"above {above:g}, up"
-    rule = f"a {'whole' if whole else 'finite'} number {least} to {high:g}"
-
-    def parse_number(value: Any, what: str) -> float:
-        try:
-            parsed = float("nan") if isinstance(value, bool) else (int if whole else float)(value)
-        except (ValueError, TypeError, OverflowError):
-            parsed = float("nan")
-        if not low <= parsed <= high or parsed <= above:
-            raise InputError(what, f"got {_shown(value)}", rule)
-        return parsed
-
-    return parse_number
+@_parser
+def text(value: Any, what: str, most: int) -> str:
+    """Text of so many characters."""
+    if isinstance(value, str) and len(value) <= most and "\0" not in value:
+        return value
+    raise InputError(what, f"got {_shown(value)}", f"text of at most {most} characters")
 
 
-def choice(allowed: Sequence[str]) -> Parser:
-    """A parser of one of these words."""
+@_parser
+def number(
+    value: Any, what: str, low: float = -1e12, high: float = 1e12, above: float = -np.inf, whole: bool = False
+) -> float:
+    """A number, typed or as text."""
+    try:
+        parsed = float("nan") if isinstance(value, bool) else (int if whole else float)(value)
+    except (ValueError, TypeError, OverflowError):
+        parsed = float("nan")
+    if not low <= parsed <= high or parsed <= above:
+        least = f"from {low:g}" if np.isinf(above) else f"above {above:g}, up"
+        rule = f"a {'whole' if whole else 'finite'} number {least} to {high:g}"
+        raise InputError(what, f"got {_shown(value)}", rule)
+    return parsed
 
-    def parse_choice(value: Any, what: str) -> str:
-        word = value.strip().lower().removeprefix("+") if isinstance(value, str) else None
-        if word is None or word not in allowed:
-            raise InputError(what, f"got {_shown(value)}", f"one of {', '.join(allowed)}")
-        return word
 
-    return parse_choice
+@_parser
+def choice(value: Any, what: str, allowed: Sequence[str]) -> str:
+    """One of these words."""
+    word = value.strip().lower().removeprefix("+") if isinstance(value, str) else None
+    if word is None or word not in allowed:
+        raise InputError(what, f"got {_shown(value)}", f"one of {', '.join(allowed)}")
+    return word
 
 
 def _units(value: Any, what: str) -> float | None:
@@ -110,22 +107,19 @@ def _flag(value: Any, what: str) -> bool:
     return word == "true"
 
 
-def array(shape: Sequence[int], rule: str) -> Parser:
-    """A parser of nested lists of numbers, typed, as JSON or by spaces; 0 in the shape is any length."""
-
-    def parse_array(value: Any, what: str) -> Any:
-        try:
-            spaced = isinstance(value, str) and not value.lstrip().startswith("[")
-            values = np.array(value.split() if spaced else _decoded(value), float)
-        except (ValueError, TypeError, OverflowError):
-            values = np.empty(0)
-        sizes = [have if want == 0 else want for want, have in zip(shape, values.shape, strict=False)]
-        fits = values.shape == tuple(sizes) and values.ndim == len(shape)
-        if not fits or not np.isfinite(values).all():
-            raise InputError(what, f"got {_shown(value)}", rule)
-        return tuple(values.tolist()) if len(shape) == 1 else values
-
-    return parse_array
+@_parser
+def array(value: Any, what: str, shape: Sequence[int], rule: str) -> Any:
+    """Nested lists of numbers, typed, as JSON or by spaces; 0 in the shape is any length."""
+    try:
+        spaced = isinstance(value, str) and not value.lstrip().startswith("[")
+        values = np.array(value.split() if spaced else _decoded(value), float)
+    except (ValueError, TypeError, OverflowError):
+        values = np.empty(0)
+    sizes = [have if want == 0 else want for want, have in zip(shape, values.shape, strict=False)]
+    fits = values.shape == tuple(sizes) and values.ndim == len(shape)
+    if not fits or not np.isfinite(values).all():
+        raise InputError(what, f"got {_shown(value)}", rule)
+    return tuple(values.tolist()) if len(shape) == 1 else values
 
 
 def _boxes(value: Any, what: str) -> Any:

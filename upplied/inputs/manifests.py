@@ -8,7 +8,7 @@ import csv
 import io
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,6 @@ from upplied.inputs.rules import StructureSettings
 from upplied.records import Placement, Surroundings
 
 MAX_BYTES = 16 << 20  # a row is some 200 bytes: 80 000 structures
-_AS_DECLARED = (  # keys of a manifest that are fields of an entry
-    "scale", "local_origin", "site", "landmarks", "symmetric", "surface", "surface_error_m", "drop_hidden",
-    "drop_outliers", "clip_ground", "notes", "allow",
-)  # fmt: skip
-
 _PLACE = ("lat", "lon", "alt", "heading")
 _AREAS = {"keep_out": (0, 2, 3), "geofence": (0, 2), "rally": (0, 3)}  # and the shapes of none
 
@@ -135,16 +130,16 @@ def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool)
     if 0 < len(missing) < len(_PLACE):
         rule = "lat, lon, alt and heading (deg of +X, clockwise from north) are given together or not at all"
         raise InputError(what, f"has no {' and no '.join(missing)}", rule)
-    placed = [] if missing else [*(given[key] for key in _PLACE), given.get("datum", "ellipsoid")]
-    declared = {name: given[name] for name in _AS_DECLARED if name in given}
+    declared = {item.name: given[item.name] for item in fields(StructureEntry) if item.name in given}
     areas = {f"{key}_m": np.asarray(given.get(key, np.empty(shape)), float) for key, shape in _AREAS.items()}
     around = Surroundings(ground_z_m=given.get("ground_z"), ceiling_z_m=given.get("ceiling_z"), **areas)
-    return StructureEntry(
-        given["id"], given["kind"], _inside(folder, given["path"], what, allow_outside), given["units"], up,
-        forward, placement=Placement(*placed) if placed else None, surroundings=around,
-        nominal_m=tuple(given.get(f"nominal_{side}_m") for side in ("length", "width", "height")),  # type: ignore[arg-type]
-        **declared,
-    )  # fmt: skip
+    declared |= {"path": _inside(folder, given["path"], what, allow_outside), "up": up, "forward": forward}
+    declared |= {"structure_id": given["id"], "unit_m": given["units"], "surroundings": around}
+    declared["nominal_m"] = tuple(given.get(f"nominal_{side}_m") for side in ("length", "width", "height"))
+    if not missing:
+        place = (*(given[key] for key in _PLACE), given.get("datum", "ellipsoid"))
+        declared["placement"] = Placement(*place)
+    return StructureEntry(**declared)
 
 
 def _inside(folder: Path, name: str, what: str, allow_outside: bool) -> Path:

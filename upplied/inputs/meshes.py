@@ -1,7 +1,7 @@
 """Structures: a declared mesh or cloud becomes metres, Z up, +X forward, clean, its outside outside."""
 
 import hashlib
-from dataclasses import astuple, replace
+from dataclasses import astuple, fields, replace
 from typing import Any
 
 import numpy as np
@@ -15,16 +15,13 @@ from upplied.inputs.concerns import Findings, concerns, cut_off, nominal_problem
 from upplied.inputs.files import open_regular
 from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifests import StructureEntry
-from upplied.inputs.outliers import find_outliers
 from upplied.inputs.outside import look, outward_normals
-from upplied.inputs.raw import RawMesh, counted
-from upplied.inputs.repair import clean, clip_below, compact, topology_of, used_vertices
+from upplied.inputs.raw import NO_TRIANGLES, RawMesh, counted
+from upplied.inputs.repair import clean, clip_below, compact, find_outliers, topology_of, used_vertices
 from upplied.inputs.rules import decided, measured, refuse, to_json
 from upplied.records import Bools, Floats, Ints, Structure
 
-_AS_DECLARED = (
-    "structure_id", "kind", "site", "placement", "surroundings", "symmetric", "surface", "surface_error_m"
-)  # fmt: skip
+_AS_DECLARED = {item.name for item in fields(Structure)} & {item.name for item in fields(StructureEntry)}
 Clean = tuple[Floats, Ints, Floats | None, Findings]  # vertices, triangles, normals, and what was found
 
 _FARTHEST_M = 1e9  # beyond, the file is damaged; single precision and squares stay in range below
@@ -84,15 +81,14 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
     verdicts = (*nominal, *findings.verdicts, *concerns(vertices, raw, entry, turn(entry.up, entry.forward)))
     verdicts = decided(verdicts, entry.allow, entry.strict)
     findings = replace(findings, done=(*raw.remarks, *findings.done), verdicts=verdicts)
+    declared: dict[str, Any] = {name: getattr(entry, name) for name in _AS_DECLARED}
+    declared |= {
+        "landmarks": dict(entry.landmarks),
+        "notes": "; ".join(filter(None, (entry.notes, *findings.done, *(v.found for v in verdicts)))),
+        "verdicts_json": to_json(verdicts) if verdicts else "",
+    }
     structure = Structure(
-        vertices=vertices,
-        triangles=triangles,
-        normals=normals,
-        sha256=_sha256(sha256, entry),
-        landmarks=dict(entry.landmarks),
-        notes="; ".join(filter(None, (entry.notes, *findings.done, *(v.found for v in verdicts)))),
-        verdicts_json=to_json(verdicts) if verdicts else "",
-        **{name: getattr(entry, name) for name in _AS_DECLARED},
+        vertices=vertices, triangles=triangles, normals=normals, sha256=_sha256(sha256, entry), **declared
     )
     what, stated = f"{entry.path} ({entry.structure_id})", entry.surface_error_m
     most = structure.diagonal_m / 10
@@ -198,7 +194,7 @@ def _cloud(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     dropped = counted((len(vertices) - len(points), "points dropped that stood twice or nowhere"))
     words = filter(None, [word, "a point cloud: sizes and sight lines are as dense as its points"])
     findings = Findings(**_declared(raw, entry), done=(*dropped, *words))
-    return points, np.empty((0, 3), np.int64), normals, findings
+    return points, NO_TRIANGLES, normals, findings
 
 
 def _check_left(triangles: Ints, entry: StructureEntry) -> None:

@@ -17,8 +17,7 @@ from upplied.records import Floats, Ints, Record
 
 MAX_BYTES = 2 << 30
 _MAX_DEPTH = 256
-_NO_POINTS = np.empty((0, 3))
-_NO_TRIANGLES = np.empty((0, 3), np.int64)
+NO_TRIANGLES = np.empty((0, 3), np.int64)
 
 Node = TypeVar("Node")
 
@@ -28,9 +27,8 @@ class RawMesh(Record):
     """Vertices and triangles as in the file: its units, its axes, scenes flattened."""
 
     vertices: Floats  # (V, 3) units of the file
-    triangles: Ints = field(default_factory=lambda: _NO_TRIANGLES)  # (T, 3); (0, 3) for a point cloud
+    triangles: Ints = field(default_factory=lambda: NO_TRIANGLES)  # (T, 3); (0, 3) for a point cloud
     normals: Floats | None = None  # (V, 3) as given, for point clouds
-    part: Ints | None = None  # (T,) index into part_names
     part_names: tuple[str, ...] = ()
     unit_m: float | None = None  # what the file declares; None where it does not
     up: str = ""  # axis that the file declares to be up; empty where it does not
@@ -81,8 +79,8 @@ class Source:
         if not 0 <= count <= max(least, per_byte * len(self.data)):
             raise self.error(f"says it has {count} {what}, in {len(self.data)} bytes", "a complete file")
 
-    def triangulated(self, vertices: Floats, corners: Ints, sizes: Ints, first: int = 0) -> tuple[Ints, Ints]:
-        """Triangles of polygons and the polygon of each, once it is known that all corners exist."""
+    def triangulated(self, vertices: Floats, corners: Ints, sizes: Ints, first: int = 0) -> Ints:
+        """Triangles of polygons, once it is known that all corners exist."""
         if len(corners) and not 0 <= corners.min() <= corners.max() < len(vertices):
             rule = f"{first} to {len(vertices) - 1 + first}"
             raise self.error("its faces refer to vertices that do not exist", rule)
@@ -124,15 +122,10 @@ class Assembly:
         self._count += len(vertices)
 
     def mesh(self, **declared: Any) -> RawMesh:
-        """All pieces as one mesh, each a part of its own."""
-        sizes = [len(triangles) for _, triangles in self._pieces]
-        return RawMesh(
-            vertices=np.concatenate([_NO_POINTS, *(vertices for vertices, _ in self._pieces)]),
-            triangles=np.concatenate([_NO_TRIANGLES, *(triangles for _, triangles in self._pieces)]),
-            part=np.repeat(np.arange(len(sizes)), sizes),
-            part_names=tuple(self._names),
-            **declared,
-        )
+        """All pieces as one mesh, with their names."""
+        vertices = np.concatenate([np.empty((0, 3)), *(vertices for vertices, _ in self._pieces)])
+        triangles = np.concatenate([NO_TRIANGLES, *(triangles for _, triangles in self._pieces)])
+        return RawMesh(vertices, triangles, part_names=tuple(self._names), **declared)
 
 
 def flatten(
@@ -167,14 +160,14 @@ def counted(*counts: tuple[int, str]) -> tuple[str, ...]:
 MAX_CORNERS = 10_000  # of one polygon; cutting ears takes their square at worst: a second for this many
 
 
-def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> tuple[Ints, Ints]:
-    """Triangles (T, 3) of planar polygons, winding kept, and the polygon (T,) of each, which never decreases.
+def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
+    """Triangles (T, 3) of planar polygons, winding kept, polygon after polygon.
 
     Polygons `sizes` (P,) of corners stand one after the other in `corners`, indices that exist; those of less
     than three give none.
     """
     first = np.cumsum(sizes) - sizes
-    triangles, polygons = [_NO_TRIANGLES], [np.empty(0, np.int64)]
+    triangles, polygons = [NO_TRIANGLES], [np.empty(0, np.int64)]
     for size in np.unique(sizes[sizes >= 3]):
         which = np.flatnonzero(sizes == size)
         rings = corners[first[which, None] + np.arange(size)]
@@ -192,9 +185,7 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> tuple[Ints, Int
             cut = rings[index][_ears(points[index])]
             triangles.append(cut)
             polygons.append(np.full(len(cut), which[index]))
-    polygon = np.concatenate(polygons)
-    order = np.argsort(polygon, kind="stable")
-    return np.concatenate(triangles)[order], polygon[order]
+    return np.concatenate(triangles)[np.argsort(np.concatenate(polygons), kind="stable")]
 
 
 def _newell(points: Floats) -> Floats:

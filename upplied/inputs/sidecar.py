@@ -22,7 +22,7 @@ from upplied.checks import check_id
 from upplied.errors import InputError
 from upplied.inputs.files import read_regular
 from upplied.inputs.manifest_keys import DATUMS, Parser, array, choice, number, points, text
-from upplied.inputs.passport.settings import CONVENTIONS, PassportSettings
+from upplied.inputs.rules import CONVENTIONS, PassportSettings
 from upplied.records import Placement
 
 MAX_TEXT = 2000  # characters

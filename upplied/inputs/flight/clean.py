@@ -12,8 +12,8 @@ from scipy.ndimage import median_filter
 from upplied.errors import InputError
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import normalised
-from upplied.inputs.flight.tracks import AT_THE_ENDS, Track, are_unit
-from upplied.inputs.passport.settings import PassportSettings
+from upplied.inputs.flight.tracks import AT_THE_ENDS, Track, are_unit, source_times
+from upplied.inputs.rules import PassportSettings
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Bools, Floats, Ints
@@ -64,14 +64,12 @@ def clean(track: Track, limits: LogOptions, what: str) -> Track:
 
 
 def attitude_track(
-    table: Table, stamps: tuple[Ints, str], quat_xyzw: Floats, limits: LogOptions, good: Bools | None = None,
-    epoch: Ints | None = None,
-) -> Track:  # fmt: skip
-    """A clean track of the attitudes (N, 4) alone of a table; however many are dropped is allowed."""
-    nowhere = np.zeros((len(table), 3))
-    track = Track(stamps[0], nowhere, quat_xyzw, table.log_ns, clock=stamps[1], epoch=epoch)
-    track = track if good is None else track.take(good)
-    return clean(track, replace(limits, max_dropped=1.0), table.channel.topic)
+    table: Table, quat_xyzw: Floats, limits: LogOptions, good: Bools, epoch: Ints | None = None
+) -> Track:
+    """A clean track of the good attitudes (N, 4) alone of a table; however many are dropped is allowed."""
+    times, clock = source_times(table)
+    track = Track(times, np.zeros((len(table), 3)), quat_xyzw, table.log_ns, clock=clock, epoch=epoch)
+    return clean(track.take(good), replace(limits, max_dropped=1.0), table.channel.topic)
 
 
 def check_dropped(track: Track, limits: LogOptions, what: str) -> None:

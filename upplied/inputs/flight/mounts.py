@@ -9,7 +9,7 @@ from upplied.errors import InputError
 from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track
 from upplied.inputs.schemas.geodetic import STRUCTURE, structure_R_enu
 from upplied.inputs.schemas.px4 import Gimbal, turned
-from upplied.inputs.schemas.tf import Tree
+from upplied.inputs.schemas.ros import Tree
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Floats, Structure
 
@@ -47,7 +47,7 @@ def camera_poses(
         body = next((frame for frame in above if frame not in (track.parent, camera_frame)), "")
     if body:
         return _on_tree(track, tree, body, camera_frame, facts)
-    return _noted(track, NO_MOUNT)
+    return track.noted(NO_MOUNT)
 
 
 def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
@@ -61,17 +61,12 @@ def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
         return track
     if not tree.path(track.parent, wanted):
         if "frame-unconnected" in facts.allow:
-            return _noted(track, f"no transform from {track.parent} to {wanted}: allowed")
+            return track.noted(f"no transform from {track.parent} to {wanted}: allowed")
         finding = f"gives poses in the frame {track.parent!r}, the structure is placed in {wanted!r}"
         rule = "frame-unconnected: one frame, or transforms between them"
         raise InputError(what, finding, rule, "place the structure in the frame of the poses")
     positions, turn, known = tree.at(track.parent, wanted, track.t_ns, facts.gap_s)
-    moved = replace(
-        track,
-        positions=positions + turn.apply(track.positions),
-        quat_xyzw=(turn * Rotation.from_quat(track.quat_xyzw)).as_quat(),
-        parent=wanted,
-    )
+    moved = replace(track.turned(turn, positions + turn.apply(track.positions)), parent=wanted)
     return moved.during(known, f"transform to {wanted}")
 
 
@@ -82,11 +77,7 @@ def in_structure_frame(track: Track, facts: LogOptions) -> Track:
         return track
     position = np.array(facts.structure_position_m or _NOWHERE)
     turn = Rotation.from_quat(facts.structure_quat_xyzw or (0.0, 0.0, 0.0, 1.0)).inv()
-    return replace(
-        track,
-        positions=turn.apply(track.positions - position),
-        quat_xyzw=(turn * Rotation.from_quat(track.quat_xyzw)).as_quat(),
-    )
+    return track.turned(turn, turn.apply(track.positions - position))
 
 
 def mounted(track: Track, position: Floats, rotation: Rotation) -> Track:
@@ -104,7 +95,7 @@ def _on_gimbal(track: Track, gimbal: Gimbal, offset: Floats, turn: Rotation, fac
     positions = mounted(track, offset, turn).positions
     quats[~known] = (0.0, 0.0, 0.0, 1.0)
     track = replace(track, positions=positions, quat_xyzw=(Rotation.from_quat(quats) * turn).as_quat())
-    return _noted(track.during(known, "gimbal attitude"), f"camera on the gimbal of {gimbal.topic}")
+    return track.during(known, "gimbal attitude").noted(f"camera on the gimbal of {gimbal.topic}")
 
 
 def _on_tree(track: Track, tree: Tree, body: str, camera_frame: str, facts: LogOptions) -> Track:
@@ -114,11 +105,7 @@ def _on_tree(track: Track, tree: Tree, body: str, camera_frame: str, facts: LogO
     sensor = Rotation.identity() if camera_frame.endswith("_link") else OPTICAL_R_CAMERA  # REP-103
     positions, turn, known = tree.at(camera_frame, body, track.t_ns, facts.gap_s)
     moving = mounted(track, positions, turn * sensor)
-    return _noted(moving.during(known, "transform to the camera"), note)
-
-
-def _noted(track: Track, note: str) -> Track:
-    return replace(track, notes=(*track.notes, note))
+    return moving.during(known, "transform to the camera").noted(note)
 
 
 _LEAST = 3

@@ -20,6 +20,7 @@ MAX_NORM_ERROR = 1e-2  # of a quaternion; a rounded or single-precision one is f
 AT_THE_ENDS = " yet or any more"  # what was dropped for such a reason is not held against the log
 _FEW_POSES_SHARE = 0.05  # of the poses
 _OF_SAMPLES = ("t_ns", "positions", "quat_xyzw", "log_ns", "epoch", "fov_deg")
+_STAMPS = ("header.stamp", "timestamp_sample", "timestamp")
 HOLD_NS = 100_000_000  # how long the first and the last pose are held for another topic's stamps
 
 
@@ -64,6 +65,15 @@ class Track(Record):
             ends[inner[0] : inner[-1] + 1] = False
         return self.keep(~ends, f"no {what}{AT_THE_ENDS}").keep(known[~ends], f"no {what}")
 
+    def noted(self, note: str) -> Track:
+        """The same with a note more."""
+        return replace(self, notes=(*self.notes, note))
+
+    def turned(self, turn: Rotation, positions: Floats) -> Track:
+        """The same in another frame: turned, at these positions."""
+        quats = (turn * Rotation.from_quat(self.quat_xyzw)).as_quat()
+        return replace(self, positions=positions, quat_xyzw=quats)
+
     def take(self, index: Ints | Bools) -> Track:
         """The samples of this index."""
         parts: dict[str, Any] = {name: getattr(self, name) for name in _OF_SAMPLES}
@@ -71,19 +81,24 @@ class Track(Record):
         return replace(self, **parts)
 
 
-def source_times(table: Table, stamp_ns: Ints | None) -> tuple[Ints, str]:
-    """The stamps to use and their clock: of the source, else when sent, else when received.
+def source_times(table: Table, *prefixes: str) -> tuple[Ints, str]:
+    """The stamps to use, ns, and their clock: of the source, else when sent, else when received.
 
-    A clock that stands still is no clock: stamps that are all zero, or all the same, are passed over.
+    The source's are the first at these paths, where schemas have them if none is named, that are not all
+    zero. A clock that stands still is no clock: stamps that are all zero, or all the same, are passed over.
     """
-    for clock, times in (("header", stamp_ns), ("publish", table.publish_ns), ("log", table.log_ns)):
+    known = (stamps(table, prefix) for prefix in prefixes or _STAMPS)
+    own = next((times for times in known if times is not None and times.any()), None)
+    for clock, times in (("header", own), ("publish", table.publish_ns), ("log", table.log_ns)):
         if times is not None and len(times) and (times.any() and (len(times) == 1 or np.ptp(times) > 0)):
             return times, clock
     return table.log_ns, "log"
 
 
 def stamps(table: Table, prefix: str) -> Ints | None:
-    """Stamps of ``<prefix>.sec`` and ``<prefix>.nanosec``, ns; None where the messages have none."""
+    """Stamps, ns, of ``<prefix>.sec`` and ``.nanosec``, or of microseconds; None where there are none."""
+    if prefix in table:
+        return table.integers(prefix).clip(0, 9 * 10**15) * 1000
     if f"{prefix}.sec" not in table:
         return None
     seconds = table.integers(f"{prefix}.sec").clip(0, 9 * 10**9)
@@ -151,7 +166,7 @@ class PoseShape(NamedTuple):
 
     def track(self, table: Table) -> Track:
         """All poses of a table, of whatever frames."""
-        times, clock = source_times(table, stamps(table, self.stamp))
+        times, clock = source_times(table, self.stamp)
         values = table.stack(*self.values)
         return Track(times, values[:, :3], values[:, 3:], table.log_ns, clock=clock)
 

@@ -61,7 +61,7 @@ def read_ply(source: Source) -> RawMesh:
         raise source.error("has no element 'vertex' with x, y and z", "vertices with x, y, z")
     if any(body.tobytes().strip(b"\0 \t\r\n")):
         raise source.error(f"goes on for {len(body)} bytes after what its header counts", "a complete file")
-    triangles, _ = source.triangulated(vertices, corners, sizes)
+    triangles = source.triangulated(vertices, corners, sizes)
     remarks = counted((int((sizes > 3).sum()), "polygons triangulated"))
     return RawMesh(vertices, triangles, normals=None if len(sizes) else normals, remarks=remarks)
 

@@ -4,7 +4,7 @@ Each is one mistake of recorders or exporters. Its fit is the share of the poses
 inspection.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from upplied.geometry.poses import from_yaw_pitch, yaw_pitch
 from upplied.geometry.scene import Scene
 from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track, are_unit
-from upplied.inputs.passport.settings import CONVENTIONS
+from upplied.inputs.rules import CONVENTIONS
 from upplied.records import Floats
 
 Poses = tuple[Floats, Floats]  # positions (M, 3), quaternions (M, 4)
@@ -106,17 +106,15 @@ def converted(track: Track, name: str, of_camera: bool = False) -> Track:
     positions, quats = track.positions.copy(), track.quat_xyzw.copy()
     positions[good], quats[good] = NAMED[name].change(positions[good], quats[good])
     note = f"poses converted as requested: {NAMED[name].words}"
-    return replace(track, positions=positions, quat_xyzw=quats, notes=(*track.notes, note))
+    return replace(track, positions=positions, quat_xyzw=quats).noted(note)
 
 
-def _mounts() -> Sequence[Convention]:
+def _mounts() -> Iterator[Convention]:
     """The camera along another axis of what was tracked, or the optical frame taken for it."""
-    mounts = [
-        Convention("optical", "poses of the camera's optical frame, z forward",
-                   partial(_looking, right=OPTICAL_R_CAMERA), 'body_frame = "optical"'),
-        Convention("not-optical", "poses of the body, not of the optical frame",
-                   partial(_looking, right=OPTICAL_R_CAMERA.inv()), 'body_frame = "body"'),
-    ]  # fmt: skip
+    yield Convention("optical", "poses of the camera's optical frame, z forward",
+                     partial(_looking, right=OPTICAL_R_CAMERA), 'body_frame = "optical"')  # fmt: skip
+    yield Convention("not-optical", "poses of the body, not of the optical frame",
+                     partial(_looking, right=OPTICAL_R_CAMERA.inv()), 'body_frame = "body"')  # fmt: skip
     for yaw in (0, 90, 180, -90):
         for pitch in (0, 30, 45, 60, 90, -30, -45, -60, -90):
             if (yaw, pitch) == (0, 0) or (abs(pitch) == 90 and yaw):
@@ -125,30 +123,24 @@ def _mounts() -> Sequence[Convention]:
             quat = ", ".join(f"{value:.4f}" for value in turn.as_quat())
             words = f"a camera turned {yaw:+d} deg to the left and {-pitch:+d} deg upwards on its body"
             remedy, change = f"body_T_camera_quat_xyzw = [{quat}]", partial(_looking, right=turn)
-            mounts.append(Convention(f"mount {yaw:+d} {-pitch:+d}", words, change, remedy, 0.03))
-    return mounts
+            yield Convention(f"mount {yaw:+d} {-pitch:+d}", words, change, remedy, 0.03)
 
 
-def turns() -> Sequence[Convention]:
+def turns() -> Iterator[Convention]:
     """A frame, or headings, turned about the vertical, at once or more and more."""
-    conventions = []
     for degrees in range(10, 360, 10):
         angle = (degrees + 180) % 360 - 180
         quat = ", ".join(f"{v:.4f}" for v in Rotation.from_euler("z", -angle, degrees=True).as_quat())
-        conventions += [
-            Convention(f"yaw offset {angle:+d} deg", f"the frame turned by {angle:+d} deg about the vertical",
-                       partial(_turned, first=angle, last=angle, whole=True),
-                       f"structure_quat_xyzw = [{quat}]", 0.05),
-            Convention(f"heading offset {angle:+d} deg", f"headings off by {angle:+d} deg, positions right",
-                       partial(_turned, first=angle, last=angle, whole=False), "calibrate the compass", 0.05),
-        ]  # fmt: skip
+        off, turned = f"{angle:+d} deg", partial(_turned, first=angle, last=angle)
+        yield Convention(f"yaw offset {off}", f"the frame turned by {off} about the vertical",
+                         partial(turned, whole=True), f"structure_quat_xyzw = [{quat}]", 0.05)  # fmt: skip
+        yield Convention(f"heading offset {off}", f"headings off by {off}, positions right",
+                         partial(turned, whole=False), "calibrate the compass", 0.05)  # fmt: skip
     for degrees in (-180, -120, -90, -60, -40, -20, 20, 40, 60, 90, 120, 180):
-        conventions += [
-            Convention(f"yaw drift {degrees:+d} deg", f"a yaw that drifts by {degrees:+d} deg",
-                       partial(_turned, first=0.0, last=-degrees, whole=whole), "correct the drift", 0.06)
-            for whole in (False, True)
-        ]  # fmt: skip
-    return conventions
+        for whole in (False, True):
+            drifting = partial(_turned, first=0.0, last=-degrees, whole=whole)
+            name, words = f"yaw drift {degrees:+d} deg", f"a yaw that drifts by {degrees:+d} deg"
+            yield Convention(name, words, drifting, "correct the drift", 0.06)
 
 
 def offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
@@ -170,4 +162,4 @@ def offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
     ]
 
 
-MOUNTS = _mounts()
+MOUNTS = tuple(_mounts())

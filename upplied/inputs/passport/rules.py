@@ -9,8 +9,7 @@ from typing import Any
 
 from upplied.inputs.passport.fits import NEARER
 from upplied.inputs.passport.measured import Measured, Reading, measure
-from upplied.inputs.passport.settings import PassportSettings
-from upplied.inputs.rules import Rule, Verdict, broken, decided, refusals, refuse, rules_of
+from upplied.inputs.rules import PassportSettings, Rule, Verdict, broken, decided, refusals, refuse, rules_of
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Structure
 

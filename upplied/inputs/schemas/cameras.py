@@ -8,7 +8,7 @@ import numpy as np
 
 from upplied.cameras import completed, known_camera, unverified
 from upplied.errors import InputError
-from upplied.inputs.flight.tracks import Track, fields_of, names, source_times, stamps
+from upplied.inputs.flight.tracks import Track, fields_of, names, source_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
 from upplied.records import Camera, Floats, Ints, Lens
@@ -66,8 +66,7 @@ def calibrated(table: Table) -> tuple[Camera, str, Zoom, str] | None:
     if not good.any():
         return None
     model = str(names(table, "distortion_model")[good][0]).lower()
-    frame, prefix = ("frame_id", "timestamp") if "frame_id" in table else ("header.frame_id", "header.stamp")
-    t_ns = source_times(table, stamps(table, prefix))[0][good]
+    frame, t_ns = "frame_id" if "frame_id" in table else "header.frame_id", source_times(table)[0][good]
     share = values[good, :2] / values[good, 2:]  # of the sides over the focal length
     fields = np.degrees(share if model.startswith(_FISHEYE) else 2 * np.arctan(share / 2))
     fields = np.minimum(fields, [360.0, 180.0])

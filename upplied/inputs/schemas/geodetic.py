@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from upplied.errors import InputError
 from upplied.geometry.poses import from_yaw_pitch
 from upplied.inputs.flight.clean import attitude_track
-from upplied.inputs.flight.tracks import Track, are_unit, fields_of, source_times, stamps
+from upplied.inputs.flight.tracks import Track, are_unit, fields_of, source_times
 from upplied.inputs.schemas import px4
 from upplied.inputs.schemas.ros import IMU
 from upplied.inputs.sidecar import LogOptions
@@ -77,14 +77,13 @@ def structure_R_enu(facts: LogOptions) -> Rotation:
 def _fixes(table: Table, facts: LogOptions) -> tuple[Ints, str, Floats, str]:
     """Times and their clock, latitude, longitude and altitude (N, 3), and the datum of the altitude."""
     if table.schema != "px4_msgs/VehicleGlobalPosition":
-        prefix = "header.stamp" if table.schema == "sensor_msgs/NavSatFix" else "timestamp"
-        return *source_times(table, stamps(table, prefix)), table.stack(*_PLACE), "ellipsoid"
+        return *source_times(table), table.stack(*_PLACE), "ellipsoid"
     known = [np.isfinite(table.numbers(name)).any() for name in ("alt", "alt_ellipsoid")]
     if not any(known):
-        return *px4.stamps_us(table), table.stack("lat", "lon", "alt_takeoff"), TAKEOFF
+        return *source_times(table), table.stack("lat", "lon", "alt_takeoff"), TAKEOFF
     amsl = known[0] and (facts.structure_datum == "amsl" or not known[1])
     place = table.stack("lat", "lon", "alt" if amsl else "alt_ellipsoid")
-    return *px4.stamps_us(table), place, "amsl" if amsl else "ellipsoid"
+    return *source_times(table), place, "amsl" if amsl else "ellipsoid"
 
 
 def _valid(table: Table) -> Bools:
@@ -124,7 +123,7 @@ def _with_attitude(track: Track, table: Table, tables: Sequence[Table], facts: L
         heading = np.where(np.abs(heading) < 1e3, heading, np.nan)
         quats = from_yaw_pitch(np.pi / 2 - heading, np.zeros(len(heading)))
         note = "heading of the fix: the attitude is taken to be level"
-        return _from_antenna(replace(track, quat_xyzw=quats, notes=(*track.notes, note)), facts)
+        return _from_antenna(replace(track, quat_xyzw=quats).noted(note), facts)
     if px4.earth_fixed(tables) and facts.body_T_antenna_position_m is None:
         return replace(track, quat_xyzw=np.tile([0.0, 0, 0, 1], (len(track), 1)))
     finding = "gives positions, but the log holds no attitude of the vehicle"
@@ -150,8 +149,7 @@ def _imu(tables: Sequence[Table], facts: LogOptions) -> Track | None:
             quats = table.stack(*_TURN)
             good = are_unit(quats) & (table.vectors("orientation_covariance", 9)[:, 0] != -1)
             if good.mean() > 0.5:
-                times = source_times(table, stamps(table, "header.stamp"))
-                tracks.append(attitude_track(table, times, quats, facts, good))
+                tracks.append(attitude_track(table, quats, facts, good))
     return max(tracks, key=len, default=None)
 
 

@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 from upplied.errors import InputError
 from upplied.geometry.poses import yaw_pitch
 from upplied.inputs.flight.clean import attitude_track
-from upplied.inputs.flight.tracks import Track, are_unit, at_times, fields_of, source_times, stamps
+from upplied.inputs.flight.tracks import Track, are_unit, at_times, fields_of, source_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table
-from upplied.records import Bools, Floats, Ints
+from upplied.records import Bools, Floats
 
 SOURCES = ("px4_msgs/VehicleOdometry", "px4_msgs/VehicleLocalPosition")
 
@@ -42,7 +42,7 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
         finding = "has no attitude, and the log holds no px4_msgs/VehicleAttitude"
         remedy = "record vehicle_attitude, or vehicle_odometry, too"
         raise InputError(table.channel.topic, finding, "position and attitude", remedy)
-    times, clock = stamps_us(table)
+    times, clock = source_times(table)
     epoch = (table.integers("xy_reset_counter") << 8) + table.integers("z_reset_counter")
     places, nothing = _enu(table.stack("x", "y", "z")), np.full((len(table), 4), np.nan)
     track = Track(times, places, nothing, table.log_ns, "", "base_link", clock, epoch)
@@ -56,23 +56,14 @@ def attitude(tables: Sequence[Table], facts: LogOptions) -> Track | None:
     if not attitudes:
         return None
     table = max(attitudes, key=len)
-    epoch = table.integers("quat_reset_counter")
-    return attitude_track(table, stamps_us(table), enu_flu(xyzw(table)), facts, epoch=epoch)
+    every, epoch = np.ones(len(table), bool), table.integers("quat_reset_counter")
+    return attitude_track(table, enu_flu(xyzw(table)), facts, every, epoch)
 
 
 def with_attitude(track: Track, turns: Track, facts: LogOptions) -> Track:
     """A track of positions with the attitude of the same moments, interpolated on the sphere."""
     _, quats = at_times(turns, track.t_ns, facts.gap_s)
     return replace(track, quat_xyzw=quats).during(np.isfinite(quats[:, 0]), "attitude")
-
-
-def stamps_us(table: Table) -> tuple[Ints, str]:
-    """Stamps (N,) in ns and their clock: when sampled, else when published by the autopilot."""
-    for name in ("timestamp_sample", "timestamp"):
-        times = table.integers(name).clip(0, 9 * 10**15) * 1000
-        if times.any():
-            return source_times(table, times)
-    return source_times(table, None)
 
 
 def xyzw(table: Table) -> Floats:
@@ -99,7 +90,7 @@ def turned(left: Rotation, quats: Floats, right: Rotation) -> Floats:
 
 
 def _odometry(table: Table) -> Track:
-    times, clock = stamps_us(table)
+    times, clock = source_times(table)
     positions, quats, frame = table.vectors("position", 3), xyzw(table), table.integers("pose_frame")
     ned = np.count_nonzero(frame == _NED) >= len(frame) / 2
     notes = () if ned else ("the heading of the log's frame is arbitrary (PX4 frame FRD)",)
@@ -139,14 +130,10 @@ def gimbal(tables: Sequence[Table], facts: LogOptions) -> Gimbal | None:
     table = max(_gimbals(tables), key=len, default=None)
     if table is None:
         return None
-    if table.schema.startswith("px4"):
-        times, quats = stamps_us(table), xyzw(table)
-    else:
-        times = source_times(table, stamps(table, "header.stamp"))
-        quats = table.stack("q.x", "q.y", "q.z", "q.w")
+    quats = xyzw(table) if "q" in table else table.stack("q.x", "q.y", "q.z", "q.w")
     north = _from_north(table)
     most = bool(north.mean() >= 0.5)
-    return Gimbal(attitude_track(table, times, quats, facts, north == most), most, table.channel.topic)
+    return Gimbal(attitude_track(table, quats, facts, north == most), most, table.channel.topic)
 
 
 def earth_fixed(tables: Sequence[Table]) -> bool:

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from upplied.inputs.files import table
+from upplied.inputs.files import read_regular, table
 from upplied.inputs.sources import source as fill
-from upplied.inputs.sources.source import MAX_ROWS, Fields, Source, refusal
+from upplied.inputs.sources.source import MAX_BYTES, MAX_ROWS, Fields, Source, refusal
 from upplied.records import Floats, Ints
 
 _FOOT = 0.3048
@@ -31,7 +31,7 @@ _VIDEO = 3840.0, 2160.0  # pixels, to which the focal length of captions belongs
 
 def read(path: Path, fields: Fields) -> Source:
     """The flight of a record, or of captions; without an attitude in them it is positions alone."""
-    text = fill.text_of(path)
+    text = read_regular(path, MAX_BYTES).decode("utf-8-sig", "replace").replace("\r\n", "\n")
     return _record(text) if is_record(text[:8192]) else _captions(text)
 
 

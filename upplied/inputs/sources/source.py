@@ -4,7 +4,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import InputError
-from upplied.inputs.files import read_regular
 from upplied.inputs.tables import Channel, Table
 from upplied.records import Floats, Ints, Lens, Placement
 
@@ -50,11 +48,6 @@ class Source:
 def refusal(finding: str, rule: str = "", remedy: str = "") -> InputError:
     """An error about the file that is read; `upplied.inputs.sources.door` adds its name."""
     return InputError("", finding, rule, remedy)
-
-
-def text_of(path: Path) -> str:
-    """A text file with line feeds; bytes that are not UTF-8 are replaced."""
-    return read_regular(path, MAX_BYTES).decode("utf-8-sig", "replace").replace("\r\n", "\n")
 
 
 def table(topic: str, schema: str, t_ns: Ints, channel_id: int = 0, /, **columns: Any) -> Table:
