@@ -18,9 +18,15 @@ from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.gate import planned
 from upplied.outputs.missions.photos import shots_of
 from upplied.outputs.missions.records import Mission
-from upplied.outputs.missions.sorties import SLOWEST_MPS, Cutter, Sortie
 from upplied.outputs.missions.thinning import thinned
-from upplied.outputs.missions.transits import USUAL_CEILING_M, Transits, default_home
+from upplied.outputs.missions.transits import (
+    SLOWEST_MPS,
+    USUAL_CEILING_M,
+    Cutter,
+    Sortie,
+    Transits,
+    default_home,
+)
 from upplied.planning.airspace.clearance import path_clearance
 from upplied.planning.airspace.rules import Airspace
 from upplied.records import (

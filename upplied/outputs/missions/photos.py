@@ -13,7 +13,7 @@ from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import Limits
-from upplied.outputs.missions.sorties import SLOWEST_MPS
+from upplied.outputs.missions.transits import SLOWEST_MPS
 from upplied.photographed import MARGIN, photographed, share_shown
 from upplied.records import Bools, Camera, Cloud, Record, SurfaceStates, Trajectory
 
