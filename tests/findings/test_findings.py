@@ -42,7 +42,7 @@ from upplied.geometry.scene import scene_of
 from upplied.geometry.vectors import points_on_triangles
 from upplied.outputs.fleet_page import fleet_findings
 from upplied.outputs.publish import publish_pages
-from upplied.outputs.reference_photos import reference_photos
+from upplied.outputs.pictures import reference_photos
 from upplied.outputs.structure_page import structure_facts
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Camera, Demonstration, Lens, Structure
