@@ -49,7 +49,6 @@ EXTRA_FILES = {
         "upplied/outputs/pictures.py",
         "upplied/web/app.py",
         "upplied/web/guard.py",
-        "upplied/web/login.py",
         "upplied/web/serving.py",
     },
     "plan": {"upplied/geometry/scene.py"},

@@ -23,9 +23,8 @@ from upplied.catalog import Catalog
 from upplied.errors import CatalogError, UppliedError
 from upplied.outputs import pages
 from upplied.outputs.site import ENDINGS
-from upplied.web.live import LivePages
-from upplied.web.login import Login
-from upplied.web.requests import Decisions
+from upplied.web.guard import Login
+from upplied.web.requests import Decisions, LivePages
 from upplied.web.session import Sessions
 
 _MOST_BYTES = 4 << 20  # of a request

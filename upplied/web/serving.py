@@ -12,9 +12,8 @@ import uvicorn
 
 from upplied.catalog import Catalog
 from upplied.web.app import Web
-from upplied.web.guard import LOOPBACK, Guard
-from upplied.web.live import warm
-from upplied.web.login import Login
+from upplied.web.guard import LOOPBACK, Guard, Login
+from upplied.web.requests import warm
 
 HOST = "127.0.0.1"
 

@@ -14,9 +14,8 @@ import numpy as np
 
 from upplied.errors import RefusedError
 from upplied.geometry.supposed_scene import scene_for
-from upplied.outputs.missions.geodesy import to_geodetic
 from upplied.outputs.missions.mavlink import RELATIVE_FRAME, wpl_text
-from upplied.outputs.missions.records import Fence, Mission
+from upplied.outputs.missions.records import Fence, Mission, to_geodetic
 from upplied.planning.airspace.rules import Airspace
 from upplied.records import Floats, Structure, SupposedSurface
 

@@ -12,12 +12,12 @@ from upplied.errors import RefusedError
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.mission_options import MissionOptions
-from upplied.outputs.missions import gate, geodesy
+from upplied.outputs.missions import gate
 from upplied.outputs.missions.corners import passing_m
 from upplied.outputs.missions.flying import Flying
 from upplied.outputs.missions.gate import planned
 from upplied.outputs.missions.photos import shots_of
-from upplied.outputs.missions.records import Mission
+from upplied.outputs.missions.records import Mission, heading_and_pitch, placement_of, to_geodetic
 from upplied.outputs.missions.thinning import thinned
 from upplied.outputs.missions.transits import (
     SLOWEST_MPS,
@@ -68,7 +68,7 @@ def missions_of(
     path, is_viewpoint, surface, name = _inspection(plan, structure)
     own = isinstance(plan, Plan) and bool(plan.photos or plan.photos_sha256)
     supposed = plan.supposed if isinstance(plan, Plan) else None
-    placement = geodesy.placement_of(structure)
+    placement = placement_of(structure)
     check_altitude(options.altitude, placement, structure.structure_id)
     if options.altitude not in flying.altitudes:
         raise RefusedError(name, f"{options.altitude} altitudes were requested", flying.altitude_rule)
@@ -116,7 +116,7 @@ def missions_of(
     missions = []
     for at, sortie in enumerate(sorties):
         body = _waypoints(cutter, photo, passing, sortie)
-        heading, pitch = geodesy.heading_and_pitch(body["quat_xyzw"], placement.heading_deg)
+        heading, pitch = heading_and_pitch(body["quat_xyzw"], placement.heading_deg)
         missions.append(
             Mission(
                 name=name,
@@ -124,10 +124,10 @@ def missions_of(
                 count=len(sorties),
                 placement=placement,
                 altitude=options.altitude,
-                home=geodesy.to_geodetic(home[None], placement)[0],
+                home=to_geodetic(home[None], placement)[0],
                 home_local=home,
                 return_height_m=transits.return_z_m - float(home[2]),
-                geodetic=geodesy.to_geodetic(body["local"], placement),
+                geodetic=to_geodetic(body["local"], placement),
                 heading_deg=heading,
                 pitch_deg=pitch,
                 photo_distance_m=shots.every_m,
