@@ -21,7 +21,7 @@ from upplied.outputs.missions.mission import missions_of
 from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.read_back import read_mcap, read_mission
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
-from upplied.records import Camera, Plan, Structure, Trajectory
+from upplied.records import Camera, Plan, Structure
 
 __all__ = ["FORMATS", "Exported", "Mission", "MissionOptions", "export", "missions_of"]
 
@@ -48,7 +48,7 @@ class Exported:
 
 
 def export(
-    plan: Plan | Trajectory,
+    plan: Plan,
     structure: Structure,
     format: str,
     path: str | Path,
@@ -62,8 +62,8 @@ def export(
 
     Parameters
     ----------
-    plan : Plan or Trajectory
-        A plan must be ok.
+    plan : Plan
+        It must be ok.
     structure : Structure
         The target of the plan; every format but MCAP needs its place on the Earth.
     format : {"qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"}
@@ -91,10 +91,9 @@ def export(
     goal = Path(path)
     limits = gate.limits_of(options, interval_of(options, camera)[0])
     named = [*gate.plan_breaches(plan), *objections]
-    supposed = plan.supposed if isinstance(plan, Plan) else None
     if format == "mcap":
         content = mcap_bytes(plan, structure, camera)
-        named += gate.breaches(read_mcap(content), structure, limits, supposed)
+        named += gate.breaches(read_mcap(content), structure, limits, plan.supposed)
         overruled = gate.pass_or_refuse(structure.structure_id, named, options.overruled)
         notes = (*gate.notes_of(overruled), *zones(()))
         content = mcap_bytes(plan, structure, camera, notes) if notes else content
@@ -103,11 +102,13 @@ def export(
         return Exported((written,), (), ("coordinates in metres, structure frame", *notes), overruled)
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
-    missions = fenced(missions_for(format, plan, structure, options, camera, objections), structure, supposed)
+    missions = fenced(
+        missions_for(format, plan, structure, options, camera, objections), structure, plan.supposed
+    )
     by_words: dict[str, gate.Breach] = {}  # overruled breaches
     for mission in missions:  # all, before the first is written
         reading = read_mission(format, _written(format, mission, options), mission)
-        broken = gate.breaches(reading, structure, limits, supposed)
+        broken = gate.breaches(reading, structure, limits, plan.supposed)
         by_words |= {str(one): one for one in gate.pass_or_refuse(mission.name, broken, options.overruled)}
     more = tuple(breach for breach in by_words.values() if breach not in missions[0].overruled)
     notes = (*gate.notes_of(more), *zones(missions))
@@ -128,7 +129,7 @@ def export(
 
 def missions_for(
     format: str,
-    plan: Plan | Trajectory,
+    plan: Plan,
     structure: Structure,
     options: MissionOptions,
     camera: Camera | None = None,

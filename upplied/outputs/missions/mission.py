@@ -37,7 +37,6 @@ from upplied.records import (
     Plan,
     Structure,
     SupposedSurface,
-    SurfaceStates,
     Trajectory,
 )
 
@@ -49,7 +48,7 @@ _NEVER_SCANNED = "part of the structure was never scanned: every leg also keeps 
 
 
 def missions_of(
-    plan: Plan | Trajectory,
+    plan: Plan,
     structure: Structure,
     options: MissionOptions,
     flying: Flying = ANYTHING,
@@ -65,9 +64,8 @@ def missions_of(
         its datum, no safe transit leads to the inspection and back, or the plan breaks a rule of the gate
         that is not overruled.
     """
-    path, is_viewpoint, surface, name = _inspection(plan, structure)
-    own = isinstance(plan, Plan) and bool(plan.photos or plan.photos_sha256)
-    supposed = plan.supposed if isinstance(plan, Plan) else None
+    path, name = _path_of(plan, structure)
+    supposed, seen = plan.supposed, (plan.surface, camera or Camera())
     placement = placement_of(structure)
     check_altitude(options.altitude, placement, structure.structure_id)
     if options.altitude not in flying.altitudes:
@@ -86,16 +84,11 @@ def missions_of(
         notes.append(note)
     else:
         home = np.array(options.home_m, float)
-    camera = camera or Camera()
-    shots = shots_of(name, path, is_viewpoint, airspace.scene, (surface, camera), options, own)
-    tolerances = (options.tolerance_m, options.tolerance_deg)
-    waypoints, note, share = thinned(
-        shots.path, shots.fixed, tolerances, airspace, (surface, camera), flying.turning, zooms
-    )
-    path = shots.path
+    shots = shots_of(name, plan, airspace.scene, seen[1], options)
+    path, tolerances = shots.path, (options.tolerance_m, options.tolerance_deg)
+    waypoints, note, share = thinned(path, shots.fixed, tolerances, airspace, seen, flying.turning, zooms)
     shown = share if options.photos == "video" else shots.shown
     share = float(np.fmin(share, shots.shown))
-    inspected_pct = plan.measures.coverage_inspected_pct if isinstance(plan, Plan) else float("nan")
     lacking = [*gate.coverage_breaches(share, limits), *gate.overlap_breaches(shots.across, options.overlaps)]
     unseen = gate.pass_or_refuse(name, lacking, options.overruled)
     notes += [note, *shots.notes, *gate.notes_of(unseen)]
@@ -131,7 +124,7 @@ def missions_of(
                 heading_deg=heading,
                 pitch_deg=pitch,
                 photo_distance_m=shots.every_m,
-                shown_pct=shown * inspected_pct,
+                shown_pct=shown * plan.measures.coverage_inspected_pct,
                 films=options.photos == "video",
                 duration_s=sortie.duration_s,
                 notes=tuple(notes),
@@ -218,11 +211,8 @@ def check_altitude(altitude: str, placement: Placement, structure_id: str) -> No
         )
 
 
-def _inspection(
-    plan: Plan | Trajectory, structure: Structure
-) -> tuple[Trajectory, Bools | None, SurfaceStates | None, str]:
-    if isinstance(plan, Trajectory):
-        return plan, None, None, structure.structure_id
+def _path_of(plan: Plan, structure: Structure) -> tuple[Trajectory, str]:
+    """The path of a plan for this structure, and the name of its mission."""
     name = pair_name(plan.demonstration_id, plan.target_id)
     if plan.status != "ok" or plan.trajectory is None:
         fault = f"the plan is {plan.status}: {plan.reason}"
@@ -230,7 +220,7 @@ def _inspection(
     if plan.target_id != structure.structure_id:
         fault = f"the structure given is {structure.structure_id}"
         raise RefusedError(name, fault, f"the plan is for {plan.target_id}")
-    return plan.trajectory, plan.is_viewpoint, plan.surface, name
+    return plan.trajectory, name
 
 
 def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) -> dict[str, Any]:
