@@ -47,7 +47,6 @@ EXTRA_FILES = {
         "upplied/outputs/logs.py",
         "upplied/outputs/mission_drawing.py",
         "upplied/outputs/pictures.py",
-        "upplied/web/app.py",
         "upplied/web/guard.py",
         "upplied/web/serving.py",
     },

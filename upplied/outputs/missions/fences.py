@@ -89,13 +89,9 @@ def _passes_over(mission: Mission, low: Floats, high: Floats) -> bool:
 
 def fence_text(mission: Mission) -> str:
     """The fence as QGC WPL 110 for Mission Planner and MAVProxy: a row for each corner."""
+    commands = {True: INCLUSION, False: EXCLUSION}
     return wpl_text(
-        (
-            0,
-            RELATIVE_FRAME,
-            INCLUSION if fence.inside else EXCLUSION,
-            (len(fence.corners), 0, 0, 0, *corner, 0),
-        )
+        (0, RELATIVE_FRAME, commands[fence.inside], (len(fence.corners), 0, 0, 0, *corner, 0))
         for fence in mission.fences
         for corner in fence.corners.tolist()
     )

@@ -13,8 +13,7 @@ from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import gate
-from upplied.outputs.missions.corners import passing_m
-from upplied.outputs.missions.flying import Flying
+from upplied.outputs.missions.flying import Flying, passing_m
 from upplied.outputs.missions.gate import planned
 from upplied.outputs.missions.photos import shots_of
 from upplied.outputs.missions.records import Mission, heading_and_pitch, placement_of, to_geodetic

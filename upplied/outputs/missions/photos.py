@@ -47,7 +47,8 @@ def interval_of(options: MissionOptions, camera: Camera | None) -> tuple[float, 
 def shots_of(name: str, plan: Plan, scene: Scene, camera: Camera, options: MissionOptions) -> Shots:
     """Where a mission takes photos, and its path in the times that they need.
 
-    A plan's own photos stay where the camera takes them in time; without viewpoints they are taken by distance.
+    A plan's own photos stay where the camera has time for them; a plan without viewpoints is photographed by
+    distance.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from mcap_ros2.reader import read_ros2_messages
 
 from upplied.errors import RefusedError
 from upplied.geometry.polylines import cumulated, leg_lengths
-from upplied.outputs.missions.corners import triangle
+from upplied.outputs.missions.flying import triangle
 from upplied.outputs.missions.gate import Reading, planned
 from upplied.outputs.missions.records import Mission, from_geodetic
 from upplied.records import Floats
