@@ -23,11 +23,6 @@ from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 
 _FILM_MM = 36.0
 _SAFE_HEIGHT_M = (2.0, 1500.0)
-_HEAD = """<?xml version="1.0" encoding="UTF-8"?>
-<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:wpml="http://www.dji.com/wpmz/1.0.2">
-<Document>
-"""
-_TAIL = "</Document>\n</kml>\n"
 #: Elements that are the same in every mission, in the order of the schema; empty ones are filled here.
 _ELEMENTS: dict[str, Any] = table("missions/dji.toml")
 #: Model -> drone type, sub type, and the payload that is built in, if one is.
@@ -43,7 +38,7 @@ def dji_kmz(mission: Mission, options: MissionOptions) -> bytes:
         for name, text in (("template.kml", _template(mission)), ("waylines.wpml", _waylines(mission))):
             entry = zipfile.ZipInfo(f"wpmz/{name}", (1980, 1, 1, 0, 0, 0))
             entry.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(entry, _HEAD + settings + text + _TAIL)
+            archive.writestr(entry, _ELEMENTS["document"].format(settings + text))
     return buffer.getvalue()
 
 

@@ -11,26 +11,11 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
+from upplied.outputs.labels import table
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 
 _KML_MODE = {"relative": "relativeToGround", "amsl": "absolute"}
-_KML = """<?xml version="1.0" encoding="UTF-8"?>
-<kml xmlns="http://www.opengis.net/kml/2.2">
-<Document>
-<name>{title}</name>
- <Placemark><name>{name}</name><description>{about}</description>
-  <Style><LineStyle><color>ffb27200</color><width>3</width></LineStyle></Style>
-  <LineString><altitudeMode>{mode}</altitudeMode><coordinates>{coordinates}</coordinates></LineString>
- </Placemark>
-{photos}</Document>
-</kml>
-"""
-_PHOTO = """ <Placemark><name>photo {number}</name>
-  <description>heading {heading:.1f} deg, gimbal pitch {pitch:.1f} deg{zoom}</description>
-  <ExtendedData><Data name="t_s"><value>{time:.3f}</value></Data></ExtendedData>
-  <Point><altitudeMode>{mode}</altitudeMode><coordinates>{coordinates}</coordinates></Point>
- </Placemark>
-"""
+_TEXTS: dict[str, str] = table("missions/maps.toml")
 
 
 def csv_text(mission: Mission) -> str:
@@ -107,7 +92,7 @@ def kml_text(mission: Mission) -> str:
     ]
     times = mission.arrival_s
     photos = [
-        _PHOTO.format(
+        _TEXTS["photo"].format(
             number=number + 1, time=times[at], heading=mission.heading_deg[at], pitch=mission.pitch_deg[at],
             mode=mode, coordinates=places[at],
             zoom="" if mission.fov_deg is None else f", field of view {mission.fov_deg[at, 0]:.1f} deg",
@@ -115,7 +100,7 @@ def kml_text(mission: Mission) -> str:
         for number, at in enumerate(mission.photo.nonzero()[0])
     ]  # fmt: skip
     about = "; ".join([f"altitudes: {mission.altitude}, datum {mission.placement.datum}", *mission.notes])
-    return _KML.format(
+    return _TEXTS["kml"].format(
         title=escape(mission.name), name=escape(f"{mission.name} {mission.number} of {mission.count}"),
         about=escape(about), mode=mode, coordinates=" ".join(places), photos="".join(photos),
     )  # fmt: skip
