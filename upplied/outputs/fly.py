@@ -73,6 +73,7 @@ def mission_data(
     first, home = missions[0], missions[0].home_local
     photos = [count_photos(mission) for mission in missions]
     usable_s = None if options.endurance_s is None else options.endurance_s * (1 - options.reserve_pct / 100)
+    megapixels = camera.width_px * camera.height_px / 1e6 or _USUAL_MEGAPIXELS
     legs = np.concatenate([mission.local[~mission.inspect, 2] for mission in missions])
     return {
         "refused": "",
@@ -86,7 +87,7 @@ def mission_data(
         "photos": sum(photos),
         "shown_pct": None if np.isnan(first.shown_pct) else first.shown_pct,
         "interval_s": _interval_s(missions),
-        "storage_mb": sum(photos) * _megabytes(camera),
+        "storage_mb": sum(photos) * (megapixels * _MB_OF_A_MEGAPIXEL),
         "assumed_camera": not camera.width_px,
         "flights_s": [mission.duration_s for mission in missions],
     }
@@ -113,12 +114,6 @@ def _interval_s(missions: Sequence[Mission]) -> float | None:
         else:
             shortest += np.diff(mission.arrival_s[mission.photo]).tolist()
     return min(shortest, default=None)
-
-
-def _megabytes(camera: Camera) -> float:
-    """Size of one photo, MB."""
-    megapixels = camera.width_px * camera.height_px / 1e6 or _USUAL_MEGAPIXELS
-    return megapixels * _MB_OF_A_MEGAPIXEL
 
 
 def quality_data(

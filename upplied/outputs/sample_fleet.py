@@ -11,7 +11,7 @@ import numpy as np
 
 from upplied.files import replace_file
 from upplied.outputs.logs import Encoding, write_log
-from upplied.records import Demonstration, Floats, Structure
+from upplied.records import Floats, Structure
 from upplied.samples.fleet import member, sample_demonstrations, sample_structures
 
 
@@ -61,18 +61,12 @@ def write_sample_fleet(folder: str | Path, progress: Callable[[str], None] | Non
         entries.append(_entry(structure, name, form))
         report(name)
     for number, demonstration in enumerate(sample_demonstrations()):
-        report(_write_flight(root, demonstration, _ENCODINGS[number % len(_ENCODINGS)]))
-    return replace_file(root / "structures.toml", _HEAD + "\n".join(entries))
-
-
-def _write_flight(root: Path, demonstration: Demonstration, encoding: Encoding) -> str:
-    name = f"logs/{demonstration.demonstration_id}.mcap"
-    structure = member(demonstration.structure_id).structure
-    write_log(root / name, demonstration, structure, encoding=encoding, simulated=True)
-    return name
-
-
-_HEAD = "# The sample fleet: parametric structures in several formats, units and axes.\n\n"
+        name, encoding = f"logs/{demonstration.demonstration_id}.mcap", _ENCODINGS[number % len(_ENCODINGS)]
+        structure = member(demonstration.structure_id).structure
+        write_log(root / name, demonstration, structure, encoding=encoding, simulated=True)
+        report(name)
+    head = "# The sample fleet: parametric structures in several formats, units and axes.\n\n"
+    return replace_file(root / "structures.toml", head + "\n".join(entries))
 
 
 def _entry(structure: Structure, name: str, form: _Form) -> str:

@@ -217,10 +217,3 @@ class Server:
         finally:
             self._server.should_exit = True
             thread.join(10)
-
-
-def serve_pages(
-    catalog: Catalog, port: int, host: str, password: str, names: frozenset[str], bound: int = -1
-) -> None:
-    """Serve the pages of a fleet's service until Ctrl-C."""
-    Server(catalog, port, host, Login(password), names, bound).run()

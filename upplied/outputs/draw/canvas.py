@@ -5,6 +5,7 @@ Normals are smooth; a sun stands over the viewer's shoulder, and corners are dar
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,11 +32,12 @@ _WHITE = np.array(rgb(BACKGROUND))
 
 @dataclass
 class Solid:
-    """A structure ready to be drawn, with its surface coloured by state where that is known."""
+    """A structure ready to be drawn, with its surface coloured by state or class where that is known."""
 
     vertices: Floats
     triangles: Ints
     states: SurfaceStates | None = None
+    label: Ints | None = None  # (T,) index into `CLASSES`
     scene: Scene = field(init=False)
     normals: Floats = field(init=False)
     _near: Neighbourhood | None = field(init=False, default=None)
@@ -53,31 +55,25 @@ class Solid:
 
     def colours(self, points: Floats, normals: Floats) -> Floats:
         """Colour (N, 3) of the surface at points (N, 3) with normals towards the eye (N, 3)."""
+        if self.label is not None:
+            return _palette(CLASSES)[self.label[self.scene.closest(points)[1]]]
         if self._near is None:
             return np.broadcast_to(rgb(SURFACE), points.shape)
-        palette = np.array([rgb(colour) for colour in STATES.values()])
-        return palette[self._near.states(points, normals)]
+        return _palette(STATES.values())[self._near.states(points, normals)]
 
 
-class Classed(Solid):
-    """A structure whose triangles, or the discs of whose points, are coloured by class (see `CLASSES`)."""
-
-    def __init__(self, structure: Structure, label: Ints) -> None:
-        body = solid(structure)
-        super().__init__(body.vertices, body.triangles)
-        self._label = np.repeat(label, len(body.triangles) // max(len(label), 1))
-
-    def colours(self, points: Floats, normals: Floats) -> Floats:
-        """Colours by the class of the triangle on which each point lies."""
-        palette = np.array([rgb(colour) for colour in CLASSES])
-        return palette[self._label[self.scene.closest(points)[1]]]
+def _palette(colours: Iterable[str]) -> Floats:
+    return np.array([rgb(colour) for colour in colours])
 
 
-def solid(structure: Structure, states: SurfaceStates | None = None) -> Solid:
-    """The structure's mesh, or discs for a point cloud."""
-    if len(structure.triangles):
-        return Solid(structure.vertices, structure.triangles, states)
-    return Solid(*Discs.of(structure.vertices, structure.normals).mesh(), states)
+def solid(structure: Structure, states: SurfaceStates | None = None, label: Ints | None = None) -> Solid:
+    """The structure's mesh, or discs for a point cloud, coloured by state or by the class of each piece."""
+    mesh = structure.vertices, structure.triangles
+    if not len(structure.triangles):
+        mesh = Discs.of(structure.vertices, structure.normals).mesh()
+    if label is not None:
+        label = np.repeat(label, len(mesh[1]) // max(len(label), 1))
+    return Solid(*mesh, states, label)
 
 
 def picture(body: Solid, lines: Tubes, frame: Frame) -> np.ndarray:
