@@ -162,28 +162,22 @@ def _poses(
 ) -> list[_Message]:
     if encoding not in _TOPICS:
         raise SettingsError(f"encoding {encoding!r}", "is unknown", f"one of {', '.join(_TOPICS)}")
-    topic, schema, message = _TOPICS[encoding]
-    stamped = zip(demonstration.t_ns.tolist(), poses.positions, poses.quat_xyzw, strict=True)
-    return [(stamp, topic, schema, message(stamp, frame.frame_id, *pose)) for stamp, *pose in stamped]
-
-
-def _pose_stamped(stamp: int, frame_id: str, position: Floats, quat: Floats) -> dict[str, Any]:
-    return {"header": ros2_schemas.header(stamp, frame_id), "pose": ros2_schemas.pose(position, quat)}
-
-
-def _odometry(stamp: int, frame_id: str, position: Floats, quat: Floats) -> dict[str, Any]:
-    header, pose = ros2_schemas.header(stamp, frame_id), ros2_schemas.pose(position, quat)
-    return {"header": header, "child_frame_id": BODY_FRAME, "pose": {"pose": pose}}  # the rest is zero
-
-
-def _transform(stamp: int, frame_id: str, position: Floats, quat: Floats) -> dict[str, Any]:
-    return {"transforms": [ros2_schemas.transform(stamp, frame_id, BODY_FRAME, position, quat)]}
+    (topic, schema), frame_id = _TOPICS[encoding], frame.frame_id
+    messages: list[_Message] = []
+    for stamp, *place in zip(demonstration.t_ns.tolist(), poses.positions, poses.quat_xyzw, strict=True):
+        stamped = {"header": ros2_schemas.header(stamp, frame_id), "pose": ros2_schemas.pose(*place)}
+        # What is not stated of an odometry is zero.
+        moving = {**stamped, "child_frame_id": BODY_FRAME, "pose": {"pose": stamped["pose"]}}
+        links = {"transforms": [ros2_schemas.transform(stamp, frame_id, BODY_FRAME, *place)]}
+        fields = {"pose_stamped": stamped, "odometry": moving, "tf": links}
+        messages.append((stamp, topic, schema, fields[encoding]))
+    return messages
 
 
 _TOPICS = {
-    "pose_stamped": ("/drone/camera/pose", "geometry_msgs/msg/PoseStamped", _pose_stamped),
-    "odometry": ("/drone/odom", "nav_msgs/msg/Odometry", _odometry),
-    "tf": ("/tf", "tf2_msgs/msg/TFMessage", _transform),
+    "pose_stamped": ("/drone/camera/pose", "geometry_msgs/msg/PoseStamped"),
+    "odometry": ("/drone/odom", "nav_msgs/msg/Odometry"),
+    "tf": ("/tf", "tf2_msgs/msg/TFMessage"),
 }
 
 

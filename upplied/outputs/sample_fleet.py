@@ -91,16 +91,12 @@ def _entry(structure: Structure, name: str, form: _Form) -> str:
 def _mesh_bytes(structure: Structure, form: _Form) -> bytes:
     import trimesh
 
-    vertices = structure.vertices @ _axes(form) / form.unit_m
+    forward, up = _axis(form.forward), _axis(form.up)
+    axes = np.stack([forward, np.cross(up, forward), up])  # of the file, along which x, y and z run
+    vertices = structure.vertices @ axes / form.unit_m
     mesh = trimesh.Trimesh(vertices, structure.triangles, process=False)
     content = mesh.export(file_type=form.suffix)
     return content.encode() if isinstance(content, str) else bytes(content)
-
-
-def _axes(form: _Form) -> Floats:
-    """Rows: the file's axes along which the structure's x, y and z run."""
-    forward, up = _axis(form.forward), _axis(form.up)
-    return np.stack([forward, np.cross(up, forward), up])
 
 
 def _axis(name: str) -> Floats:

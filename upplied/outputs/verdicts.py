@@ -45,11 +45,10 @@ def headline(values: Mapping[str, Any], safety_m: float | None) -> str:
         parts.append(f"stays {clearance:.1f} m clear of the structure{limit}")
     if (time := number(values, "duration_s")) is not None:
         parts.append(f"takes {int(time + 0.5) // 60}:{int(time + 0.5) % 60:02d} min")
-    return f"The plan {_listed(parts)}." if parts else "No measure was computed."
-
-
-def _listed(parts: list[str]) -> str:
-    return " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
+    if not parts:
+        return "No measure was computed."
+    listed = filter(None, [", ".join(parts[:-1]), parts[-1]])
+    return f"The plan {' and '.join(listed)}."
 
 
 def verdict(row: Mapping[str, Any], safety_m: float | None) -> dict[str, Any]:

@@ -182,14 +182,11 @@ def pass_or_refuse(what: str, objections: Iterable[Breach], force: tuple[str, ..
     if left:
         others = sorted({breach.rule for breach in left[1:]} - {left[0].rule})
         more = f"; also broken: {', '.join(others)}" if others else ""
-        names = " ".join(dict.fromkeys(map(_overrule, left)))
+        flags = ["--draft" if one.rule in DRAFTS else f"--force {one.rule}" for one in left]
+        names = " ".join(dict.fromkeys(flags))
         why, remedy = RULES[left[0].rule]
         raise RefusedError(what, f"{left[0]}{more}", why, f"{remedy}, or use {names}")
     return tuple(objections)
-
-
-def _overrule(breach: Breach) -> str:
-    return "--draft" if breach.rule in DRAFTS else f"--force {breach.rule}"
 
 
 def notes_of(overruled: Iterable[Breach]) -> list[str]:

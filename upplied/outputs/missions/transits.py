@@ -103,14 +103,17 @@ class Transits:
         shortest = min(
             candidates, key=lambda line: leg_lengths(np.vstack([line, self.home])).sum(), default=None
         )
-        return None if shortest is None else _distinct(shortest)
+        if shortest is None:
+            return None
+        moved = leg_lengths(shortest) > 0.01  # controllers refuse a point that repeats the one before
+        return shortest[np.concatenate([[True], moved])]
 
     @cached_property
     def _roads(self) -> Roadmap:
         surface = surface_samples(self.structure, scene_of(self.structure), _SAMPLES)
-        return roadmap(
-            self.airspace, obstacle(surface, self.supposed), _spaced(self.inspection, _PATH_STEP_M)
-        )
+        step = arc_length(self.inspection) // _PATH_STEP_M
+        places = self.inspection[np.unique(step, return_index=True)[1]]
+        return roadmap(self.airspace, obstacle(surface, self.supposed), places)
 
     @cached_property
     def _climbing(self) -> Airspace:
@@ -150,18 +153,6 @@ def _until_outside(point: Floats, direction: Floats, low: Floats, high: Floats, 
         reach = np.where(direction[:2] > 0, high[:2] + margin - point[:2], low[:2] - margin - point[:2])
         steps = np.where(np.abs(direction[:2]) > 1e-9, reach / direction[:2], np.inf)
     return float(steps.min())
-
-
-def _distinct(points: Floats) -> Floats:
-    """The polyline without points that repeat the one before: controllers refuse them."""
-    moved = leg_lengths(points) > 0.01
-    return points[np.concatenate([[True], moved])]
-
-
-def _spaced(points: Floats, step_m: float) -> Floats:
-    """Some points of a polyline (N, 3), at least a step apart along it."""
-    along = arc_length(points)
-    return points[np.unique(along // step_m, return_index=True)[1]]
 
 
 @dataclass(frozen=True)
