@@ -169,7 +169,7 @@ def _poses(
         # What is not stated of an odometry is zero.
         moving = {**stamped, "child_frame_id": BODY_FRAME, "pose": {"pose": stamped["pose"]}}
         links = {"transforms": [ros2_schemas.transform(stamp, frame_id, BODY_FRAME, *place)]}
-        fields = {"pose_stamped": stamped, "odometry": moving, "tf": links}
+        fields: dict[str, dict[str, Any]] = {"pose_stamped": stamped, "odometry": moving, "tf": links}
         messages.append((stamp, topic, schema, fields[encoding]))
     return messages
 

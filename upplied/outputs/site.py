@@ -147,11 +147,10 @@ def findings_html(structure_id: str, rows: pd.DataFrame, root: str = "", live: b
         known = place["x_m"] == place["x_m"]
         one = mark({str(key): value for key, value in row.items()} | place)
         doubt = ", doubtful" if row["reference_doubtful"] else ""
-        where = (
-            f"{one['place']}{doubt}, from {row['target_id']}" if known else f"none, from {row['target_id']}"
-        )
+        where = f"{one['place']}{doubt}" if known else "none"
         error = math.hypot(float(row["reference_error_m"]), one["error"] or 0.0)
-        marks.append(one | {"place": where, "error": error or None, "xyz": one["xyz"] if known else None})
+        shown = {"place": f"{where}, from {row['target_id']}", "error": error or None}
+        marks.append(one | shown | {"xyz": one["xyz"] if known else None})
     title = f"Findings on {structure_id}"
     data = {"id": structure_id, "facts": [], "findings": [], "zones": [], "marks": marks, "plans": [],
             "flights": [], "history": [], "map": True, "alone": not root}  # fmt: skip
