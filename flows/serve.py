@@ -76,13 +76,14 @@ def only(part: Part, port: int, roots: Sequence[str] = ()) -> int:
     folder, bind = env.prefect_home(), os.environ.get("UPPLIED_BIND", "127.0.0.1")
     if part == "reports":
         from upplied.catalog import open_catalog
-        from upplied.web.guard import allowed_names
-        from upplied.web.serving import serve_pages
+        from upplied.web import serving
+        from upplied.web.guard import Login, allowed_names
 
         catalog = open_catalog(os.environ.get("UPPLIED_CATALOG") or env.home() / "catalog")
         say(f"Fleet: http://127.0.0.1:{port + 1}")
         bound = int(os.environ.get(SOCKET, "-1"))
-        serve_pages(catalog, port + 1, bind, password_of(folder), allowed_names(), bound)
+        login = Login(password_of(folder))
+        serving.Server(catalog, port + 1, bind, login, allowed_names(), bound).run()
     elif part == "server":
         folder.mkdir(parents=True, exist_ok=True)
         held = service.alone(folder)

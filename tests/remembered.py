@@ -67,10 +67,10 @@ def planned(demonstration, source, target, settings, memo, required, siblings):
     return once("plan", object, content(*given, *more), lambda: _made(*given, once, *more))
 
 
-def photographed(name: str, path: Any, viewpoints: Any, scene: Scene, *given: Any) -> str:
+def photographed(name: str, plan: Any, scene: Scene, *given: Any) -> str:
     """Key of where photos are taken; scenes are compared by their box and 300 distances."""
     shape = (scene.box, scene.distance(scene.origin + _PROBES * np.ptp(scene.box, axis=0)))
-    return content(name, path, viewpoints, shape, *given)
+    return content(name, plan, shape, *given)
 
 
 #: What tests of all rooms share: a function of a module, and the key of its inputs.

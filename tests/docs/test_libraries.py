@@ -44,12 +44,10 @@ EXTRA_FILES = {
     "export": {
         "upplied/outputs/pages.py",
         "upplied/outputs/draw/sheet.py",
-        "upplied/outputs/camera_pictures.py",
+        "upplied/outputs/logs.py",
         "upplied/outputs/mission_drawing.py",
         "upplied/outputs/pictures.py",
-        "upplied/web/app.py",
         "upplied/web/guard.py",
-        "upplied/web/login.py",
         "upplied/web/serving.py",
     },
     "plan": {"upplied/geometry/scene.py"},

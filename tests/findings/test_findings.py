@@ -40,14 +40,13 @@ from upplied.findings.reshoot import plan_reshoot
 from upplied.geometry.poses import look_at, matrices
 from upplied.geometry.scene import scene_of
 from upplied.geometry.vectors import points_on_triangles
-from upplied.outputs.fleet_page import fleet_findings
+from upplied.outputs.page_data import fleet_findings, structure_facts
+from upplied.outputs.pictures import reference_photos
 from upplied.outputs.publish import publish_pages
-from upplied.outputs.reference_photos import reference_photos
-from upplied.outputs.structure_page import structure_facts
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Camera, Demonstration, Lens, Structure
 from upplied.samples.fleet import member
-from upplied.web.live import LivePages
+from upplied.web.requests import LivePages
 
 CUBE, CUBOID = member("cube-v1").structure, member("cuboid-v1").structure
 LOW, HIGH = CUBE.vertices.min(axis=0), CUBE.vertices.max(axis=0)

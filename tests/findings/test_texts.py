@@ -19,7 +19,7 @@ from upplied.findings.marks import Mark, read_marks
 from upplied.findings.photos import flight_of, register_photos
 from upplied.findings.queries import by_reference
 from upplied.findings.reshoot import plan_reshoot
-from upplied.outputs.findings_page import findings_html
+from upplied.outputs.site import findings_html
 
 SCRIPT = "</script><script>alert(1)</script><img src=x onerror=alert(2)>&\"'"
 FORMULA = "=cmd|'/c calc'!A1"

@@ -16,8 +16,8 @@ from fake_catalog import FakeCatalog
 from PIL import Image
 
 from upplied.outputs import pages
-from upplied.outputs.findings_page import write_findings_page
 from upplied.outputs.publish import publish_file, publish_pages
+from upplied.outputs.site import write_findings_page
 
 sync_api = pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed; it drives the browser"

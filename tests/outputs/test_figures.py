@@ -14,10 +14,9 @@ from upplied.files import replace_file
 from upplied.geometry.poses import look_at
 from upplied.outputs import figures
 from upplied.outputs.colours import DEMONSTRATED, PRESETS, STATES, rgb
-from upplied.outputs.draw.canvas import Solid, picture
-from upplied.outputs.draw.shade import corner_normals
+from upplied.outputs.draw.canvas import Solid, corner_normals, picture
 from upplied.outputs.draw.tubes import Tubes, frustum_corners, joined, path, thinned, tubes
-from upplied.outputs.draw.views import VIEWS, View, facing, fitted
+from upplied.outputs.draw.views import VIEWS, Frame, View, facing, fitted
 from upplied.records import Camera, Demonstration, Measures, Plan, Structure, SurfaceStates, Trajectory
 
 NOTHING = joined([])
@@ -79,11 +78,20 @@ def shows(png: bytes, colour: str) -> bool:
     return bool((cosine > 0.998).sum() > 5)
 
 
+def places(frame: Frame, points: np.ndarray) -> np.ndarray:
+    """Where points (N, 3), m, appear, (N, 2) px from the upper left."""
+    local = points - frame.centre
+    depth = local @ frame.back
+    grow = frame.metre_px if np.isinf(frame.eye_m) else frame.metre_px * frame.eye_m / (frame.eye_m - depth)
+    across, upward = (local @ frame.right) * grow, (local @ frame.up) * grow
+    return np.stack([frame.width / 2 + across, frame.height / 2 - upward], axis=1)
+
+
 @pytest.mark.parametrize("view", [*VIEWS.values(), View(30.0, -70.0, 80.0)])
 def test_the_ray_through_a_points_pixel_meets_the_point(view):
     points = np.random.default_rng(1).normal(size=(40, 3)) * [30, 10, 5] + [100, -50, 7]
     frame = fitted(view, points, 640, 400)
-    seen = frame.pixels(points)
+    seen = places(frame, points)
     assert (seen >= 0).all() and (seen <= [640, 400]).all()
     origins, directions = frame.rays(seen[:, 0], seen[:, 1])
     off = np.cross(points - origins, directions)

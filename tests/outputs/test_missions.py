@@ -16,7 +16,7 @@ from upplied.geometry.poses import from_yaw_pitch, look_at, yaw_pitch
 from upplied.geometry.scene import scene_of
 from upplied.outputs.missions import MissionOptions, missions_of
 from upplied.outputs.missions.flying import Flying, as_flown
-from upplied.outputs.missions.geodesy import from_geodetic, heading_and_pitch, to_geodetic
+from upplied.outputs.missions.records import from_geodetic, heading_and_pitch, to_geodetic
 from upplied.outputs.missions.thinning import still_seen, thinned
 from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.records import Camera, Placement, Surroundings, Trajectory

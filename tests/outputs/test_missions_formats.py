@@ -20,7 +20,7 @@ from made_missions import made_plan, placed_box, turning_on_the_spot
 from upplied.errors import RefusedError, SettingsError
 from upplied.outputs.missions import FORMATS, MissionOptions, export, missions_of
 from upplied.outputs.missions.flying import Flying
-from upplied.outputs.missions.geodesy import from_geodetic
+from upplied.outputs.missions.records import from_geodetic
 from upplied.records import Camera
 
 WPML = "{http://www.dji.com/wpmz/1.0.2}"

@@ -13,8 +13,7 @@ import pytest
 from web_catalog import KEY, catalog_with_plan
 
 from upplied.catalog.database import Catalog
-from upplied.web.guard import OWN_HEADERS
-from upplied.web.login import Login
+from upplied.web.guard import OWN_HEADERS, Login
 from upplied.web.serving import Server
 
 PLAN = KEY[:20]

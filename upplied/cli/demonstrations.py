@@ -91,7 +91,7 @@ def list_(*, results: Results = PRINTED) -> int:
     """List the demonstrations of the catalog with their findings."""
     rows = rows_of(results.opened().demonstrations()[list(LISTED)])
     if not results.json:
-        from upplied.outputs.passport_page import short
+        from upplied.outputs.page_data import short
 
         rows = [{LISTED[name]: short(value) for name, value in row.items()} for row in rows]
     results.show("demonstrations", rows, ("aimed %", "recorded %", "lowest height m", "clearance m"))
@@ -102,7 +102,7 @@ def list_(*, results: Results = PRINTED) -> int:
 def show_(demonstration: DemonstrationArgument, /, *, results: Results = PRINTED) -> int:
     """Show the import checks of a demonstration: measurements, and the rules it breaks."""
     from upplied.inputs.passport.rules import findings_of
-    from upplied.outputs.passport_page import rows_of
+    from upplied.outputs.page_data import rows_of
 
     passport: Any = results.opened().demonstration(demonstration).passport
     if results.json:

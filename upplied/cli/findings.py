@@ -163,7 +163,7 @@ def list_findings(
     keys = ("finding_id", "target_id", "class", "state")
     results.show_frame(f"findings on {reference}", rows, {key: LISTED[key] for key in keys} | mapped)
     if out is not None:
-        from upplied.outputs.findings_page import write_findings_page
+        from upplied.outputs.site import write_findings_page
 
         results.say(write_findings_page(store, reference, rows, out))
     return 0

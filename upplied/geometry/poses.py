@@ -117,9 +117,7 @@ def interpolate(trajectory: Trajectory, t_s: Floats) -> Trajectory:
     if len(trajectory) == 1:
         return replace(trajectory.take(np.zeros(len(t_s), np.int64)), t_s=np.asarray(t_s, float))
     held = np.clip(t_s, trajectory.t_s[0], trajectory.t_s[-1])
-    positions = np.column_stack(
-        [np.interp(held, trajectory.t_s, trajectory.positions[:, axis]) for axis in range(3)]
-    )
+    positions = interpolated(held, trajectory.t_s, trajectory.positions)
     quats = Slerp(trajectory.t_s, Rotation.from_quat(trajectory.quat_xyzw))(held).as_quat()
     return Trajectory(np.asarray(t_s, float), positions, normalised(quats), fov_at(trajectory, held))
 

@@ -42,8 +42,7 @@ def plane_normals(points: Floats, nearest: Ints) -> Floats:
 
 def scaled_normals(normals: Floats, scale: Floats) -> Floats:
     """Unit normals (N, 3) of a surface after a scaling (3,) along the axes."""
-    scaled = normals / scale
-    return np.asarray(scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-12))
+    return unit(normals / scale)
 
 
 def with_normals(points: Floats, normals: Floats, weight_m: float) -> Floats:

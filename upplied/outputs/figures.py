@@ -11,7 +11,7 @@ from upplied.geometry.polylines import chosen_evenly, leg_lengths
 from upplied.outputs.colours import CLASSES, DEMONSTRATED, PRESETS, STATES, rgb
 from upplied.outputs.display import DisplayMesh
 from upplied.outputs.draw import tubes
-from upplied.outputs.draw.canvas import Classed, Solid, picture, solid
+from upplied.outputs.draw.canvas import Solid, picture, solid
 from upplied.outputs.draw.sheet import Panel, padded, png, sheet_png
 from upplied.outputs.draw.views import View, facing, fitted, named_view, proportion
 from upplied.outputs.labels import LABELS
@@ -66,16 +66,12 @@ def structure_png(
         raise SettingsError("views", "none given", "at least one")
     body = solid(structure, states)
     lines = [(path.positions, rgb(colour)) for _, path, colour in trajectories]
-    size = np.ptp(structure.vertices, axis=0)
-    head = (
-        title
-        or f"{structure.structure_id} · {structure.kind} · {size[0]:.1f} × {size[1]:.1f} × {size[2]:.1f} m"
-    )
-    boxes = _layout(len(views), width)
-    panels = []
-    for view, (x, y, wide, high) in zip(views, boxes, strict=True):
-        label = view if isinstance(view, str) else ""
-        panels.append(_panel(body, lines, [], named_view(view), (x, y, wide, high), label))
+    size = " × ".join(f"{side:.1f}" for side in np.ptp(structure.vertices, axis=0))
+    head = title or f"{structure.structure_id} · {structure.kind} · {size} m"
+    panels = [
+        _panel(body, lines, [], named_view(view), box, view if isinstance(view, str) else "")
+        for view, box in zip(views, _layout(len(views), width), strict=True)
+    ]
     legend = [(name, colour, "line") for name, _, colour in trajectories] + _state_legend([states])
     return sheet_png(panels, legend, head)
 
@@ -92,7 +88,7 @@ def separation_png(structure: Structure, label: Ints, names: Sequence[str], clea
         Names of the classes; the first is the structure.
     cleaned : Structure
     """
-    before, after = Classed(structure, label), solid(cleaned)
+    before, after = solid(structure, label=label), solid(cleaned)
     boxes = [(0, at * (_WIDTH * 2 // 5), _WIDTH, _WIDTH * 2 // 5) for at in (0, 1)]
     panels = [
         _panel(body, (), (), named_view("three-quarter"), box, caption)

@@ -14,7 +14,7 @@ from upplied.geometry.polylines import arc_length
 from upplied.geometry.scene import scene_of
 from upplied.outputs.draw.tubes import frustum_corners
 from upplied.outputs.missions.records import Mission
-from upplied.outputs.pages import image_address
+from upplied.outputs.pages import asset, image_address
 from upplied.records import Bools, Camera, Floats, Plan, Structure
 
 _SIZE = np.array([640, 400])  # of a drawing, in its own units
@@ -23,15 +23,6 @@ _FLIGHTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")  #
 _TRANSIT, _LIMIT, _FOOTPRINT, _RETURN, _GROUND = "#7a7a7a", "#b3261e", "#e69f00", "#d55e00", "#5f6b78"
 _RAYS, _STEP = 25, 1.5  # rays across a photo and down; most ratio of depths that is one surface
 _ROUND_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
-_STYLE = (
-    "path { fill: none; stroke-width: 2; stroke-linejoin: round; stroke-linecap: round } "
-    "text { font: 13px system-ui, sans-serif; fill: #5f6b78; stroke: #fffc; stroke-width: 3; "
-    "paint-order: stroke } "
-    ".ink { stroke: #1f2933 } .structure { fill: #b8c1cc } "
-    "@media (prefers-color-scheme: dark) { text { fill: #a4afba; stroke: #15181ccc } "
-    ".ink { stroke: #e6e9ec } .structure { fill: #56606b } } "
-    "@media (max-width: 480px) { text { font-size: 20px } path { stroke-width: 3 } }"  # of the picture
-)
 
 
 @dataclass(frozen=True)
@@ -209,12 +200,9 @@ def _colour(number: int, inside: bool) -> str:
     return _FLIGHTS[number % len(_FLIGHTS)] if inside else _TRANSIT
 
 
-def _line(places: Floats) -> str:
-    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in places)
-
-
 def _path(places: Floats, colour: str, end: str = "") -> str:
-    return f'<path d="{_line(places)}{end}" style="stroke: {colour}"/>'
+    line = "L".join(f"{x:.1f} {y:.1f}" for x, y in places)
+    return f'<path d="M{line}{end}" style="stroke: {colour}"/>'
 
 
 def _text(x: float, y: float, words: str, anchor: str = "start") -> str:
@@ -230,5 +218,6 @@ def _ticks(low: float, high: float, most: int) -> Floats:
 def _svg(parts: Sequence[str]) -> str:
     """A drawing as the address of a picture."""
     size = f'width="{_SIZE[0]}" height="{_SIZE[1]}" viewBox="0 0 {_SIZE[0]} {_SIZE[1]}"'
-    svg = f'<svg xmlns="http://www.w3.org/2000/svg" {size}><style>{_STYLE}</style>{"".join(parts)}</svg>'
+    style = f"<style>{asset('drawing.css')}</style>"
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{style}{"".join(parts)}</svg>'
     return image_address(svg.encode(), "svg+xml")

@@ -121,22 +121,17 @@ class MissionOptions:
             known_camera(self.camera, self.file_format)
         for rule in {*DRAFTS} & {*self.force}:
             raise SettingsError(f"rule {rule!r}", "is not overruled by name", "", "use --draft")
-        for name, valid, rule in _RULES:
-            value = getattr(self, name)
-            if value is not None and not valid(value):
-                raise SettingsError(f"mission option {name}", f"is {value}", rule)
+        for names, valid, rule in _RULES:
+            for name in names.split():
+                if (value := getattr(self, name)) is not None and not valid(value):
+                    raise SettingsError(f"mission option {name}", f"is {value}", rule)
 
 
-#: Option, its condition, and the condition in words.
+#: Options, their condition, and the condition in words.
 _RULES: tuple[tuple[str, Callable[[float], bool], str], ...] = (
-    *(
-        (name, lambda value: value > 0, "above 0")
-        for name in (
-            *("clearance_m", "corner_m", "photo_distance_m", "transit_mps"),
-            *("trigger_s", "max_height_m", "endurance_s"),
-        )
-    ),
-    *((name, lambda value: value >= 0, "0 or more") for name in ("tolerance_m", "tolerance_deg")),
+    ("clearance_m corner_m photo_distance_m transit_mps", lambda value: value > 0, "above 0"),
+    ("trigger_s max_height_m endurance_s", lambda value: value > 0, "above 0"),
+    ("tolerance_m tolerance_deg", lambda value: value >= 0, "0 or more"),
     ("reserve_pct", lambda value: 0 <= value < 100, "0 to below 100"),
     ("least_seen_pct", lambda value: 0 <= value <= 100, "0 to 100"),
     ("max_waypoints", lambda value: value >= 8, "8 or more"),

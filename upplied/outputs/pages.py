@@ -107,28 +107,28 @@ def _shell(
 
 def single_page(title: str, data: Mapping[str, Any], fallback: str) -> str:
     """A page with all scripts inside, for mail; they run only if their hash is in the page's policy."""
-    sources = [_asset(name).replace("</script", "<\\/script") for name in SCRIPTS]
+    sources = [asset(name).replace("</script", "<\\/script") for name in SCRIPTS]
     digests = (base64.b64encode(hashlib.sha256(source.encode()).digest()).decode() for source in sources)
     policy = _POLICY.format(scripts=" ".join(f"'sha256-{each}'" for each in digests), connect="'none'")
     tags = [f"<script>{source}</script>" for source in sources]
     body = _app({**data, "root": "", "live": False}, fallback, tags)
-    return _document(title, policy, [f"<style>{_asset(name)}</style>" for name in STYLES], body)
+    return _document(title, policy, [f"<style>{asset(name)}</style>" for name in STYLES], body)
 
 
 def _app(data: Mapping[str, Any], fallback: str, tags: Sequence[str], body: str = "") -> str:
     parts = {"body": body, "fallback": html.escape(fallback), "data": inert_json(data)}
-    return _asset("app.html").format(**parts, scripts="\n".join(tags))
+    return asset("app.html").format(**parts, scripts="\n".join(tags))
 
 
 def _document(title: str, policy: str, sheets: Sequence[str], body: str) -> str:
     head = {"policy": policy, "title": html.escape(title), "styles": "\n".join(sheets)}
-    return _asset("page.html").format(**head, body=body)
+    return asset("page.html").format(**head, body=body)
 
 
 def paper_page(title: str, style: str, body: str) -> str:
     """A page for paper: a style sheet of the package inside, no scripts, nothing from elsewhere."""
     policy = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-    return _document(title, policy, [f"<style>\n{_asset(style)}</style>"], f"<main>\n{body}\n</main>")
+    return _document(title, policy, [f"<style>\n{asset(style)}</style>"], f"<main>\n{body}\n</main>")
 
 
 def structure_script(data: Mapping[str, Any]) -> str:
@@ -138,12 +138,12 @@ def structure_script(data: Mapping[str, Any]) -> str:
 
 def assets() -> dict[str, str]:
     """The files under ``assets/`` of a report folder, by name."""
-    return {name: _asset(name) for name in (*SCRIPTS, *STYLES)}
+    return {name: asset(name) for name in (*SCRIPTS, *STYLES)}
 
 
 def live_assets() -> dict[str, str]:
     """The files under ``assets/``, with those of the application."""
-    return assets() | {name: _asset(name) for name in ("live.js", "studio.js")}
+    return assets() | {name: asset(name) for name in ("live.js", "studio.js")}
 
 
 def image_address(content: bytes, kind: str = "png") -> str:
@@ -175,7 +175,8 @@ def finite(value: Any) -> Any:
 
 
 @cache
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """The text of a file of the package that pages need."""
     if name == PLOTLY:
         with extra("export"):
             from plotly.offline import get_plotlyjs

@@ -11,30 +11,12 @@ from typing import Any
 import pandas as pd
 
 from upplied.checks import pair_name
+from upplied.outputs.labels import LABELS
 
 PRESETS = ("recommended", "paper", "baseline")
 ATTENTION = {"recalled": -1, "failed": 0, "refused": 1, "not flyable": 1.5, "ok": 2}
-
-_FAILED = (
-    "Planning stopped with an error. Remove the cause and plan this target again; others are not affected."
-)
-_REFUSED = "Planning was refused. The inputs are valid, but no safe and complete plan follows from them. "
-_REFUSALS = (  # words of a plan's reason, and the advice
-    (
-        ("do not fit", "gamma", "orientation", "cannot be shown here"),
-        "The two structures differ more in shape than the settings allow. Demonstrate on a more similar "
-        "structure, or compare the 3-D views and raise the limit if the parts do correspond.",
-    ),
-    (
-        ("clearance", "keep-out", "ceiling", "geofence", "ground", "free way", "transit leg", "way round"),
-        "No path keeps the clearance within the allowed airspace. Check the place named in the reason; a "
-        "smaller clearance, other surroundings or another stand-off may help.",
-    ),
-)
-
-
-NOT_FLYABLE = "not flyable"
-RECALLED = "recalled"
+NOT_FLYABLE, RECALLED = "not flyable", "recalled"
+_ADVICE: dict[str, str] = LABELS["advice"]
 
 
 def shown_status(row: Mapping[str, Any]) -> str:
@@ -48,16 +30,10 @@ def shown_status(row: Mapping[str, Any]) -> str:
 
 def meaning(status: str, reason: str) -> str:
     """Advice about a plan's status; its own reason is shown beside it."""
-    if status == "ok":
-        return ""
-    if status == RECALLED:
-        return "Do not fly this plan. The structure changed, and the plan is no longer safe."
-    if status == NOT_FLYABLE:
-        return "Do not fly this plan. It serves for comparison only."
     if status != "refused":
-        return _FAILED
-    advice = [text for words, text in _REFUSALS if any(word in reason for word in words)]
-    return _REFUSED + (advice[0] if advice else "Do not fly here until the reason below is resolved.")
+        return _ADVICE.get(status, _ADVICE["failed"])
+    known = [text for text, words in LABELS["refusals"].items() if any(word in reason for word in words)]
+    return " ".join([_ADVICE["refused"], *(known or [_ADVICE["unresolved"]])[:1]])
 
 
 @dataclass(frozen=True)

@@ -18,15 +18,13 @@ from upplied.config import digest
 from upplied.errors import CatalogError, RefusedError, SettingsError, UppliedError
 from upplied.files import replace_file
 from upplied.outputs import pages
-from upplied.outputs.findings_page import MapOf, findings_html
-from upplied.outputs.fleet_page import fleet_data, places
 from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
+from upplied.outputs.page_data import fleet_data, marks, places
 from upplied.outputs.pairs import Pair
 from upplied.outputs.render import ZONES, mission_files
 from upplied.outputs.reports import Reader
-from upplied.outputs.site import ENDINGS, TITLE, Site
-from upplied.outputs.structure_page import marks
+from upplied.outputs.site import ENDINGS, TITLE, MapOf, Site, findings_html
 
 PICTURES = 200  # the default limit: each takes a second
 PAGES = 10_000  # likewise; a list that a browser still shows at once, and about a gigabyte

@@ -23,7 +23,7 @@ from upplied.outputs.fly import as_settled
 from upplied.outputs.missions import FORMATS, Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import CUSTODY, Breach
 from upplied.outputs.pairs import PRESETS
-from upplied.outputs.reference_photos import reference_photos
+from upplied.outputs.pictures import reference_photos
 from upplied.outputs.reports import plan_of
 from upplied.outputs.zones import MissionZones
 

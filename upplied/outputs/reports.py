@@ -17,7 +17,6 @@ from upplied.errors import UppliedError
 from upplied.geometry.scene import scene_of
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs import figures
-from upplied.outputs.along import profile
 from upplied.outputs.display import (
     DisplayMesh,
     display_mesh,
@@ -26,22 +25,21 @@ from upplied.outputs.display import (
     packed,
     structure_data,
 )
-from upplied.outputs.flown import Flights, flown_data, flown_sentence, seen_as_flown
-from upplied.outputs.fly import fly_data, path_drawn
+from upplied.outputs.fly import fly_data, path_drawn, quality_data
 from upplied.outputs.missions import gate
 from upplied.outputs.missions.gate import planned
+from upplied.outputs.page_data import passport_data, structure_facts
 from upplied.outputs.pair_page import (
     DRAFTED,
     demonstration_data,
     pair_data,
     path_data,
     planned_data,
+    profile,
     safety_m,
 )
 from upplied.outputs.pairs import Pair, shown_status
-from upplied.outputs.passport_page import passport_data
-from upplied.outputs.picture_quality import quality_data
-from upplied.outputs.structure_page import structure_facts
+from upplied.outputs.verdicts import Flights, flown_data, flown_sentence, seen_as_flown
 from upplied.outputs.zones import zones
 from upplied.records import Floats, Ints, Plan, Structure, SurfaceStates
 

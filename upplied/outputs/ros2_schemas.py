@@ -24,9 +24,12 @@ def registered(writer: Writer, names: Iterable[str]) -> dict[str, Schema]:
 
 
 def camera_info(camera: Camera, header: dict[str, Any]) -> dict[str, Any]:
-    """The calibration message of a camera without distortion."""
+    """The calibration message of a camera without distortion: a fisheye where no pinhole can be."""
     width, height = camera.width_px or 1000, camera.height_px or 1000
-    model, fx, fy = _focal(camera, width, height)
+    half = np.radians([camera.hfov_deg, camera.vfov_deg]) / 2
+    model = "plumb_bob" if half.max() < np.radians(80) else "equidistant"
+    reach = np.tan(half) if model == "plumb_bob" else half
+    fx, fy = (np.array([width, height]) / 2 / reach).tolist()
     return {
         "header": header,
         "height": height,
@@ -60,13 +63,3 @@ def transform(stamp_ns: int, parent: str, child: str, position: Floats, quat_xyz
         "child_frame_id": child,
         "transform": {"translation": place["position"], "rotation": place["orientation"]},
     }
-
-
-def _focal(camera: Camera, width: int, height: int) -> tuple[str, float, float]:
-    """Model and focal lengths, px: a pinhole, or a fisheye where a pinhole cannot be."""
-    half = np.radians([camera.hfov_deg, camera.vfov_deg]) / 2
-    if half.max() < np.radians(80):
-        fx, fy = np.array([width, height]) / 2 / np.tan(half)
-        return "plumb_bob", float(fx), float(fy)
-    fx, fy = np.array([width, height]) / 2 / half
-    return "equidistant", float(fx), float(fy)

@@ -11,7 +11,7 @@ import numpy as np
 
 from upplied.files import replace_file
 from upplied.outputs.logs import Encoding, write_log
-from upplied.records import Demonstration, Floats, Structure
+from upplied.records import Floats, Structure
 from upplied.samples.fleet import member, sample_demonstrations, sample_structures
 
 
@@ -61,18 +61,12 @@ def write_sample_fleet(folder: str | Path, progress: Callable[[str], None] | Non
         entries.append(_entry(structure, name, form))
         report(name)
     for number, demonstration in enumerate(sample_demonstrations()):
-        report(_write_flight(root, demonstration, _ENCODINGS[number % len(_ENCODINGS)]))
-    return replace_file(root / "structures.toml", _HEAD + "\n".join(entries))
-
-
-def _write_flight(root: Path, demonstration: Demonstration, encoding: Encoding) -> str:
-    name = f"logs/{demonstration.demonstration_id}.mcap"
-    structure = member(demonstration.structure_id).structure
-    write_log(root / name, demonstration, structure, encoding=encoding, simulated=True)
-    return name
-
-
-_HEAD = "# The sample fleet: parametric structures in several formats, units and axes.\n\n"
+        name, encoding = f"logs/{demonstration.demonstration_id}.mcap", _ENCODINGS[number % len(_ENCODINGS)]
+        structure = member(demonstration.structure_id).structure
+        write_log(root / name, demonstration, structure, encoding=encoding, simulated=True)
+        report(name)
+    head = "# The sample fleet: parametric structures in several formats, units and axes.\n\n"
+    return replace_file(root / "structures.toml", head + "\n".join(entries))
 
 
 def _entry(structure: Structure, name: str, form: _Form) -> str:
@@ -97,16 +91,12 @@ def _entry(structure: Structure, name: str, form: _Form) -> str:
 def _mesh_bytes(structure: Structure, form: _Form) -> bytes:
     import trimesh
 
-    vertices = structure.vertices @ _axes(form) / form.unit_m
+    forward, up = _axis(form.forward), _axis(form.up)
+    axes = np.stack([forward, np.cross(up, forward), up])  # of the file, along which x, y and z run
+    vertices = structure.vertices @ axes / form.unit_m
     mesh = trimesh.Trimesh(vertices, structure.triangles, process=False)
     content = mesh.export(file_type=form.suffix)
     return content.encode() if isinstance(content, str) else bytes(content)
-
-
-def _axes(form: _Form) -> Floats:
-    """Rows: the file's axes along which the structure's x, y and z run."""
-    forward, up = _axis(form.forward), _axis(form.up)
-    return np.stack([forward, np.cross(up, forward), up])
 
 
 def _axis(name: str) -> Floats:

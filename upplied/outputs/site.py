@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from functools import cached_property, partial
+from pathlib import Path
+
+import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.errors import CatalogError
+from upplied.files import replace_file
 from upplied.outputs import pages
-from upplied.outputs.findings_page import MapOf, findings_html
-from upplied.outputs.fleet_page import fleet_data, fleet_findings, places
 from upplied.outputs.foremost import first_pairs
+from upplied.outputs.page_data import fleet_data, fleet_findings, mark, places
 from upplied.outputs.pairs import Pair
 from upplied.outputs.reports import Reader
 
 TITLE = "Inspection fleet"
+#: Map structure of a kind, and the findings of the kind from `upplied.findings.queries.by_reference`.
+MapOf = Callable[[Catalog, str], tuple[str, pd.DataFrame]]
 #: Rooms of a report folder that the site fills, with the ending of their files; "" is the fleet's own page.
 ENDINGS = {
     **dict.fromkeys(("", "transfers", "structures", "demonstrations", "findings"), ".html"),
@@ -131,3 +137,47 @@ class Site:
 
 def _needs_scripts(name: str) -> str:
     return f"{name}: this page needs scripts."
+
+
+def findings_html(structure_id: str, rows: pd.DataFrame, root: str = "", live: bool = False) -> str:
+    """The page of findings of many structures by their places on one; `root` leads to the report folder."""
+    marks = []
+    for row in rows.to_dict("records"):
+        place = {axis: float(row[f"reference_{axis}"]) for axis in ("x_m", "y_m", "z_m")}
+        known = place["x_m"] == place["x_m"]
+        one = mark({str(key): value for key, value in row.items()} | place)
+        doubt = ", doubtful" if row["reference_doubtful"] else ""
+        where = f"{one['place']}{doubt}" if known else "none"
+        error = math.hypot(float(row["reference_error_m"]), one["error"] or 0.0)
+        shown = {"place": f"{where}, from {row['target_id']}", "error": error or None}
+        marks.append(one | shown | {"xyz": one["xyz"] if known else None})
+    title = f"Findings on {structure_id}"
+    data = {"id": structure_id, "facts": [], "findings": [], "zones": [], "marks": marks, "plans": [],
+            "flights": [], "history": [], "map": True, "alone": not root}  # fmt: skip
+    fallback, scripts = f"{title}: this page needs scripts.", [f"data/{structure_id}.js"]
+    return pages.page("structure", title, {"structure": data}, fallback, root, scripts, live)
+
+
+def write_findings_page(catalog: Catalog, structure_id: str, rows: pd.DataFrame, folder: Path) -> Path:
+    """Write a folder with that page alone.
+
+    Parameters
+    ----------
+    catalog : Catalog
+    structure_id : str
+        The map of the kind.
+    rows : DataFrame
+        From `upplied.findings.queries.by_reference`; findings without a place there are only listed.
+    folder : path
+        Made where it does not exist.
+
+    Returns
+    -------
+    path
+        Of the page.
+    """
+    for name, text in pages.assets().items():
+        replace_file(folder / "assets" / name, text)
+    script = pages.structure_script(Reader(catalog).structure_data(structure_id))
+    replace_file(folder / "data" / f"{structure_id}.js", script)
+    return replace_file(folder / "index.html", findings_html(structure_id, rows))

@@ -17,10 +17,9 @@ from upplied.fleet.editing import Base, Editing, JudgedEdit, flown_path
 from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row
 from upplied.fleet.flights import place_breaches
 from upplied.geometry.poses import from_yaw_pitch, optical_axis
-from upplied.outputs.along import profile
 from upplied.outputs.display import display_states, nearest_samples, packed, structure_data
 from upplied.outputs.labels import LABELS
-from upplied.outputs.pair_page import path_data
+from upplied.outputs.pair_page import path_data, profile
 from upplied.outputs.pairs import decision_words, number, sentence
 from upplied.outputs.reports import Reader
 from upplied.outputs.verdicts import headline

@@ -68,22 +68,11 @@ class Frame:
         for axis in range(3):  # faster than by broadcasting, and the same on any number of threads
             plane[:, axis] = across * self.right[axis] + upward * self.up[axis] + self.centre[axis]
         if np.isinf(self.eye_m):
-            return plane + self._far * self.back, np.broadcast_to(-self.back, plane.shape)
+            far = 10 * max(self.width, self.height) / self.metre_px
+            return plane + far * self.back, np.broadcast_to(-self.back, plane.shape)
         eye = self.centre + self.eye_m * self.back
         ray = plane - eye
         return np.broadcast_to(eye, plane.shape), ray / np.linalg.norm(ray, axis=1, keepdims=True)
-
-    def pixels(self, points: Floats) -> Floats:
-        """Where points (N, 3), m, appear, (N, 2) px from the upper left."""
-        local = points - self.centre
-        depth = local @ self.back
-        grow = self.metre_px if np.isinf(self.eye_m) else self.metre_px * self.eye_m / (self.eye_m - depth)
-        across, upward = (local @ self.right) * grow, (local @ self.up) * grow
-        return np.stack([self.width / 2 + across, self.height / 2 - upward], axis=1)
-
-    @property
-    def _far(self) -> float:
-        return 10 * max(self.width, self.height) / self.metre_px
 
 
 def fitted(view: View, points: Floats, width: int, height: int, margin: float = 0.06) -> Frame:

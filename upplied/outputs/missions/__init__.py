@@ -13,17 +13,14 @@ from upplied.files import replace_file
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import gate, maps
 from upplied.outputs.missions.dji_wpml import dji_kmz
-from upplied.outputs.missions.fences import fence_text, fenced, rally_text
 from upplied.outputs.missions.flying import FORMATS, Flying
-from upplied.outputs.missions.litchi import litchi_text
-from upplied.outputs.missions.mavlink import mavlink_text
+from upplied.outputs.missions.mavlink import fence_text, fenced, mavlink_text, qgc_plan_text, rally_text
 from upplied.outputs.missions.mcap import mcap_bytes
 from upplied.outputs.missions.mission import missions_of
 from upplied.outputs.missions.photos import interval_of
-from upplied.outputs.missions.qgc_plan import qgc_plan_text
 from upplied.outputs.missions.read_back import read_mcap, read_mission
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
-from upplied.records import Camera, Plan, Structure, Trajectory
+from upplied.records import Camera, Plan, Structure
 
 __all__ = ["FORMATS", "Exported", "Mission", "MissionOptions", "export", "missions_of"]
 
@@ -32,7 +29,7 @@ _WRITERS: dict[str, Callable[[Mission, MissionOptions], bytes | str]] = {
     "qgc-plan": qgc_plan_text,
     "mavlink": mavlink_text,
     "dji-wpml": dji_kmz,
-    "litchi": lambda mission, _: litchi_text(mission),
+    "litchi": lambda mission, _: maps.litchi_text(mission),
     "kml": lambda mission, _: maps.kml_text(mission),
     "geojson": lambda mission, _: maps.geojson_text(mission),
     "csv": lambda mission, _: maps.csv_text(mission),
@@ -50,7 +47,7 @@ class Exported:
 
 
 def export(
-    plan: Plan | Trajectory,
+    plan: Plan,
     structure: Structure,
     format: str,
     path: str | Path,
@@ -64,8 +61,8 @@ def export(
 
     Parameters
     ----------
-    plan : Plan or Trajectory
-        A plan must be ok.
+    plan : Plan
+        It must be ok.
     structure : Structure
         The target of the plan; every format but MCAP needs its place on the Earth.
     format : {"qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"}
@@ -93,10 +90,9 @@ def export(
     goal = Path(path)
     limits = gate.limits_of(options, interval_of(options, camera)[0])
     named = [*gate.plan_breaches(plan), *objections]
-    supposed = plan.supposed if isinstance(plan, Plan) else None
     if format == "mcap":
         content = mcap_bytes(plan, structure, camera)
-        named += gate.breaches(read_mcap(content), structure, limits, supposed)
+        named += gate.breaches(read_mcap(content), structure, limits, plan.supposed)
         overruled = gate.pass_or_refuse(structure.structure_id, named, options.overruled)
         notes = (*gate.notes_of(overruled), *zones(()))
         content = mcap_bytes(plan, structure, camera, notes) if notes else content
@@ -105,11 +101,13 @@ def export(
         return Exported((written,), (), ("coordinates in metres, structure frame", *notes), overruled)
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
-    missions = fenced(missions_for(format, plan, structure, options, camera, objections), structure, supposed)
+    missions = fenced(
+        missions_for(format, plan, structure, options, camera, objections), structure, plan.supposed
+    )
     by_words: dict[str, gate.Breach] = {}  # overruled breaches
     for mission in missions:  # all, before the first is written
         reading = read_mission(format, _written(format, mission, options), mission)
-        broken = gate.breaches(reading, structure, limits, supposed)
+        broken = gate.breaches(reading, structure, limits, plan.supposed)
         by_words |= {str(one): one for one in gate.pass_or_refuse(mission.name, broken, options.overruled)}
     more = tuple(breach for breach in by_words.values() if breach not in missions[0].overruled)
     notes = (*gate.notes_of(more), *zones(missions))
@@ -130,7 +128,7 @@ def export(
 
 def missions_for(
     format: str,
-    plan: Plan | Trajectory,
+    plan: Plan,
     structure: Structure,
     options: MissionOptions,
     camera: Camera | None = None,

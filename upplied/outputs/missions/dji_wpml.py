@@ -23,11 +23,6 @@ from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 
 _FILM_MM = 36.0
 _SAFE_HEIGHT_M = (2.0, 1500.0)
-_HEAD = """<?xml version="1.0" encoding="UTF-8"?>
-<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:wpml="http://www.dji.com/wpmz/1.0.2">
-<Document>
-"""
-_TAIL = "</Document>\n</kml>\n"
 #: Elements that are the same in every mission, in the order of the schema; empty ones are filled here.
 _ELEMENTS: dict[str, Any] = table("missions/dji.toml")
 #: Model -> drone type, sub type, and the payload that is built in, if one is.
@@ -43,7 +38,7 @@ def dji_kmz(mission: Mission, options: MissionOptions) -> bytes:
         for name, text in (("template.kml", _template(mission)), ("waylines.wpml", _waylines(mission))):
             entry = zipfile.ZipInfo(f"wpmz/{name}", (1980, 1, 1, 0, 0, 0))
             entry.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(entry, _HEAD + settings + text + _TAIL)
+            archive.writestr(entry, _ELEMENTS["document"].format(settings + text))
     return buffer.getvalue()
 
 
@@ -129,7 +124,8 @@ def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]
             turn["aircraftPathMode"] = "clockwise" if right else "counterClockwise"
             actions.append(("rotateYaw", turn))
         if at > stop[0] or number == 0:
-            actions.append(("gimbalRotate", _gimbal(mission.pitch_deg[at])))
+            pitch = {"gimbalPitchRotateAngle": f"{mission.pitch_deg[at]:.1f}"}
+            actions.append(("gimbalRotate", _ELEMENTS["gimbal"] | pitch))
         if at in zooms:
             actions.append(("zoom", _zoom(zooms[at])))
         if mission.hold_s[at] > SHORTEST_HOLD_S:
@@ -144,8 +140,8 @@ def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]
     if actions:
         groups.append(_action_group(3 * number, number, number, {"actionTriggerType": "reachPoint"}, actions))
     if stop[-1] + 1 < len(mission):
-        pitch = f"{mission.pitch_deg[stop[-1] + 1]:.1f}"
-        turns = [("gimbalEvenlyRotate", {"gimbalPitchRotateAngle": pitch, "payloadPositionIndex": 0})]
+        even = {"gimbalPitchRotateAngle": f"{mission.pitch_deg[stop[-1] + 1]:.1f}", "payloadPositionIndex": 0}
+        turns: list[tuple[str, dict]] = [("gimbalEvenlyRotate", even)]
         between = {"actionTriggerType": "betweenAdjacentPoints"}
         groups.append(_action_group(3 * number + 1, number, number + 1, between, turns))
     if mission.photo_distance_m and mission.inspects_behind(stop[-1]):
@@ -158,10 +154,6 @@ def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]
 def _zoom(hfov_deg: float) -> dict[str, object]:
     focal_mm = _FILM_MM / 2 / np.tan(np.radians(min(hfov_deg, 179.0)) / 2)
     return {"focalLength": f"{focal_mm:.1f}", "isUseFocalFactor": 0, "payloadPositionIndex": 0}
-
-
-def _gimbal(pitch_deg: float) -> dict[str, object]:
-    return _ELEMENTS["gimbal"] | {"gimbalPitchRotateAngle": f"{pitch_deg:.1f}"}
 
 
 def _photo(at: int) -> dict[str, object]:

@@ -132,14 +132,10 @@ def breaches(
     return [*breach_list, *_photographing(reading, limits)]
 
 
-def plan_breaches(plan: Plan | Trajectory) -> list[Breach]:
-    """Rules that a plan breaks by its status, preset and verdict."""
-    if isinstance(plan, Trajectory):
-        return []
-    breach_list = [Breach("verdict", plan.not_flyable)] if plan.not_flyable else []
-    if plan.preset != "recommended":
-        breach_list.insert(0, Breach("preset", f"the plan is of preset {plan.preset}"))
-    return breach_list
+def plan_breaches(plan: Plan) -> list[Breach]:
+    """Rules that a plan breaks by its preset and verdict."""
+    preset = [Breach("preset", f"the plan is of preset {plan.preset}")] * (plan.preset != "recommended")
+    return [*preset, *([Breach("verdict", plan.not_flyable)] if plan.not_flyable else [])]
 
 
 def zoom_breaches(path: Trajectory, zooms: bool) -> list[Breach]:
@@ -185,14 +181,11 @@ def pass_or_refuse(what: str, objections: Iterable[Breach], force: tuple[str, ..
     if left:
         others = sorted({breach.rule for breach in left[1:]} - {left[0].rule})
         more = f"; also broken: {', '.join(others)}" if others else ""
-        names = " ".join(dict.fromkeys(map(_overrule, left)))
+        flags = ["--draft" if one.rule in DRAFTS else f"--force {one.rule}" for one in left]
+        names = " ".join(dict.fromkeys(flags))
         why, remedy = RULES[left[0].rule]
         raise RefusedError(what, f"{left[0]}{more}", why, f"{remedy}, or use {names}")
     return tuple(objections)
-
-
-def _overrule(breach: Breach) -> str:
-    return "--draft" if breach.rule in DRAFTS else f"--force {breach.rule}"
 
 
 def notes_of(overruled: Iterable[Breach]) -> list[str]:

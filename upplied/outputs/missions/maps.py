@@ -1,35 +1,21 @@
-"""A mission for maps and scripts: a plain table (CSV), GeoJSON for GIS, and KML for map viewers."""
+"""A mission as tables and for maps: plain CSV, Litchi's CSV, GeoJSON for GIS, and KML for map viewers."""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
+import math
 from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
 
-from upplied.outputs.missions.records import Mission
+from upplied.outputs.labels import table
+from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
 
 _KML_MODE = {"relative": "relativeToGround", "amsl": "absolute"}
-_KML = """<?xml version="1.0" encoding="UTF-8"?>
-<kml xmlns="http://www.opengis.net/kml/2.2">
-<Document>
-<name>{title}</name>
- <Placemark><name>{name}</name><description>{about}</description>
-  <Style><LineStyle><color>ffb27200</color><width>3</width></LineStyle></Style>
-  <LineString><altitudeMode>{mode}</altitudeMode><coordinates>{coordinates}</coordinates></LineString>
- </Placemark>
-{photos}</Document>
-</kml>
-"""
-_PHOTO = """ <Placemark><name>photo {number}</name>
-  <description>heading {heading:.1f} deg, gimbal pitch {pitch:.1f} deg{zoom}</description>
-  <ExtendedData><Data name="t_s"><value>{time:.3f}</value></Data></ExtendedData>
-  <Point><altitudeMode>{mode}</altitudeMode><coordinates>{coordinates}</coordinates></Point>
- </Placemark>
-"""
+_TEXTS: dict[str, str] = table("missions/maps.toml")
 
 
 def csv_text(mission: Mission) -> str:
@@ -106,7 +92,7 @@ def kml_text(mission: Mission) -> str:
     ]
     times = mission.arrival_s
     photos = [
-        _PHOTO.format(
+        _TEXTS["photo"].format(
             number=number + 1, time=times[at], heading=mission.heading_deg[at], pitch=mission.pitch_deg[at],
             mode=mode, coordinates=places[at],
             zoom="" if mission.fov_deg is None else f", field of view {mission.fov_deg[at, 0]:.1f} deg",
@@ -114,7 +100,57 @@ def kml_text(mission: Mission) -> str:
         for number, at in enumerate(mission.photo.nonzero()[0])
     ]  # fmt: skip
     about = "; ".join([f"altitudes: {mission.altitude}, datum {mission.placement.datum}", *mission.notes])
-    return _KML.format(
+    return _TEXTS["kml"].format(
         title=escape(mission.name), name=escape(f"{mission.name} {mission.number} of {mission.count}"),
         about=escape(about), mode=mode, coordinates=" ".join(places), photos="".join(photos),
     )  # fmt: skip
+
+
+# Litchi gives no schema. The columns and codes are those its hub imports and exports: gimbal mode 2
+# interpolates the pitch, action 0 stays for milliseconds, 1 takes a photo, 2 and 3 start and stop a film,
+# 4 turns the aircraft, 5 the gimbal, -1 is no action, altitude mode 0 is above take-off.
+_ACTIONS = 15
+_COLUMNS = (
+    "latitude", "longitude", "altitude(m)", "heading(deg)", "curvesize(m)", "rotationdir", "gimbalmode",
+    "gimbalpitchangle",
+    *(f"action{part}{at}" for at in range(1, _ACTIONS + 1) for part in ("type", "param")),
+    "altitudemode", "speed(m/s)", "poi_latitude", "poi_longitude", "poi_altitude(m)", "poi_altitudemode",
+    "photo_timeinterval", "photo_distinterval",
+)  # fmt: skip
+_INTERPOLATE, _NOTHING, _ABOVE_TAKEOFF = 2, -1, 0
+_STAY, _SHOOT, _RECORD, _RECORDED, _ROTATE, _TILT = 0, 1, 2, 3, 4, 5
+_TURNS = _ACTIONS // 4  # on the spot, of one row
+
+
+def litchi_text(mission: Mission) -> str:
+    """The mission as Litchi's CSV: 46 columns, one row a waypoint; heights above take-off."""
+    buffer = io.StringIO()
+    rows = csv.writer(buffer, lineterminator="\n")
+    rows.writerow(_COLUMNS)
+    stops = [stop[first : first + _TURNS] for stop in mission.stops for first in range(0, len(stop), _TURNS)]
+    for stop in stops:
+        at = stop[0]
+        lat, lon = mission.geodetic[at, :2]
+        actions = [part for each in stop for part in _actions(mission, each, each > at)]
+        actions += [_NOTHING, 0] * (_ACTIONS - len(actions) // 2)
+        behind = mission.inspects_behind(stop[-1])
+        every_m = mission.photo_distance_m if mission.photo_distance_m and behind else -1
+        rows.writerow(
+            [
+                f"{lat:.8f}", f"{lon:.8f}", f"{mission.height_m[at]:.2f}",
+                f"{mission.heading_deg[at]:.1f}", 0, 0,
+                _INTERPOLATE, f"{mission.pitch_deg[at]:.1f}", *actions, _ABOVE_TAKEOFF,
+                f"{mission.speed_mps[min(stop[-1] + 1, len(mission) - 1)]:.2f}", 0, 0, 0, 0, -1, every_m,
+            ]
+        )  # fmt: skip
+    return buffer.getvalue()
+
+
+def _actions(mission: Mission, at: int, on_the_spot: bool) -> list[int]:
+    """Types and parameters of the actions at a waypoint; a turn on the spot has no row of its own."""
+    turn = [_ROTATE, round(mission.heading_deg[at]) % 360, _TILT, round(mission.pitch_deg[at])]
+    stay = [_STAY, math.ceil(1e3 * mission.hold_s[at])] if mission.hold_s[at] > SHORTEST_HOLD_S else []
+    photo = [_SHOOT, 0] if mission.photo[at] else []
+    if mission.films:
+        photo = [_RECORD, 0] * (at == mission.starts_at) + [_RECORDED, 0] * (at == mission.stops_at)
+    return (turn if on_the_spot else []) + stay + photo

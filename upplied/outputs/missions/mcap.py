@@ -22,7 +22,7 @@ _MARKERS = "visualization_msgs/msg/MarkerArray"
 
 
 def mcap_bytes(
-    plan: Plan | Trajectory,
+    plan: Plan,
     structure: Structure,
     camera: Camera | None = None,
     notes: tuple[str, ...] = (),
@@ -31,17 +31,15 @@ def mcap_bytes(
 
     Needs no place on the Earth: everything is in the structure frame, metres.
     """
-    path = plan if isinstance(plan, Trajectory) else plan.trajectory
+    path = plan.trajectory
     if path is None:
-        assert isinstance(plan, Plan)
         fault = f"the plan is {plan.status}: {plan.reason}"
         raise RefusedError(plan.target_id, fault, "only a plan that is ok")
     buffer = io.BytesIO()
     writer = Writer(buffer)
     schemas = registered(writer, (_POSE, _LINKS, _LINE, _MARKERS))
     facts = {"structure_id": structure.structure_id, "frame": "structure: metres, Z up, +X forward"}
-    if isinstance(plan, Plan):
-        facts |= {"demonstration_id": plan.demonstration_id, "preset": plan.preset}
+    facts |= {"demonstration_id": plan.demonstration_id, "preset": plan.preset}
     if notes:
         facts["notes"] = "; ".join(notes)
     writer.add_metadata("plan", facts)
@@ -68,25 +66,22 @@ def mcap_bytes(
     return buffer.getvalue()
 
 
-def _surface(plan: Plan | Trajectory, structure: Structure) -> dict[str, Any]:
+def _surface(plan: Plan, structure: Structure) -> dict[str, Any]:
     mesh = display_mesh(structure)
     vertices, triangles = mesh.vertices, mesh.triangles
     if len(triangles):
         marker = _marker("structure", _TRIANGLE_LIST, vertices[triangles].reshape(-1, 3), SURFACE, 1.0)
     else:
         marker = _marker("structure", _POINTS, vertices, SURFACE, structure.diagonal_m / 300)
-    states = plan.surface if isinstance(plan, Plan) else None
-    if states is not None:
+    if plan.surface is not None:
         palette = [_colour(colour) for colour in STATES.values()]
-        code = display_states(mesh, states)
+        code = display_states(mesh, plan.surface)
         marker["colors"] = [palette[each] for each in np.repeat(code, 3 if len(triangles) else 1)]
     return marker
 
 
-def _frusta(plan: Plan | Trajectory, path: Trajectory, camera: Camera) -> dict[str, Any]:
-    chosen = np.arange(len(path))
-    if isinstance(plan, Plan) and plan.is_viewpoint is not None:
-        chosen = np.flatnonzero(plan.is_viewpoint)
+def _frusta(plan: Plan, path: Trajectory, camera: Camera) -> dict[str, Any]:
+    chosen = np.arange(len(path)) if plan.is_viewpoint is None else np.flatnonzero(plan.is_viewpoint)
     depth = 0.04 * float(np.linalg.norm(np.ptp(path.positions, axis=0))) + 0.2
     positions = path.positions[chosen]
     quats, fov_deg = path.quat_xyzw[chosen], path.fov_deg
@@ -97,8 +92,7 @@ def _frusta(plan: Plan | Trajectory, path: Trajectory, camera: Camera) -> dict[s
         rim = np.concatenate([frustum_corners(*one, depth) for one in each])
     apex = np.repeat(positions[:, None], 4, axis=1)
     ends = np.stack([apex, rim, rim, np.roll(rim, -1, axis=1)], axis=2)
-    preset = plan.preset if isinstance(plan, Plan) else "recommended"
-    colour = PRESETS.get(preset, PRESETS["recommended"])
+    colour = PRESETS.get(plan.preset, PRESETS["recommended"])
     return _marker("frusta", _LINE_LIST, ends.reshape(-1, 3), colour, depth / 40)
 
 

@@ -12,15 +12,20 @@ from upplied.errors import RefusedError
 from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.mission_options import MissionOptions
-from upplied.outputs.missions import gate, geodesy
-from upplied.outputs.missions.corners import passing_m
-from upplied.outputs.missions.flying import Flying
+from upplied.outputs.missions import gate
+from upplied.outputs.missions.flying import Flying, passing_m
 from upplied.outputs.missions.gate import planned
 from upplied.outputs.missions.photos import shots_of
-from upplied.outputs.missions.records import Mission
-from upplied.outputs.missions.sorties import SLOWEST_MPS, Cutter, Sortie
+from upplied.outputs.missions.records import Mission, heading_and_pitch, placement_of, to_geodetic
 from upplied.outputs.missions.thinning import thinned
-from upplied.outputs.missions.transits import USUAL_CEILING_M, Transits, default_home
+from upplied.outputs.missions.transits import (
+    SLOWEST_MPS,
+    USUAL_CEILING_M,
+    Cutter,
+    Sortie,
+    Transits,
+    default_home,
+)
 from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.records import (
     Bools,
@@ -30,7 +35,6 @@ from upplied.records import (
     Plan,
     Structure,
     SupposedSurface,
-    SurfaceStates,
     Trajectory,
 )
 
@@ -42,7 +46,7 @@ _NEVER_SCANNED = "part of the structure was never scanned: every leg also keeps 
 
 
 def missions_of(
-    plan: Plan | Trajectory,
+    plan: Plan,
     structure: Structure,
     options: MissionOptions,
     flying: Flying = ANYTHING,
@@ -58,10 +62,9 @@ def missions_of(
         its datum, no safe transit leads to the inspection and back, or the plan breaks a rule of the gate
         that is not overruled.
     """
-    path, is_viewpoint, surface, name = _inspection(plan, structure)
-    own = isinstance(plan, Plan) and bool(plan.photos or plan.photos_sha256)
-    supposed = plan.supposed if isinstance(plan, Plan) else None
-    placement = geodesy.placement_of(structure)
+    path, name = _path_of(plan, structure)
+    supposed, seen = plan.supposed, (plan.surface, camera or Camera())
+    placement = placement_of(structure)
     check_altitude(options.altitude, placement, structure.structure_id)
     if options.altitude not in flying.altitudes:
         raise RefusedError(name, f"{options.altitude} altitudes were requested", flying.altitude_rule)
@@ -79,16 +82,11 @@ def missions_of(
         notes.append(note)
     else:
         home = np.array(options.home_m, float)
-    camera = camera or Camera()
-    shots = shots_of(name, path, is_viewpoint, airspace.scene, (surface, camera), options, own)
-    tolerances = (options.tolerance_m, options.tolerance_deg)
-    waypoints, note, share = thinned(
-        shots.path, shots.fixed, tolerances, airspace, (surface, camera), flying.turning, zooms
-    )
-    path = shots.path
+    shots = shots_of(name, plan, airspace.scene, seen[1], options)
+    path, tolerances = shots.path, (options.tolerance_m, options.tolerance_deg)
+    waypoints, note, share = thinned(path, shots.fixed, tolerances, airspace, seen, flying.turning, zooms)
     shown = share if options.photos == "video" else shots.shown
     share = float(np.fmin(share, shots.shown))
-    inspected_pct = plan.measures.coverage_inspected_pct if isinstance(plan, Plan) else float("nan")
     lacking = [*gate.coverage_breaches(share, limits), *gate.overlap_breaches(shots.across, options.overlaps)]
     unseen = gate.pass_or_refuse(name, lacking, options.overruled)
     notes += [note, *shots.notes, *gate.notes_of(unseen)]
@@ -109,7 +107,7 @@ def missions_of(
     missions = []
     for at, sortie in enumerate(sorties):
         body = _waypoints(cutter, photo, passing, sortie)
-        heading, pitch = geodesy.heading_and_pitch(body["quat_xyzw"], placement.heading_deg)
+        heading, pitch = heading_and_pitch(body["quat_xyzw"], placement.heading_deg)
         missions.append(
             Mission(
                 name=name,
@@ -117,14 +115,14 @@ def missions_of(
                 count=len(sorties),
                 placement=placement,
                 altitude=options.altitude,
-                home=geodesy.to_geodetic(home[None], placement)[0],
+                home=to_geodetic(home[None], placement)[0],
                 home_local=home,
                 return_height_m=transits.return_z_m - float(home[2]),
-                geodetic=geodesy.to_geodetic(body["local"], placement),
+                geodetic=to_geodetic(body["local"], placement),
                 heading_deg=heading,
                 pitch_deg=pitch,
                 photo_distance_m=shots.every_m,
-                shown_pct=shown * inspected_pct,
+                shown_pct=shown * plan.measures.coverage_inspected_pct,
                 films=options.photos == "video",
                 duration_s=sortie.duration_s,
                 notes=tuple(notes),
@@ -211,11 +209,8 @@ def check_altitude(altitude: str, placement: Placement, structure_id: str) -> No
         )
 
 
-def _inspection(
-    plan: Plan | Trajectory, structure: Structure
-) -> tuple[Trajectory, Bools | None, SurfaceStates | None, str]:
-    if isinstance(plan, Trajectory):
-        return plan, None, None, structure.structure_id
+def _path_of(plan: Plan, structure: Structure) -> tuple[Trajectory, str]:
+    """The path of a plan for this structure, and the name of its mission."""
     name = pair_name(plan.demonstration_id, plan.target_id)
     if plan.status != "ok" or plan.trajectory is None:
         fault = f"the plan is {plan.status}: {plan.reason}"
@@ -223,7 +218,7 @@ def _inspection(
     if plan.target_id != structure.structure_id:
         fault = f"the structure given is {structure.structure_id}"
         raise RefusedError(name, fault, f"the plan is for {plan.target_id}")
-    return plan.trajectory, plan.is_viewpoint, plan.surface, name
+    return plan.trajectory, name
 
 
 def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) -> dict[str, Any]:

@@ -13,9 +13,9 @@ from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions.gate import Limits
-from upplied.outputs.missions.sorties import SLOWEST_MPS
+from upplied.outputs.missions.transits import SLOWEST_MPS
 from upplied.photographed import MARGIN, photographed, share_shown
-from upplied.records import Bools, Camera, Cloud, Record, SurfaceStates, Trajectory
+from upplied.records import Bools, Camera, Cloud, Plan, Record, Trajectory
 
 _SLOWER_S = 1.0  # shorter delays are not noted
 
@@ -44,38 +44,30 @@ def interval_of(options: MissionOptions, camera: Camera | None) -> tuple[float, 
     return least_interval(known_camera(name, options.file_format) if name else camera)
 
 
-def shots_of(
-    name: str,
-    path: Trajectory,
-    viewpoints: Bools | None,
-    scene: Scene,
-    seen: tuple[SurfaceStates | None, Camera | None],
-    options: MissionOptions,
-    own: bool = False,
-) -> Shots:
+def shots_of(name: str, plan: Plan, scene: Scene, camera: Camera, options: MissionOptions) -> Shots:
     """Where a mission takes photos, and its path in the times that they need.
+
+    A plan's own photos stay where the camera has time for them; a plan without viewpoints is photographed by
+    distance.
 
     Parameters
     ----------
     name : str
         Of the mission, for errors.
-    path : Trajectory
-        N poses.
-    viewpoints : array of bool, shape (N,), or None
-        Of a plan; a bare path is photographed by distance.
+    plan : Plan
+        With a path.
     scene : Scene
-    seen : (SurfaceStates or None, Camera or None)
-        The surface that the plan shows, if known, and the demonstration's camera.
+    camera : Camera
+        Of the demonstration.
     options : MissionOptions
-    own : bool
-        Whether the viewpoints are the plan's own photos, which stay where the camera takes them in time.
 
     Raises
     ------
     RefusedError
         If photos by distance ask for a flight that is slower than any vehicle flies.
     """
-    states, camera = seen
+    path, viewpoints, states = plan.trajectory, plan.is_viewpoint, plan.surface
+    assert path is not None
     none, nan = np.zeros(len(path), bool), float("nan")
     fixed = none if viewpoints is None else viewpoints
     if options.photos == "video":
@@ -84,9 +76,10 @@ def shots_of(
         return Shots(path, fixed, none, 0.0, nan, nan, ())
     interval, why = interval_of(options, camera)
     ready = f"the camera needs {interval:g} s for a photo ({why})"
-    surface, camera = Cloud(np.empty((0, 3))), camera or Camera()
+    surface = Cloud(np.empty((0, 3)))
     if states is not None:
         surface = Cloud(states.points, states.normals).at(states.state == 1)
+    own = bool(plan.photos or plan.photos_sha256)
     if own and viewpoints is not None and not options.overlap and options.photos == "viewpoints":
         between = np.diff(path.t_s[viewpoints])
         if not len(between) or between.min() >= interval * MARGIN - 1e-6:

@@ -21,10 +21,9 @@ from mcap_ros2.reader import read_ros2_messages
 
 from upplied.errors import RefusedError
 from upplied.geometry.polylines import cumulated, leg_lengths
-from upplied.outputs.missions.corners import triangle
+from upplied.outputs.missions.flying import triangle
 from upplied.outputs.missions.gate import Reading, planned
-from upplied.outputs.missions.geodesy import from_geodetic
-from upplied.outputs.missions.records import Mission
+from upplied.outputs.missions.records import Mission, from_geodetic
 from upplied.records import Floats
 
 _WAYPOINT, _SPEED, _DISTANCE = 16, 178, 206

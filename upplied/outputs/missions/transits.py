@@ -1,29 +1,33 @@
-"""The legs of a mission outside of its inspection: short, low, under the same rules as the plan.
+"""The sorties of a mission, and their legs outside of the inspection: short, low, under the plan's rules.
 
 From home the vehicle climbs straight up, flies to the inspection the shortest way that breaks no rule,
 and comes back alike. Where the straight leg is not free, the way leads round the structure along the
-roadmap that plans are made safe with (`planning.airspace.roadmap`).
+roadmap that plans are made safe with (`planning.airspace.roadmap`). An inspection is cut where a free way
+home exists, the cut waypoint in both sorties.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from upplied.config import CloudSettings
 from upplied.errors import RefusedError
-from upplied.geometry.polylines import arc_length, leg_lengths
+from upplied.geometry.polylines import arc_length, cumulated, leg_lengths
 from upplied.geometry.scene import scene_of
 from upplied.geometry.supposed_scene import extent, obstacle
+from upplied.outputs.mission_options import MissionOptions
 from upplied.planning.airspace.roadmap import Roadmap, roadmap, way
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.surface.samples import surface_samples
-from upplied.records import Floats, Structure, SupposedSurface
+from upplied.records import Floats, Structure, SupposedSurface, Trajectory
 
 #: Above ground: the limit of the open category (Regulation (EU) 2019/947, UAS.OPEN.010).
 USUAL_CEILING_M = 120.0
+SLOWEST_MPS, _FASTEST_MPS = 0.2, 15.0  # of a leg of the inspection
+_GROUND_S = 20.0  # for starting and landing
 _CLIMB_M = 3.0  # straight up before the first leg, at least
 _SAMPLES = CloudSettings(surface_samples=3000)  # of the structure, for the roadmap
 _PATH_STEP_M = 2.0  # between the places of the inspection that are in the roadmap too
@@ -99,14 +103,17 @@ class Transits:
         shortest = min(
             candidates, key=lambda line: leg_lengths(np.vstack([line, self.home])).sum(), default=None
         )
-        return None if shortest is None else _distinct(shortest)
+        if shortest is None:
+            return None
+        moved = leg_lengths(shortest) > 0.01  # controllers refuse a point that repeats the one before
+        return shortest[np.concatenate([[True], moved])]
 
     @cached_property
     def _roads(self) -> Roadmap:
         surface = surface_samples(self.structure, scene_of(self.structure), _SAMPLES)
-        return roadmap(
-            self.airspace, obstacle(surface, self.supposed), _spaced(self.inspection, _PATH_STEP_M)
-        )
+        step = arc_length(self.inspection) // _PATH_STEP_M
+        places = self.inspection[np.unique(step, return_index=True)[1]]
+        return roadmap(self.airspace, obstacle(surface, self.supposed), places)
 
     @cached_property
     def _climbing(self) -> Airspace:
@@ -148,13 +155,91 @@ def _until_outside(point: Floats, direction: Floats, low: Floats, high: Floats, 
     return float(steps.min())
 
 
-def _distinct(points: Floats) -> Floats:
-    """The polyline without points that repeat the one before: controllers refuse them."""
-    moved = leg_lengths(points) > 0.01
-    return points[np.concatenate([[True], moved])]
+@dataclass(frozen=True)
+class Sortie:
+    """Waypoints first .. last of an inspection, and its transit legs (K, 3), m, from above home and back."""
+
+    first: int
+    last: int
+    outbound: Floats
+    inbound: Floats
+    duration_s: float
 
 
-def _spaced(points: Floats, step_m: float) -> Floats:
-    """Some points of a polyline (N, 3), at least a step apart along it."""
-    along = arc_length(points)
-    return points[np.unique(along // step_m, return_index=True)[1]]
+@dataclass
+class Cutter:
+    """Cuts one inspection under given options."""
+
+    path: Trajectory
+    transits: Transits
+    options: MissionOptions
+    most: int  # waypoints of one sortie
+    stop_s: Floats  # (N,) that each waypoint costs besides its leg
+    legs_home: dict[int, Floats | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        legs, planned = leg_lengths(self.path.positions), np.diff(self.path.t_s)
+        self.speeds = np.clip(legs / np.maximum(planned, 1e-6), SLOWEST_MPS, _FASTEST_MPS)
+        flown = legs / self.speeds
+        self.holds_s = np.maximum(planned - flown, 0.0)  # turning on the spot, or hovering
+        self.elapsed_s = cumulated(flown + self.holds_s + self.stop_s[1:])
+        given = self.options.endurance_s
+        self.budget_s = np.inf if given is None else given * (1 - self.options.reserve_pct / 100)
+
+    def sorties(self) -> list[Sortie]:
+        """As few as the greedy rule finds: each as long as it may be."""
+        flights: list[Sortie] = []
+        while not flights or flights[-1].last < len(self.path) - 1:
+            flights.append(self._longest_from(flights[-1].last if flights else 0))
+        return flights
+
+    def _longest_from(self, first: int) -> Sortie:
+        there = self._leg_home(first)
+        if there is None:
+            raise self._no_leg(first)
+        least = first if len(self.path) == 1 else first + 1
+        reach = np.searchsorted(
+            self.elapsed_s, self.elapsed_s[first] + self.budget_s - self._transit_s(there)
+        )
+        farthest = min(len(self.path) - 1, int(reach), first + self.most - len(there) - 1)
+        for last in range(farthest, least - 1, -1):
+            back = self._leg_home(last)
+            if back is None or last - first + len(there) + len(back) - 1 > self.most:
+                continue
+            spent = self.elapsed_s[last] - self.elapsed_s[first] + self._transit_s(there)
+            spent += self._transit_s(back) - _GROUND_S
+            if spent <= self.budget_s:
+                return Sortie(first, last, there[:0:-1], back[1:], float(spent))
+        if farthest == len(self.path) - 1 and self._leg_home(farthest) is None:
+            raise self._no_leg(farthest)
+        raise self._too_short(first)
+
+    def _leg_home(self, at: int) -> Floats | None:
+        if at not in self.legs_home:
+            self.legs_home[at] = self.transits.leg_home(at)
+        return self.legs_home[at]
+
+    def _transit_s(self, leg: Floats) -> float:
+        way = leg_lengths(np.concatenate([leg, self.transits.home[None]]))
+        return float(way.sum()) / self.options.transit_mps + _GROUND_S
+
+    def _no_leg(self, at: int) -> RefusedError:
+        place = self.path.positions[at].round(1).tolist()
+        return RefusedError(
+            self.transits.structure.structure_id,
+            f"no safe transit leg reaches the waypoint at {place} m, {self.path.t_s[at]:.0f} s into the plan",
+            "transit legs keep the clearance, the ceiling, keep-out boxes and geofence",
+            "choose another home, a smaller clearance, or a plan that starts in the open",
+        )
+
+    def _too_short(self, at: int) -> RefusedError:
+        given = self.options.endurance_s
+        limits = [f"at most {self.most} waypoints"] if self.most < 10**9 else []
+        if given is not None:
+            limits.insert(0, f"an endurance of {given:g} s, {self.options.reserve_pct:g} % in reserve")
+        return RefusedError(
+            f"mission from {self.path.positions[at].round(1).tolist()} m",
+            "no part of the inspection fits into one flight with its transit legs",
+            ", ".join(limits),
+            "raise the limit, take off nearer (--home-m), or fly faster",
+        )

@@ -1,0 +1,243 @@
+"""The data of the pages of a fleet, of a structure and of a demonstration."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from upplied.catalog import Catalog
+from upplied.inputs.rules import from_json
+from upplied.outputs.labels import LABELS
+from upplied.outputs.pages import image_address
+from upplied.outputs.pairs import (
+    COVERAGES,
+    Pair,
+    attainable,
+    battery_pct,
+    change,
+    coverage,
+    decision_words,
+    number,
+    reason_of,
+    shown_status,
+    stamp,
+)
+from upplied.outputs.verdicts import all_warnings
+from upplied.records import Demonstration, Structure
+
+_MOST = 200  # flights and decisions on a page; the tables contain all
+
+
+def structure_facts(
+    catalog: Catalog, structure: Structure, pairs: Sequence[Pair], zones: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
+    """The content of the page; tables are lists of rows, the newest first."""
+    name, place, triangles = structure.structure_id, structure.placement, len(structure.triangles)
+    size = " × ".join(f"{side:.1f}" for side in np.ptp(structure.vertices, axis=0))
+    facts = {
+        "Kind": structure.kind.replace("_", " "),
+        "Size": f"{size} m",
+        "Model": f"{triangles:,} triangles" if triangles else "point cloud",
+        "Landmarks": ", ".join(sorted(structure.landmarks)),
+        "Latitude, longitude": "" if place is None else f"{place.lat_deg:.5f}, {place.lon_deg:.5f}",
+        "Heading of +X": "" if place is None else f"{place.heading_deg:.0f}° from true north",
+    }
+    return {
+        "id": name,
+        "facts": list(facts.items()),
+        "findings": [str(finding) for finding in from_json(structure.verdicts_json)],
+        "zones": list(zones),
+        "marks": marks(catalog, name),
+        "plans": [_plan(pair, preset, row) for pair in pairs for preset, row in _plans(pair)],
+        "flights": [
+            {
+                "when": stamp(row.get("flown_at")),
+                "operator": str(row.get("operator") or ""),
+                "plan": str(row["transfer_id"]),
+                "share": number(row, "flown_pct"),
+                "clearance": number(row, "min_clearance_m"),
+                "findings": str(row.get("findings") or ""),
+            }
+            for row in _rows(catalog.flights(kind="flown"), name)
+        ],
+        "history": _history(catalog, name),
+    }
+
+
+def marks(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
+    """The findings of a structure in their current state, the newest first."""
+    return [mark(row) for row in _rows(catalog.findings(), structure_id)]
+
+
+def mark(row: dict[str, Any]) -> dict[str, Any]:
+    """A finding as pages show it."""
+    place = [float(row[axis]) for axis in ("x_m", "y_m", "z_m")]
+    return {
+        "finding": str(row["finding_id"]),
+        "class": str(row["class"] or ""),
+        "severity": str(row["severity"] or ""),
+        "state": str(row["state"]),
+        "place": ", ".join(f"{round(value, 2) + 0.0:.2f}" for value in place),  # no -0.00
+        "xyz": place,
+        "error": number(row, "place_error_m"),
+        "length": number(row, "length_mm"),
+        "photo": str(row["photo"] or ""),
+        "by": f"{row['by']}, {stamp(row['added_at'])}",
+    }
+
+
+def _plans(pair: Pair) -> list[tuple[str, Any]]:
+    drafts = [] if pair.draft is None else [("newer draft", pair.draft)]
+    return [(str(pair.main["preset"]), pair.main), *drafts]
+
+
+def _plan(pair: Pair, preset: str, row: Any) -> dict[str, Any]:
+    return {
+        "pair": pair.name,
+        "demonstration": pair.demonstration_id,
+        "preset": preset,
+        "status": shown_status(row),
+        "state": decision_words(row),
+        "coverage": coverage(row),
+        "gsd": number(row, "gsd_mm_p50"),
+        "clearance": number(row, "min_clearance_m"),
+        "duration": number(row, "duration_s"),
+        "planned": stamp(row.get("planned_at")),
+    }
+
+
+def _rows(frame: pd.DataFrame, structure_id: str) -> list[dict[str, Any]]:
+    """Rows of a table about a structure, the newest first."""
+    own = frame[frame["target_id"] == structure_id].iloc[::-1].head(_MOST)
+    return [{str(key): value for key, value in row.items()} for row in own.to_dict("records")]
+
+
+def _history(catalog: Catalog, structure_id: str) -> list[dict[str, str]]:
+    """Decisions about the plans of a structure, the newest first."""
+    return [
+        {
+            "when": stamp(row.get("added_at")),
+            "what": f"Plan {row['transfer_id']} {row['state']} by {row['by']}",
+            "note": str(row.get("note") or ""),
+        }
+        for row in _rows(catalog.decisions(), structure_id)
+    ]
+
+
+def rows_of(passport: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The figures of a passport with their names, as text."""
+    measured = passport["measured"]
+    return [(words, short(measured.get(name))) for name, words in LABELS["import_checks"].items()]
+
+
+def short(value: Any) -> str:
+    """A value as a person reads it."""
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        return "; ".join(short(item) for item in value)
+    return "" if value is None else str(value)
+
+
+def passport_data(demonstration: Demonstration, picture: bytes) -> dict[str, Any]:
+    """The content of a demonstration's page, with a picture (PNG) of the flight round its structure."""
+    passport: Any = demonstration.passport
+    return {
+        "id": demonstration.demonstration_id,
+        "structure": demonstration.structure_id,
+        "operator": demonstration.operator,
+        "poses": len(demonstration),
+        "notes": demonstration.notes,
+        "picture": image_address(picture),
+        "verdict": passport["verdict"] if passport else "",
+        "findings": [
+            {name: str(item[name]) for name in ("rule", "found", "remedy")}
+            | {"overruled": bool(item["overruled"])}
+            for item in (passport["findings"] if passport else ())
+        ],
+        "figures": [[words, value] for words, value in (rows_of(passport) if passport else ()) if value],
+    }
+
+
+def fleet_data(
+    pairs: list[Pair],
+    title: str,
+    without_page: Collection[str] = (),
+    known: int | None = None,
+    more: Mapping[str, Mapping[str, Any]] | None = None,
+) -> dict[str, Any]:
+    """The columns of the page by name, and the rows in order of attention.
+
+    `without_page` names the pairs whose own page failed: no link leads there. `known` is the number of all
+    pairs if these are only the first. `more` has the place and the last flight of each structure.
+    """
+    structures = more or {}
+    rows = [_fleet_row(pair) | {"page": pair.name not in without_page} for pair in pairs]
+    for row in rows:
+        row["flown"] = structures.get(row["target"], {}).get("flown")
+    columns = list(rows[0]) if rows else []
+    return {
+        "title": title,
+        "columns": columns,
+        "rows": [list(row.values()) for row in rows],
+        "known": len(pairs) if known is None else known,
+        "structures": {row["target"]: structures.get(row["target"], {}) for row in rows},
+    }
+
+
+def fleet_findings(catalog: Catalog, mapped: Collection[str] = ()) -> list[dict[str, Any]]:
+    """How many findings of each kind and class are in each state; whether there is a map of the kind."""
+    rows = catalog.findings()
+    count = Counter(zip(rows["kind"], rows["class"], rows["state"], strict=True))
+    classes: dict[tuple[str, str], dict[str, Any]] = {}
+    for (kind, name, state), number_of in sorted(count.items()):
+        row = classes.setdefault((kind, name), {"kind": kind, "class": name, "map": kind in mapped})
+        row[state] = number_of
+    return list(classes.values())
+
+
+def places(catalog: Catalog) -> dict[str, dict[str, Any]]:
+    """The place and the last flight of each structure, by ID, if known."""
+    known: dict[str, dict[str, Any]] = {}
+    for row in catalog.structures().to_dict("records"):
+        lat, lon = number(row, "lat_deg"), number(row, "lon_deg")
+        if lat is not None and lon is not None:
+            known[str(row["structure_id"])] = {"lat": lat, "lon": lon}
+    for target, when in catalog.flights(kind="flown").groupby("target_id")["flown_at"].max().items():
+        known.setdefault(str(target), {})["flown"] = stamp(when)
+    return known
+
+
+def _fleet_row(pair: Pair) -> dict[str, Any]:
+    row = pair.main
+    name = next((name for name in COVERAGES if number(row, name) is not None), COVERAGES[-1])
+    values = {
+        "coverage": coverage(row),
+        "attainable": attainable(row),
+        "gsd": number(row, "gsd_mm_p50"),
+        "clearance": number(row, "min_clearance_m"),
+        "length": number(row, "path_length_m"),
+        "duration": number(row, "duration_s"),
+        "battery_pct": battery_pct(row),
+        "paper": number(pair.plans.get("paper", {}), name),
+        "baseline": number(pair.plans.get("baseline", {}), name),
+        "frechet": number(row, "frechet_z"),
+    }
+    return {
+        "pair": pair.name,
+        "status": shown_status(row),
+        "demonstration": pair.demonstration_id,
+        "source": pair.source_id,
+        "target": pair.target_id,
+        "kind": pair.kind,
+        "state": str(row.get("state") or ""),
+        **{key: None if value is None else round(value, 3) for key, value in values.items()},
+        "change": change(pair),
+        "planned": stamp(row.get("planned_at")),
+        "reason": reason_of(row),
+        "warnings": all_warnings(row),
+    }
