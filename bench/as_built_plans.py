@@ -48,7 +48,7 @@ _REAL_SCANS = "shell,cut20"
 _STEP_M = 0.05
 _LEFT_OUT = 0.02  # of the size
 _NOT_CUT_M = 0.15  # five times the noise: what of the whole shell lies farther off a cut one was cut away
-_TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.clearance`)
+_TOLERANCE_M = 0.01  # within which a clearance is known (`airspace.rules`)
 
 
 def plans(options: argparse.Namespace) -> None:
