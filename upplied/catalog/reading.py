@@ -139,7 +139,8 @@ class Reading:
         until_then = until("added_at", as_of)
         now = standing_of(ordering.by_commit(tables["decisions"].read(until_then))) if derived else Standing()
         if in_force:
-            ids = [p for p, state in now.state.items() if state == "released" and (ids is None or p in ids)]
+            among = now.state.keys() if ids is None else {*ids}
+            ids = [plan for plan, state in now.state.items() if state == "released" and plan in among]
         there = None if site is None else self.structures(site=site, as_of=as_of)["structure_id"]
         where = queries.matching(
             {"kind": kind, "target_id": structure, "demonstration_id": demonstration, "preset": preset},

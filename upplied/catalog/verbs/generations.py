@@ -95,7 +95,8 @@ def switch(place: Path, draft: Path, now: Generation) -> None:
     tables, folders = place / "tables", list(os.walk(draft))
     now.files = 1 + sum(len(files) for _, _, files in folders)
     with (draft / _ABOUT).open("w") as sink:
-        json.dump(asdict(now), sink, indent=0, sort_keys=True)
+        older = {"parts": dict[str, str]()}  # in which a program before looks for what is the same: nothing
+        json.dump({**asdict(now), **older}, sink, indent=0, sort_keys=True)
         sink.flush()
         os.fsync(sink.fileno())
     for folder, _, _ in folders:
