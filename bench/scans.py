@@ -23,9 +23,9 @@ from upplied.geometry.scene import Scene, open3d, scene_of
 from upplied.geometry.separation import separated, structure_alone
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Floats, Ints, Structure, Surroundings
-from upplied.samples import bridge
-from upplied.samples.fleet import member
-from upplied.samples.surfaces import Member, assemble, stamped
+from upplied.samples.fleet import member, shape_of
+from upplied.samples.parametric import bridge
+from upplied.samples.surfaces import Member, stamped
 
 FOLDER = Path(os.environ.get("UPPLIED_SCANS", Path(tempfile.gettempdir()) / "upplied-scans"))
 VARIANTS = ("model", "shell", "cloud", "cut20", "sparse", "noise", "clutter", "cut40", "cut10")
@@ -245,9 +245,6 @@ def _structure(
 
 def _many_piers(number: int) -> Member:
     spacing = 30.0
-    shape = replace(bridge.BRIDGE_1, length_m=spacing * (number + 1), spacing_m=spacing)
-    parts = [bridge._slab(shape), *bridge._parapets(shape)]
-    for pier in range(number):
-        x = spacing * (pier - (number - 1) / 2)
-        parts += [bridge._pier(shape, pier + 1, x), bridge._cap(shape, pier + 1, x)]
-    return assemble(f"bridge-p{number}", "bridge", parts + bridge._abutments(shape), "", landmarks=("pier",))
+    shape = shape_of("bridge-1-v1")
+    shape = replace(shape, length_m=spacing * (number + 1), spacing_m=spacing, piers=number)
+    return bridge(shape, f"bridge-p{number}")

@@ -63,7 +63,7 @@ def test_the_reference_tells_of_every_public_name_and_of_the_way_of_a_plan(site)
     tree = (site / "reference" / "house.html").read_text(encoding="utf-8")
     way = [
         f"<code>{call}</code>"
-        for call in ("siblings.study", "carried.carry", "propose.propose", "evaluate.judge")
+        for call in ("siblings.study", "carried.carry", "complete.propose", "evaluate.judge")
     ]
     assert [tree.count(call) for call in way] == [1] * 4
     assert sorted(way, key=tree.index) == way

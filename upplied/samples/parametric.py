@@ -1,7 +1,7 @@
 """Parametric ships, wind turbines and beam bridges.
 
 A ship has a flared hull with raked bow and transom, and decks on top; its waterline is at z = 0. A turbine
-has a tower, a nacelle, a hub and three blades, the hub along +X. A bridge is a deck with parapets on two
+has a tower, a nacelle, a hub and three blades, the hub along +X. A bridge is a deck with parapets on
 piers between two abutments, the road along X.
 """
 
@@ -233,10 +233,11 @@ class BridgeShape:
     width_m: float
     deck_z_m: float  # underside of the deck above the ground
     deck_m: float  # thickness of the deck
-    spacing_m: float  # between the two piers
+    spacing_m: float  # between two piers
     pier_m: tuple[float, float]  # size of a pier along and across the road
     pier_exponent: float  # 2 round, 6 nearly square
     taper: float = 0.0  # share by which a pier is narrower at its top
+    piers: int = 2
 
 
 def bridge(shape: BridgeShape, structure_id: str) -> Member:
@@ -251,7 +252,8 @@ def bridge(shape: BridgeShape, structure_id: str) -> Member:
     level = np.linspace(0, 1, 15)
     pier = np.array(shape.pier_m) / 2 * (1 - shape.taper * level[:, None])
     along, across = shape.pier_m[0] / 2 + 0.4, min(wide - 0.3, shape.pier_m[1] / 2 + 1.2)
-    for number, x in enumerate((-shape.spacing_m / 2, shape.spacing_m / 2), start=1):
+    for number in range(1, shape.piers + 1):
+        x = shape.spacing_m * (number - (shape.piers + 1) / 2)
         parts += [
             pillar(f"pier_{number}", np.array([x, 0.0]), level * low, pier, shape.pier_exponent, around=32),
             block(f"cap_{number}", (x - along, -across, low - 1.2), (x + along, across, low + 0.1), cells=3),

@@ -12,8 +12,7 @@ from upplied.geometry.scene import Scene
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.standoff import Standoff
 from upplied.planning.geometry.frechet import frechet_floored
-from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.terms import Term
+from upplied.planning.trajectory.state import Flown, Term
 from upplied.planning.trajectory.terms.axis import Aims, Axis, aims_of, axes
 from upplied.planning.trajectory.terms.coverage import Coverage
 from upplied.planning.trajectory.terms.path import Clearance, Leaving, Shape, StandoffKept, Turning

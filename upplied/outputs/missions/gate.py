@@ -134,8 +134,10 @@ def breaches(
 
 def plan_breaches(plan: Plan) -> list[Breach]:
     """Rules that a plan breaks by its preset and verdict."""
-    preset = [Breach("preset", f"the plan is of preset {plan.preset}")] * (plan.preset != "recommended")
-    return [*preset, *([Breach("verdict", plan.not_flyable)] if plan.not_flyable else [])]
+    breach_list = [Breach("verdict", plan.not_flyable)] if plan.not_flyable else []
+    if plan.preset != "recommended":
+        breach_list.insert(0, Breach("preset", f"the plan is of preset {plan.preset}"))
+    return breach_list
 
 
 def zoom_breaches(path: Trajectory, zooms: bool) -> list[Breach]:
