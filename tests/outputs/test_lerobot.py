@@ -17,7 +17,7 @@ from upplied.catalog import Catalog, open_catalog
 from upplied.outputs.learning import export_lerobot, export_tum
 
 ROOT = Path(__file__).parents[2]
-PYTHON = Path(os.environ.get("LEROBOT_PYTHON", ROOT / ".venv-lerobot" / "bin" / "python"))
+PYTHON = ROOT / ".venv-lerobot" / "bin" / "python"
 
 
 TARGETS = 12
