@@ -26,11 +26,7 @@ from scipy.optimize import minimize
 
 from upplied.config import settings_for
 from upplied.errors import UppliedError
-from upplied.planning.correspondence.fit import (
-    CAPS,
-    evidence_of_counterpart,
-    evidence_of_same_kind,
-)
+from upplied.planning.correspondence.certainty import CAPS, evidence_of_counterpart, evidence_of_same_kind
 from upplied.planning.correspondence.naming import choices_for
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.surface.parts import labels_of, parts_of

@@ -22,7 +22,7 @@ from upplied.config import CloudSettings
 from upplied.geometry.poses import look_at, matrices
 from upplied.geometry.scene import Scene, scene_of
 from upplied.planning.surface.samples import surface_samples
-from upplied.planning.visibility.frustum import visible
+from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.observations import TRULY
 from upplied.records import Bools, Camera, Cloud, Floats, Structure
 from upplied.samples.fleet import sample_structures

@@ -17,7 +17,7 @@ from upplied.geometry.scene import scene_of
 from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.planning.surface.samples import surface_samples
-from upplied.planning.visibility.frustum import visible
+from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.observations import TRULY, stations
 from upplied.proof.align import align

@@ -12,9 +12,9 @@ import numpy as np
 
 from upplied.config import Settings
 from upplied.findings.counterparts import Carried, about
+from upplied.planning.correspondence.certainty import certainty
 from upplied.planning.correspondence.coherent_point_drift import Patch
 from upplied.planning.correspondence.correspondences import facing_nearest
-from upplied.planning.correspondence.fit import certainty
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.correspondence.part_alignment import aligned, patches
 from upplied.planning.correspondence.part_assignment import Matching

@@ -16,7 +16,8 @@ from upplied.geometry.scene import Scene, scene_of
 from upplied.geometry.supposed_scene import scene_for
 from upplied.geometry.vectors import with_normals
 from upplied.planning.airspace.rules import Airspace
-from upplied.planning.correspondence.fit import Fit, certainty
+from upplied.planning.correspondence.certainty import certainty
+from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.correspondence.pair import study_pair
 from upplied.planning.demonstration.inspection import Faces, zone_of

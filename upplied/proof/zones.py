@@ -12,7 +12,7 @@ from upplied.geometry.polylines import chosen_evenly
 from upplied.geometry.poses import from_yaw_pitch, in_a_row, look_at, yaw_pitch
 from upplied.planning.airspace.roadmap import Roadmap, links
 from upplied.planning.measures.attainable import seen_from
-from upplied.planning.visibility.frustum import visible
+from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.observations import TRULY
 from upplied.proof.inspected import narrowed
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory

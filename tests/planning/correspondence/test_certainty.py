@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upplied.planning.correspondence.fit import (
+from upplied.planning.correspondence.certainty import (
     CAPS,
     COUNTERPART,
     SAME_KIND,

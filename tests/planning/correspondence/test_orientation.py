@@ -8,7 +8,7 @@ from made_clouds import boxes
 from moved_scenes import about_z
 from scipy.spatial.transform import Rotation
 
-from upplied.planning.correspondence.misfit import find_orientation
+from upplied.planning.correspondence.orientation import find_orientation
 from upplied.records import Cloud, Floats
 
 #: An L with a tower at one end: no turn lays it on itself.

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from upplied.config import CloudSettings, settings_for
 from upplied.geometry.scene import open3d, scene_of
-from upplied.planning.correspondence.misfit import _cost
+from upplied.planning.correspondence.orientation import _cost
 from upplied.planning.correspondence.registration import register
 from upplied.planning.geometry.clouds import box_scale, icp, mean_squared_nn_distance, rigid_fit
 from upplied.planning.surface.samples import surface_samples

@@ -17,9 +17,10 @@ from upplied import simulate
 from upplied.config import settings_for
 from upplied.geometry.scene import scene_of
 from upplied.planning import plan as planning
-from upplied.planning.correspondence import fit as probabilities
+from upplied.planning.correspondence import certainty as probabilities
 from upplied.planning.correspondence import siblings as telling
-from upplied.planning.correspondence.fit import Fit, Labelling, certainty, named_by
+from upplied.planning.correspondence.certainty import certainty, named_by
+from upplied.planning.correspondence.fit import Fit, Labelling
 from upplied.planning.correspondence.label_transfer import has_parts
 from upplied.planning.correspondence.pair import Task, study_pair, surfaces_of
 from upplied.planning.correspondence.siblings import nearest_in_proportions, study

@@ -21,7 +21,7 @@ from upplied.planning.measures.attainable import (
     attainable,
 )
 from upplied.planning.surface.samples import surface_samples
-from upplied.planning.visibility.frustum import visible
+from upplied.planning.visibility.line_of_sight import visible
 from upplied.records import Camera, Cloud, Floats, Structure, Surroundings
 
 TRULY = VisibilitySettings(occlusion=True, max_incidence_deg=75.0)

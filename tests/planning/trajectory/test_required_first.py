@@ -14,8 +14,9 @@ from upplied.geometry.scene import Scene, scene_of
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.plan import plan_transfer
 from upplied.planning.surface.samples import surface_samples
+from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.view import View, required_first
+from upplied.planning.trajectory.view import View
 from upplied.proof.looks import looks_of
 from upplied.records import Camera, Cloud, Surroundings
 from upplied.records.required import RequiredSurface

@@ -15,6 +15,7 @@ from upplied.geometry.scene import Scene
 from upplied.records import Bools, Floats, Frame, Ints, Record, Rows, Surroundings
 
 _TOLERANCE_M = 0.005
+_BAND_M = 0.05  # about its plane: what a vehicle on the ground or the water does not leave
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,9 +114,6 @@ class _Pieces(Rows):
         free = scene.distance(middle)
         first = _Pieces(self.a, middle, self.free_a, free, self.leg)
         return _Pieces.stacked([first, _Pieces(middle, self.b, free, self.free_b, self.leg)])
-
-
-_BAND_M = 0.05  # about its plane: what a vehicle on the ground or the water does not leave
 
 
 @dataclass(frozen=True, eq=False, repr=False)

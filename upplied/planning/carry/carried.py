@@ -17,7 +17,6 @@ from upplied.planning.carry.affine import (
     at_height,
     demonstrated_on_target,
     plane_height,
-    published,
     published_map,
     registered_map,
     standing,
@@ -28,6 +27,7 @@ from upplied.planning.carry.inspected_surface import (
     inspected_by,
     inspected_surface,
 )
+from upplied.planning.carry.published import published
 from upplied.planning.carry.standoff import Counted, Standoff, counted, picture_share
 from upplied.planning.correspondence.registration import box_on_box
 from upplied.planning.demonstration.repetition import Take

@@ -14,9 +14,9 @@ from functools import partial
 import numpy as np
 
 from upplied.config import Settings
-from upplied.planning.carry.forecast import never_scanned_pct, odd_number, open_parts
+from upplied.planning.carry.missing_parts import never_scanned_pct, odd_number, open_parts
 from upplied.planning.constants import COMPACT, MAJORITY
-from upplied.planning.correspondence.fit import (
+from upplied.planning.correspondence.certainty import (
     SAME_KIND,
     certainty,
     evidence_of_same_kind,

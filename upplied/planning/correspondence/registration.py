@@ -8,7 +8,8 @@ import numpy as np
 
 from upplied.config import RegistrationSettings
 from upplied.planning.constants import CLEARLY_BETTER, MAJORITY
-from upplied.planning.correspondence.misfit import SAME_TURN_DEG, Misfit, find_orientation, misfit_of
+from upplied.planning.correspondence.misfit import Misfit, misfit_of
+from upplied.planning.correspondence.orientation import SAME_TURN_DEG, find_orientation
 from upplied.planning.correspondence.partial import is_open, registered_partly, ways_of_open
 from upplied.planning.geometry.clouds import (
     UNTURNED,

@@ -20,7 +20,7 @@ from upplied.planning.demonstration.denoise import Smoothed, smoothed
 from upplied.planning.demonstration.stations import find_viewpoints
 from upplied.planning.surface.parts import labels_of
 from upplied.planning.surface.skin import Skin, middle_of
-from upplied.planning.visibility.frustum import visible
+from upplied.planning.visibility.line_of_sight import visible
 from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Moments, Views, moments, views
 from upplied.records import (
     Bools,
@@ -41,10 +41,10 @@ _RULE = (
     "landmarks, part_0, part_1, ..., 'box X Y Z X Y Z' (two corners, m), 'ball X Y Z R' (m) or labels of "
     "faces, separated by commas"
 )
-
-
 #: Which faces (T,) of a structure have a label, by the hash of the labels and the label.
 Faces = Callable[[Structure, str, str], Bools]
+_FOOTPRINT = 0.5  # of the picture's smaller side on the surface: how far stations are apart, at most
+_POSES = 200  # that tell how far from the surface the flight is
 
 
 def zone_of(
@@ -122,10 +122,6 @@ def _numbers(word: str, count: int, what: str) -> Floats:
     if len(numbers) != count or not np.isfinite(numbers).all():
         raise SettingsError(f"about {word[:60]!r}", f"cannot be read as {what}", _RULE)
     return numbers
-
-
-_FOOTPRINT = 0.5  # of the picture's smaller side on the surface: how far stations are apart, at most
-_POSES = 200  # that tell how far from the surface the flight is
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -26,6 +26,7 @@ _LEAST_RAD = np.radians(30.0)  # that a demonstration's turning counts as, when 
 _LEG = 0.1  # of the stand-off: legs between which a path's bends are counted
 _LEAST_LEG_M = 1.0
 _AHEAD = 8  # poses at a time
+AS_FINE = 1.1  # times the demonstrated ground sample distance: no coarser is as fine
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -173,9 +174,6 @@ def bent_rad(positions: Floats, leg_m: float) -> float:
         if turn >= _BEND_RAD:
             way, total = other, total + turn
     return total
-
-
-AS_FINE = 1.1  # times the demonstrated ground sample distance: no coarser is as fine
 
 
 def resolution(of: Compared) -> dict[str, float]:

@@ -30,7 +30,7 @@ from upplied.planning.surface.escape import (
     shows_inside,
 )
 from upplied.planning.surface.lattice import Lattice, lattice, spacing_for
-from upplied.planning.surface.parts import mesh_pieces, part_labels
+from upplied.planning.surface.pieces import mesh_pieces, part_labels
 from upplied.planning.surface.skin import outside_like, outward_of_points
 from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure

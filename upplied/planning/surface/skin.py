@@ -21,7 +21,7 @@ from upplied.geometry.vectors import area_vectors, plane_normals, triangle_areas
 from upplied.planning.constants import FRAGMENT, SAME_FACE, TOUCH
 from upplied.planning.surface.escape import floor_of, lets_out
 from upplied.planning.surface.lattice import lattice, spacing_for
-from upplied.planning.surface.parts import mesh_pieces
+from upplied.planning.surface.pieces import mesh_pieces
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 
 _FINE = 40_000  # samples that are joined

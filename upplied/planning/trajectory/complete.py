@@ -18,13 +18,19 @@ from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of
 from upplied.planning.trajectory.added_passes import PRICES, Beside, Extended, Pace
 from upplied.planning.trajectory.flyable import Flyable, Result
 from upplied.planning.trajectory.optimise import ALIKE, Optimised, Problem, Start, optimise
+from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import Timed, demonstrated_speed, retime
 from upplied.planning.trajectory.sharpness import sharply_timed
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.axis import aims_of
 from upplied.planning.trajectory.terms.path import Shape
-from upplied.planning.trajectory.view import View, required_first
+from upplied.planning.trajectory.view import View
 from upplied.records import Floats, Waypoints
+
+_LEAST_TURN_RAD = np.pi / 2  # that a demonstration counts as having turned: little turning is not dear
+_LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
+_TRIES = 2  # of adding passes: fewer, where they take too long
+_SHORTENED = 5  # times, until passes are flown in time
 
 
 def propose(carried: Sequence[Carried], settings: Settings) -> Timed:
@@ -87,12 +93,6 @@ def _with_transits(paths: Sequence[Waypoints], ways: Ways) -> list[Waypoints]:
         transit = route(replace(ends, is_viewpoint=np.zeros(2, bool)), ways)
         whole += [transit.rows(slice(1, -1)), after]
     return whole
-
-
-_LEAST_TURN_RAD = np.pi / 2  # that a demonstration counts as having turned: little turning is not dear
-_LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
-_TRIES = 2  # of adding passes: fewer, where they take too long
-_SHORTENED = 5  # times, until passes are flown in time
 
 
 def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:

@@ -27,6 +27,13 @@ _A_SWATH = 3  # steps in a swath
 _NEAREST = 12  # samples of the surface, whose mean plane a place is put on
 _OFF = 0.4  # of a swath, that the next place may lie off the surface: an edge may be looked past
 _EVENED = 2.5  # places of a lane, over which its distance from the path is evened out
+_Places = tuple[Floats, Floats, Floats]  # (S, 3) each: on the surface, its normals, and the way of flight
+_Samples = tuple[cKDTree, Floats, Floats]  # of the surface: a tree, points and normals (N, 3)
+_APART = (3, 2)  # steps, from one pass to the next: side by side, or with a third of a swath in common
+_ASIDE = 1  # steps, by which the demonstrated pass may be moved where others are flown
+_END_S = 10.0  # that beginning a pass takes, and ending it: to fly there, slow down and turn
+_WINDOW = 3  # stations to each side, from which a sample is shown
+_NEARER = 0.25  # of a step, by which a lane must be nearer to a sample than the next one to the path
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,10 +112,6 @@ def _apart(positions: Floats, useful: Bools, step_m: float) -> Ints:
     return chosen[useful[np.clip(chosen, 0, len(useful) - 1)]]
 
 
-_Places = tuple[Floats, Floats, Floats]  # (S, 3) each: on the surface, its normals, and the way of flight
-_Samples = tuple[cKDTree, Floats, Floats]  # of the surface: a tree, points and normals (N, 3)
-
-
 def _next_to(here: _Places, step_m: float, samples: _Samples, most_m: float) -> tuple[_Places, Bools]:
     """Places on the surface a step to the left of the way, and which of them there are."""
     points, normals, ways = here
@@ -146,13 +149,6 @@ def _within(vectors: Floats, normals: Floats) -> Floats:
 def _shown(poses: Floats, station: Ints, view: View, needed: Ints) -> Bools:
     """Which of the samples (P, m) each pose shows, beside which station of the path it is."""
     return view.seen(poses[:, :3], from_yaw_pitch(poses[:, 3], poses[:, 4]), needed, station)
-
-
-_APART = (3, 2)  # steps, from one pass to the next: side by side, or with a third of a swath in common
-_ASIDE = 1  # steps, by which the demonstrated pass may be moved where others are flown
-_END_S = 10.0  # that beginning a pass takes, and ending it: to fly there, slow down and turn
-_WINDOW = 3  # stations to each side, from which a sample is shown
-_NEARER = 0.25  # of a step, by which a lane must be nearer to a sample than the next one to the path
 
 
 @dataclass(frozen=True, eq=False, repr=False)

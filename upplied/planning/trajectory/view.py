@@ -7,17 +7,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from upplied.config import RetimeSettings, VisibilitySettings, focal_px
+from upplied.config import RetimeSettings, VisibilitySettings
 from upplied.geometry.polylines import chosen_evenly
 from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.geometry.scene import Scene
-from upplied.planning.airspace.rules import Airspace
-from upplied.planning.geometry.clouds import nearest_facing, spacing
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.axis import Axis, aims_of, axes
-from upplied.planning.visibility.frustum import Closeness, coarseness, seen_by_any, visible
+from upplied.planning.visibility.frustum import Closeness, coarseness
+from upplied.planning.visibility.line_of_sight import seen_by_any, visible
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
-from upplied.records.required import RequiredSurface
+
+WIDEST = 0.20  # of the soft coverage's borders, in the first round
+_BESIDE = 48  # of the path, beside which places are tried
+_AWAY = 0.4  # stand-offs, to all sides, and twice that
+_OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond the limit may come within it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,12 +93,6 @@ class View(Record):
         return Closeness(self.farthest_m[chosen], least, coarseness(self.camera, fov_deg))
 
 
-WIDEST = 0.20  # of the soft coverage's borders, in the first round
-_BESIDE = 48  # of the path, beside which places are tried
-_AWAY = 0.4  # stand-offs, to all sides, and twice that
-_OBLIQUE_DEG = 88.0  # up to which lines of sight are asked for: those beyond the limit may come within it
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Sight(Record):
     """What is in reach of S stations of a path, every `stride`-th."""
@@ -132,85 +129,3 @@ def places_beside(path: Flown, usual_m: float) -> tuple[Ints, Floats]:
     steps = usual_m * np.concatenate([np.zeros((1, 3)), _AWAY * ways, 2 * _AWAY * ways])
     aside = np.einsum("ci,sij->scj", steps, axes).reshape(-1, 3)
     return np.repeat(stations, len(steps)), aside
-
-
-_STATIONS = 160  # of the path, that are asked what they could show
-_WITHIN = 2.0  # stand-offs, in which a flight comes by a patch: from further off another shows it better
-
-
-def required_first(
-    view: View, required: RequiredSurface, path: Flown, airspace: Airspace, usual_m: float, times: float
-) -> View:
-    """The view with the zones that the path can come to show needed before all else.
-
-    Parameters
-    ----------
-    view : View
-        What the demonstration asks for.
-    required : RequiredSurface
-        In the frame of the view.
-    path : Flown
-        As it is carried to the target, before it is optimised.
-    airspace : Airspace
-        Whose rules the places beside it keep.
-    usual_m : float
-        The stand-off.
-    times : float
-        What was inspected counts a square metre of a zone.
-
-    Returns
-    -------
-    View
-        With the distances and incidences that the zones ask for.
-    """
-    mine = _nearest(view, required)
-    zone = np.flatnonzero(required.zone[mine])
-    if not len(zone):
-        return view
-    camera = view.camera
-    farthest, cosine = view.farthest_m.copy(), np.zeros(len(mine))
-    if camera.width_px:
-        wanted_m = required.gsd_m[mine[zone]] * focal_px(camera.width_px, camera.hfov_deg)
-        farthest[zone] = np.minimum(farthest[zone], wanted_m)
-    cosine[zone] = np.cos(np.radians(required.incidence_deg[mine[zone]]))
-    asking = replace(view, farthest_m=farthest, least_cosine=cosine)
-    near = zone[_in_reach(asking, zone, path, airspace, usual_m)]
-    if not len(near):
-        return view
-    strict = np.zeros(len(mine), bool)
-    strict[near] = True
-    need = view.need + times * _need_per_m2(view) * np.where(strict, view.cloud.areas, 0.0)
-    return replace(
-        view,
-        need=need / need.sum(),
-        farthest_m=np.where(strict, farthest, view.farthest_m),
-        inspected=view.inspected | strict,
-        least_cosine=np.where(strict, cosine, 0.0),
-    )
-
-
-def _nearest(view: View, required: RequiredSurface) -> Ints:
-    """The required sample (N,) that is nearest to each of the view's, on its side of a thin plate."""
-    known = Cloud(required.points, required.normals)
-    return nearest_facing(view.cloud, known, 2 * spacing(view.cloud))[1]
-
-
-def _in_reach(view: View, zone: Ints, path: Flown, airspace: Airspace, usual_m: float) -> Bools:
-    """Which samples of the zone (Z,) the path, or a place beside it, would show with its camera turned."""
-    view = replace(view, farthest_m=np.minimum(view.farthest_m, _WITHIN * usual_m))
-    station = chosen_evenly(len(path), _STATIONS)
-    reached: Bools = np.asarray(view.reach(path.positions[station], zone, station=station).any(axis=0))
-    if (left := np.flatnonzero(~reached)).size:
-        at, off = places_beside(path, usual_m)
-        places = path.positions[at] + off
-        free = airspace.allowed(places)
-        if free.any():
-            reached[left] = view.reach(places[free], zone[left], station=at[free]).any(axis=0)
-    return reached
-
-
-def _need_per_m2(view: View) -> float:
-    """How much of the need falls on a square metre of what was inspected; of all, where nothing was."""
-    part = view.inspected if view.need[view.inspected].sum() > 0 else view.need > 0
-    area = float(view.cloud.areas[part].sum())
-    return float(view.need[part].sum()) / area if area > 0 else 1.0

@@ -17,11 +17,18 @@ from upplied.config import VisibilitySettings
 from upplied.geometry.polylines import cumulated, leg_lengths, pieces_of_legs
 from upplied.geometry.poses import angle_between, fov_at, in_a_row, interpolate, normalised
 from upplied.geometry.scene import Scene
-from upplied.planning.visibility.frustum import coarseness, visible
+from upplied.planning.visibility.frustum import coarseness
+from upplied.planning.visibility.line_of_sight import visible
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 
 STEP_S = 0.5
 _INNER = 10  # poses that each step is averaged over
+#: What `coverage_paper_pct` calls seen (paper, Sec. III-C), whatever the preset.
+BY_FRUSTUM = VisibilitySettings(occlusion=False)
+#: What `coverage_seen_pct` calls seen, whatever the preset.
+TRULY = VisibilitySettings(occlusion=True, max_incidence_deg=75.0)
+_STEP_M, _STEP_RAD = 0.5, np.radians(3.0)  # between the poses that are asked what they see
+_MOST = 3000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -115,15 +122,6 @@ def sight_to(position: Floats, point: Floats, normal: Floats, ray: Floats) -> tu
         facing -= ray[axis] * normal[axis]
     distance = max(np.sqrt(squared), 1e-9)
     return distance, facing / distance
-
-
-#: What `coverage_paper_pct` calls seen (paper, Sec. III-C), whatever the preset.
-BY_FRUSTUM = VisibilitySettings(occlusion=False)
-#: What `coverage_seen_pct` calls seen, whatever the preset.
-TRULY = VisibilitySettings(occlusion=True, max_incidence_deg=75.0)
-
-_STEP_M, _STEP_RAD = 0.5, np.radians(3.0)  # between the poses that are asked what they see
-_MOST = 3000
 
 
 @dataclass(frozen=True, eq=False, repr=False)

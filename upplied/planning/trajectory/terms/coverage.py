@@ -23,6 +23,10 @@ _MOST = 0.98  # that one station shows: a second look at the same sample is wort
 _BATCH = 128  # samples that are asked at a time, without a branch: several at once in a processor
 _SURFACE = 8  # numbers of a sample: place, normal, farthest distance, least cosine
 _RESULT = 6  # numbers of a look: its share, and the slopes with respect to x, y, z, yaw and pitch
+_MISSED = 256  # samples, at most, that stand for all that is missed
+_CHOOSY = 8.0  # power of what a place shows for a metre aside, by which what several show is shared
+_LITTLE = 1e-4  # of all that is missed, for which a place is left out
+_AT_START = 1 - np.exp(-0.5)  # of its pull, that a place keeps at its own distance from the path
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -180,12 +184,6 @@ def _missed(
     for i in range(len(need)):
         missed += need[i] * left[i]
     return missed, total
-
-
-_MISSED = 256  # samples, at most, that stand for all that is missed
-_CHOOSY = 8.0  # power of what a place shows for a metre aside, by which what several show is shared
-_LITTLE = 1e-4  # of all that is missed, for which a place is left out
-_AT_START = 1 - np.exp(-0.5)  # of its pull, that a place keeps at its own distance from the path
 
 
 @dataclass(frozen=True, eq=False, repr=False)
