@@ -46,7 +46,7 @@ from upplied.outputs.publish import publish_pages
 from upplied.planning.surface.samples import surface_samples
 from upplied.records import Camera, Demonstration, Lens, Structure
 from upplied.samples.fleet import member
-from upplied.web.requests import LivePages
+from upplied.web.live import LivePages
 
 CUBE, CUBOID = member("cube-v1").structure, member("cuboid-v1").structure
 LOW, HIGH = CUBE.vertices.min(axis=0), CUBE.vertices.max(axis=0)

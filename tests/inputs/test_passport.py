@@ -16,8 +16,8 @@ from upplied.geometry.poses import angle_between
 from upplied.geometry.scene import scene_of
 from upplied.inputs.logs import LogOptions, fingerprint, read_demonstration
 from upplied.inputs.passport import conventions, fits, measured, rules
-from upplied.inputs.passport.fits import aim_of, inside
 from upplied.inputs.passport.measured import Measured
+from upplied.inputs.passport.sight import aim_of, inside
 from upplied.inputs.rules import CONVENTIONS, PassportSettings, check_allowed, refusals
 from upplied.records import Demonstration
 from upplied.samples.fleet import member

@@ -24,8 +24,8 @@ from upplied.inputs.flight.tracks import Track, at_times
 from upplied.inputs.logs import read_demonstration
 from upplied.inputs.manifests import StructureEntry
 from upplied.inputs.passport import conventions, fits
-from upplied.inputs.passport.fits import aim_of, inside, sight_of
 from upplied.inputs.passport.measured import _best, _off_centre
+from upplied.inputs.passport.sight import aim_of, inside, sight_of
 from upplied.inputs.passport.velocity import steadiness
 from upplied.inputs.raw import RawMesh
 from upplied.inputs.repair import topology_of

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from upplied.geometry.poses import look_at
 from upplied.geometry.scene import scene_of, simplified
 from upplied.outputs.display import display_mesh, display_states, packed, structure_data
-from upplied.outputs.fly import quality_data
 from upplied.outputs.pages import inert_json
 from upplied.outputs.pair_page import _parts, profile, speeds
 from upplied.outputs.pairs import battery_pct, change, meaning, pairs_of, shown_status
+from upplied.outputs.picture_quality import quality_data
 from upplied.outputs.reports import Reader
 from upplied.records import Camera, Counterpart, Plan, Structure, SurfaceStates, Trajectory
 

@@ -12,7 +12,7 @@ from cases import slow_after
 from upplied.config import CloudSettings, settings_for
 from upplied.errors import SettingsError
 from upplied.geometry.scene import scene_of
-from upplied.planning.correspondence import fit as probabilities
+from upplied.planning.correspondence import certainty as probabilities
 from upplied.planning.correspondence.fit import Fit
 from upplied.planning.demonstration.inspection import zone_of
 from upplied.planning.surface.samples import surface_samples

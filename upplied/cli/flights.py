@@ -156,7 +156,7 @@ def promote(
 
 
 def _show(row: dict[str, Any], results: Results) -> None:
-    from upplied.outputs.verdicts import wind_words
+    from upplied.outputs.flown import wind_words
 
     known = plain(row)
     if results.json:

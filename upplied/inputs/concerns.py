@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from upplied.inputs.manifests import StructureEntry
+from upplied.inputs.outliers import Outlier
 from upplied.inputs.raw import RawMesh
-from upplied.inputs.repair import Outlier, Topology
+from upplied.inputs.repair import Topology
 from upplied.inputs.rules import RULES, Verdict, broken, measured, refusals, unlike_its_kind
 from upplied.records import Floats, Ints, Record
 

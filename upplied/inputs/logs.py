@@ -24,7 +24,7 @@ from upplied.inputs.passport.conventions import converted
 from upplied.inputs.passport.measured import SEEN, Reading
 from upplied.inputs.passport.rules import RULES, passport_of
 from upplied.inputs.rules import SHAPING, PassportSettings, Verdict, broken
-from upplied.inputs.schemas import cameras, geodetic, px4, ros
+from upplied.inputs.schemas import cameras, geodetic, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions, inspection, placed, sidecar_of, stated
 from upplied.inputs.sources import door
 from upplied.inputs.sources.source import Source
@@ -106,13 +106,13 @@ def _demonstration(
     declared = placed(declared, placements.get(declared.structure_id))
     facts = stated(declared, source.defaults)
     camera, camera_frame, more, zoom = cameras.camera_of(tables, facts, what)
-    tree = ros.tree_of(tables, facts)
+    tree = tf.tree_of(tables, facts)
     # One source of poses: a topic, or the transforms.
     table, chosen = choose(tables, facts, what)
     if table is None and not tree.moving:
         raise nothing(tables, what)
     if table is None:
-        track, topic = ros.transformed(tree, facts, camera_frame, what), tree.topic
+        track, topic = tf.transformed(tree, facts, camera_frame, what), tree.topic
     else:
         track, topic = READERS[table.schema](table, tables, facts), table.channel.topic
     where = f"{what}, {topic}"

@@ -15,9 +15,10 @@ from upplied.inputs.concerns import Findings, concerns, cut_off, nominal_problem
 from upplied.inputs.files import open_regular
 from upplied.inputs.formats.reader import read_raw
 from upplied.inputs.manifests import StructureEntry
+from upplied.inputs.outliers import find_outliers
 from upplied.inputs.outside import look, outward_normals
 from upplied.inputs.raw import NO_TRIANGLES, RawMesh, counted
-from upplied.inputs.repair import clean, clip_below, compact, find_outliers, topology_of, used_vertices
+from upplied.inputs.repair import clean, clip_below, compact, topology_of, used_vertices
 from upplied.inputs.rules import decided, measured, refuse, to_json
 from upplied.records import Bools, Floats, Ints, Structure
 

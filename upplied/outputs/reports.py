@@ -25,7 +25,8 @@ from upplied.outputs.display import (
     packed,
     structure_data,
 )
-from upplied.outputs.fly import fly_data, path_drawn, quality_data
+from upplied.outputs.flown import Flights, flown_data, flown_sentence, seen_as_flown
+from upplied.outputs.fly import fly_data, path_drawn
 from upplied.outputs.missions import gate
 from upplied.outputs.missions.gate import planned
 from upplied.outputs.page_data import passport_data, structure_facts
@@ -39,7 +40,7 @@ from upplied.outputs.pair_page import (
     safety_m,
 )
 from upplied.outputs.pairs import Pair, shown_status
-from upplied.outputs.verdicts import Flights, flown_data, flown_sentence, seen_as_flown
+from upplied.outputs.picture_quality import quality_data
 from upplied.outputs.zones import zones
 from upplied.records import Floats, Ints, Plan, Structure, SurfaceStates
 

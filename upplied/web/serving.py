@@ -29,7 +29,8 @@ from upplied.errors import CatalogError, UppliedError
 from upplied.outputs import pages
 from upplied.outputs.site import ENDINGS
 from upplied.web.guard import LOOPBACK, Guard, Login
-from upplied.web.requests import Decisions, LivePages, warm
+from upplied.web.live import LivePages, warm
+from upplied.web.requests import Decisions
 from upplied.web.session import Sessions
 
 HOST = "127.0.0.1"

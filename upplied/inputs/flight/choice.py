@@ -14,7 +14,7 @@ from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import angle_between
 from upplied.inputs.flight.clean import clean
 from upplied.inputs.flight.tracks import Track, at_times
-from upplied.inputs.schemas import geodetic, px4, ros
+from upplied.inputs.schemas import geodetic, px4, ros, tf
 from upplied.inputs.sidecar import LogOptions
 from upplied.inputs.tables import Table, joined
 from upplied.records import Floats
@@ -87,7 +87,7 @@ def nothing(tables: Sequence[Table], what: str) -> InputError:
 
 
 def _all(tables: Sequence[Table]) -> list[Table]:
-    return _by_topic([table for table in tables if table.schema in READERS or table.schema in ros.SCHEMAS])
+    return _by_topic([table for table in tables if table.schema in READERS or table.schema in tf.SCHEMAS])
 
 
 def _by_topic(tables: Sequence[Table]) -> list[Table]:

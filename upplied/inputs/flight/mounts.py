@@ -9,7 +9,7 @@ from upplied.errors import InputError
 from upplied.inputs.flight.tracks import OPTICAL_R_CAMERA, Track
 from upplied.inputs.schemas.geodetic import STRUCTURE, structure_R_enu
 from upplied.inputs.schemas.px4 import Gimbal, turned
-from upplied.inputs.schemas.ros import Tree
+from upplied.inputs.schemas.tf import Tree
 from upplied.inputs.sidecar import LogOptions
 from upplied.records import Floats, Structure
 

@@ -12,7 +12,8 @@ from upplied.geometry.scene import scene_of
 from upplied.inputs.flight.clean import UNSET, Pace
 from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.tracks import Track
-from upplied.inputs.passport.fits import AS_WELL, NEARER, Aim, Comparison, Fit, Sight, aim_of, sight_of
+from upplied.inputs.passport.fits import AS_WELL, NEARER, Comparison, Fit
+from upplied.inputs.passport.sight import Aim, Sight, aim_of, sight_of
 from upplied.inputs.passport.velocity import Steadiness, steadiness, turning_of
 from upplied.inputs.rules import PassportSettings, Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, UNVERIFIED, ZOOM_UNHEARD

@@ -13,8 +13,10 @@ from upplied.files import replace_file
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import gate, maps
 from upplied.outputs.missions.dji_wpml import dji_kmz
+from upplied.outputs.missions.fences import fence_text, fenced, rally_text
 from upplied.outputs.missions.flying import FORMATS, Flying
-from upplied.outputs.missions.mavlink import fence_text, fenced, mavlink_text, qgc_plan_text, rally_text
+from upplied.outputs.missions.litchi import litchi_text
+from upplied.outputs.missions.mavlink import mavlink_text, qgc_plan_text
 from upplied.outputs.missions.mcap import mcap_bytes
 from upplied.outputs.missions.mission import missions_of
 from upplied.outputs.missions.photos import interval_of
@@ -29,7 +31,7 @@ _WRITERS: dict[str, Callable[[Mission, MissionOptions], bytes | str]] = {
     "qgc-plan": qgc_plan_text,
     "mavlink": mavlink_text,
     "dji-wpml": dji_kmz,
-    "litchi": lambda mission, _: maps.litchi_text(mission),
+    "litchi": lambda mission, _: litchi_text(mission),
     "kml": lambda mission, _: maps.kml_text(mission),
     "geojson": lambda mission, _: maps.geojson_text(mission),
     "csv": lambda mission, _: maps.csv_text(mission),
