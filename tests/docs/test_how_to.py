@@ -98,8 +98,8 @@ def place(tmp_path_factory) -> Iterator[Path]:
 
 
 def own_flight():
-    """A drone's body round the tank, its camera turned to the wall, as the side-car of the page says."""
-    angle = np.linspace(0.3, 2 * np.pi - 0.3, 700)
+    """A drone's body thrice round the tank, its camera to the wall, as the side-car of the page says."""
+    angle = np.linspace(0.3, 6 * np.pi - 0.3, 700)
     at_tank = np.column_stack([10 * np.cos(angle), 10 * np.sin(angle), np.full(700, 5.0)])
     turn = Rotation.from_quat([0.0, 0.0, 0.2588, 0.9659])
     body = Rotation.from_quat(from_yaw_pitch(angle + np.pi, np.zeros(700)))

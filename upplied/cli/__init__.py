@@ -19,12 +19,15 @@ from upplied.cli import (
     catalog,
     declared,
     demonstrations,
+    doctor,
     export,
     findings,
     flights,
+    keys,
     pages,
     quickstart,
     recommend,
+    render,
     review,
     serve,
     structures,
@@ -60,13 +63,13 @@ _GROUPS = {  # of the help, in the order in which a newcomer needs them
         *(declared.set_, declared.settings, declared.require, declared.zones),
     ),
     "Review": (
-        *(pages.studio, pages.report, pages.render),
+        *(pages.studio, pages.report, render.app),
         *(review.review, review.release, review.reject, review.edit),
     ),
     "Fly": (export.fly, export.export, export.brief, flights.app),
     "Findings": (findings.app, flights.looks, findings.reshoot),
-    "Fleet": (review.in_force, serve.fleet, review.keys),
-    "Service": (quickstart.quickstart, serve.serve, serve.deploy, serve.watch, serve.doctor),
+    "Fleet": (review.in_force, serve.fleet, keys.app),
+    "Service": (quickstart.quickstart, serve.serve, serve.deploy, serve.watch, doctor.doctor),
 }
 for _at, (_title, _commands) in enumerate(_GROUPS.items()):
     _group = Group(_title, sort_key=_at)

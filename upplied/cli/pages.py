@@ -1,4 +1,4 @@
-"""`upplied studio`, `report` and `render`: a catalog in a browser, as pages and as pictures."""
+"""`upplied studio` and `report`: the pages of a catalog, in a browser or as files."""
 
 from __future__ import annotations
 
@@ -12,16 +12,10 @@ from cyclopts import Parameter
 from upplied import fleet
 from upplied.cli.terminal import HERE, Where, complain, errors, progress, say
 from upplied.extras import extra
-from upplied.files import replace_file
 
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
 
-
-from cyclopts import App
-
-from upplied.cli.options import DemonstrationArgument, PlanArgument, StructureArgument
-from upplied.cli.terminal import beside
 
 FileOption = Annotated[Path | None, Parameter(help="One HTML file with everything inside, for mail.")]
 OneDemonstration = Annotated[str | None, Parameter(help="Only this demonstration in the single file.")]
@@ -102,54 +96,4 @@ def studio(
     if open_:
         webbrowser.open(address)
     server.run()
-    return 0
-
-
-render = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
-
-OutputOption = Annotated[Path, Parameter(("--output", "-o"), help="PNG file to write.")]
-ViewOption = Annotated[
-    str | None, Parameter(help="View: three-quarter, other side, perspective, side, front, top or below.")
-]
-
-
-@render.command
-def structure(id: StructureArgument, /, *, output: OutputOption, where: Where = HERE) -> int:
-    """Draw a structure from three sides, with its demonstrations."""
-    from upplied.outputs.render import render_structure
-
-    with errors.status("drawing"):
-        return _saved(output, render_structure(where.opened(), id))
-
-
-@render.command
-def transfer(
-    id: PlanArgument, /, *, output: OutputOption, view: ViewOption = None, where: Where = HERE
-) -> int:
-    """Draw a demonstration on its structure, and its plan on the target."""
-    from upplied.outputs.render import render_transfer
-
-    with errors.status("drawing"):
-        return _saved(output, render_transfer(*where.plan(id), view))
-
-
-@render.command
-def comparison(
-    demonstration: DemonstrationArgument,
-    target: StructureArgument,
-    /,
-    *,
-    output: OutputOption,
-    view: ViewOption = None,
-    where: Where = HERE,
-) -> int:
-    """Draw the newest plan of each preset side by side."""
-    from upplied.outputs.render import render_comparison
-
-    with errors.status("drawing"):
-        return _saved(output, render_comparison(where.opened(), demonstration, target, view))
-
-
-def _saved(output: Path, png: bytes) -> int:
-    say(replace_file(beside(output), png))
     return 0

@@ -21,7 +21,7 @@ from upplied.planning.airspace.roadmap import Roadmap
 from upplied.planning.visibility.looks import sampled_m
 from upplied.planning.visibility.observations import stations
 from upplied.proof.tour import STANDING_M, Toured, toured
-from upplied.proof.zones import Part, ZoneGap, poses_for
+from upplied.proof.zone_gap import Part, ZoneGap, poses_for
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Trajectory
 
 _STATIONS = 500  # poses of the plan, at most, that viewpoints are chosen from
