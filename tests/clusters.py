@@ -117,14 +117,16 @@ def dask_cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[byte
 
 
 @contextmanager
-def ray_cluster(environment: dict[str, str]) -> Iterator[str]:
-    """A running Ray cluster of two worker processes; its address."""
+def ray_cluster(environment: dict[str, str]) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """A running Ray cluster of two worker processes; its address, and its head."""
     folder = tempfile.mkdtemp(prefix="ray-")  # a short path: its sockets lie in there
     address = f"127.0.0.1:{free_port()}"
     host, port = address.split(":")
     options = {
         "--node-ip-address": host,
         "--port": port,
+        "--min-worker-port": "0",  # any that is free: its usual range may hold the head's own
+        "--max-worker-port": "0",
         "--num-cpus": "2",
         "--object-store-memory": str(100 * 2**20),
         "--include-dashboard": "false",
@@ -144,7 +146,7 @@ def ray_cluster(environment: dict[str, str]) -> Iterator[str]:
         while "Ray runtime started" not in (told := (Path(folder) / "ray.log").read_text()):
             assert head.poll() is None and time.monotonic() < deadline, told
             time.sleep(0.5)
-        yield address
+        yield address, head
     finally:
         cut_the_power(head.pid)
         head.wait()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from clusters import (
+    LONGEST_S,
     PRESETS,
     boxes,
     dask_cluster,
@@ -169,5 +170,25 @@ def test_a_worker_of_ray_that_is_killed_is_named_and_another_does_its_work(serve
 def running_ray(server) -> Iterator[str]:
     """The address of a running Ray cluster."""
     pytest.importorskip("prefect_ray", reason="ray is an optional extra: pip install upplied[ray]")
-    with ray_cluster(server.environment | LOOPBACK) as address:
+    with ray_cluster(server.environment | LOOPBACK) as (address, _):
         yield address
+
+
+def test_where_the_head_of_ray_is_killed_the_run_ends_and_the_next_plans_the_rest(server, tmp_path):
+    """Ray ends who waits for a head that is gone: what was kept still is, and nothing is planned twice."""
+    pytest.importorskip("prefect_ray", reason="ray is an optional extra: pip install upplied[ray]")
+    catalog = boxes(tmp_path / "catalog")
+    environment = server.environment | LOOPBACK | {"RAY_gcs_rpc_server_reconnect_timeout_s": "5"}
+    with ray_cluster(environment) as (address, head):
+        night = start_run(catalog, "ray", address, environment)
+        stopped_at_work(catalog, night)  # and stays so: its shard cannot end before the head is gone
+        cut_the_power(head.pid)
+        text, _ = night.communicate(timeout=LONGEST_S)
+    assert night.returncode != 0 and "GCS" in text, text
+    before = catalog.transfers(every=True)
+    assert len(before) < 6
+    assert "COMPLETED" in message(start_run(catalog, "local", "", server.environment))
+    rows = catalog.transfers(every=True)
+    assert len(rows) == len(rows["key"].unique()) == 6
+    assert set(before["key"]) <= set(rows["key"])
+    assert verify(catalog) == []
