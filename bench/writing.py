@@ -162,6 +162,8 @@ def write(place: Path, commits: int, writers: int, peer: bool = False) -> dict[s
     """What the plans cost by several processes: CPU and wall seconds, MB, and of commits the worst."""
     spawn = multiprocessing.get_context("spawn")
     place.mkdir(exist_ok=True)
+    if peer:  # of two that make a table at once, delta-rs lets one fail
+        append(str(place), [])
     began = time.perf_counter()
     processes = [
         spawn.Process(target=fill, args=(str(place), at, commits, writers, peer)) for at in range(writers)
@@ -170,6 +172,7 @@ def write(place: Path, commits: int, writers: int, peer: bool = False) -> dict[s
         process.start()
     for process in processes:
         process.join()
+        assert process.exitcode == 0, "a writer stopped: what it cost stands for less than all"
     took, busy = time.perf_counter() - began, os.getloadavg()[0]
     results = [json.loads(path.read_text()) for path in place.glob("writer-*.json")]
     longest = max(one["longest"] for one in results)
