@@ -27,7 +27,7 @@ from upplied.samples.fleet import member
 
 ROOT = Path(__file__).parents[1]
 
-BOXES = 16  # enough that a fast machine is not through before somebody has looked and killed
+BOXES = 40  # enough that a fast machine is not through before somebody has looked and killed
 PLANS = 2 * BOXES
 
 
