@@ -237,7 +237,7 @@ def attempts(catalog: Catalog, run_id: str) -> list[Attempt]:
 
 
 def remove_shards(catalog: Catalog, run_id: str) -> None:
-    """Remove what a run wrote; what cannot be removed is left for maintenance."""
+    """Remove what a run wrote; what cannot be removed, or is of a run that was killed, stays."""
     _store(catalog).remove_folder(check_id(run_id, "run"))
 
 
