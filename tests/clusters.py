@@ -81,7 +81,7 @@ def message(run: subprocess.Popen[str]) -> str:
 
 def stopped_at_work(catalog: Catalog, run: subprocess.Popen[str]) -> planner.Attempt:
     """A worker's work that has begun and not ended; its process stands still, so that it cannot end."""
-    folder = Path(catalog.location, planner.FOLDER)
+    folder = Path(catalog.shards.root)
     deadline = time.monotonic() + LONGEST_S
     while True:
         names = [place.name for place in folder.iterdir()] if folder.is_dir() else []

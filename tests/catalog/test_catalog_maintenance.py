@@ -214,6 +214,21 @@ def test_vacuum_removes_what_stopped_writers_left_and_nothing_young(catalog, mon
     assert said(catalog) == ""
 
 
+def test_jobs_of_a_killed_run_go_by_age_and_those_of_a_run_at_work_stay(catalog):
+    root = Path(catalog.shards.root)
+    for run in ("killed", "long", "young"):
+        for name in ("00000.jobs", "00001.jobs"):
+            catalog.shards.write(f"{run}/{name}", b"{}")
+    old = [root / "killed" / "00000.jobs", root / "killed" / "00001.jobs", root / "long" / "00000.jobs"]
+    for path in old:
+        os.utime(path, (time.time() - 40 * DAY,) * 2)
+    assert vacuum(catalog, keep_days=50).runs_removed == 0
+    assert vacuum(catalog, keep_days=30).runs_removed == 1
+    assert catalog.shards.names() == ["long", "young"]  # of the long run, one shard was worked on lately
+    assert len(list((root / "long").iterdir())) == 2
+    assert vacuum(catalog, keep_days=30).runs_removed == 0
+
+
 def test_vacuum_bounds_the_cache(catalog):
     for number in range(3):
         catalog.cache.put("clouds", key_of(number), Cloud(np.ones((number + 1, 3))))

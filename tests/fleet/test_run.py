@@ -155,7 +155,7 @@ def test_the_shards_of_a_run_are_read_as_they_were_written_and_nothing_else_is(c
     for wrong in ("night-1/../../structures", "../x/00000.jobs", "night-1/00009.jobs", "", "night-1"):
         with pytest.raises((CatalogError, InputError)):
             planner.read_shard(str(catalog.location), wrong)
-    path = Path(catalog.location, planner.FOLDER, names[0])
+    path = Path(catalog.shards.path(names[0]))
     path.write_bytes(path.read_bytes()[:40])
     with pytest.raises(CatalogError, match="cannot be read"):
         planner.read_shard(str(catalog.location), names[0])
@@ -177,7 +177,7 @@ def test_who_works_on_a_shard_lies_beside_it_and_whoever_was_lost_did_not_end(ca
         raise CatalogError("structures", "full")
     with planner.attempt(str(catalog.location), first, "dask:10.0.0.8:40123"):
         pass
-    Path(catalog.location, planner.FOLDER, "night-1", "00000.torn.json").write_bytes(b'{"shard": ')
+    Path(catalog.shards.path("night-1/00000.torn.json")).write_bytes(b'{"shard": ')
     found = planner.attempts(catalog, "night-1")
     assert [(one.shard, one.worker, one.ended) for one in found] == [
         (first, f"{here}/dask:10.0.0.7:40123", False),

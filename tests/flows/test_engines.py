@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import nullcontext
-from pathlib import Path
 
 import pytest
 from clusters import (
@@ -22,7 +21,6 @@ from processes import cut_the_power
 
 from upplied import fleet
 from upplied.catalog import Catalog, verify
-from upplied.fleet import planner
 
 # Addresses as they are given, not the one that the machine has on its network; and a word they share.
 LOOPBACK = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": "x" * 32}
@@ -84,7 +82,7 @@ def test_a_worker_of_dask_that_is_killed_is_named_and_another_does_its_work(serv
     others = {where.split("/", 2)[2] for where in there.transfers()["planned_on"]}
     assert any(f"/{other})" in text for other in others), (text, others)
     assert kept(there) == here
-    assert not list(Path(there.location, planner.FOLDER).iterdir())
+    assert not list(there.shards.names())
 
 
 def test_where_the_scheduler_of_dask_is_killed_the_run_plans_the_rest_itself(server, tmp_path):

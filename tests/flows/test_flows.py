@@ -184,7 +184,7 @@ print(transfer_fleet(reports="", resources={{"engine": "pool"}}, **asked, return
     )
     assert "prefect worker start --pool planners" in told[4], "nobody takes shards, and it was not told"
     planner.remove_shards(catalog, "night")
-    assert not list((place / "catalog" / planner.FOLDER).iterdir())
+    assert not list(catalog.shards.names())
     rows = catalog.transfers(every=True)
     assert rows[rows["run_id"] == "night"]["key"].tolist() == [jobs[0].key]
     result, missing = fleet.known_outcomes(catalog, jobs)

@@ -138,8 +138,7 @@ class Catalog(Deciding):
         Columns ``t_s``, ``x_m`` to ``z_m``, ``qx`` to ``qw`` (camera to structure), ``patches`` that it shows
         sharply, ``gsd_mm`` and ``blur_px``, medians over these, and ``overlap_pct`` with the one before.
         """
-        sha256 = self._sha256(transfer_id, "photos_sha256")
-        if not sha256:
+        if not (sha256 := self._sha256(transfer_id, "photos_sha256")):
             return pd.DataFrame(columns=["t_s", *POSE, *_OF_PHOTO])
         photos = self.contents["photos"].get(sha256)
         poses = dict(zip(POSE, (*photos.positions.T, *photos.quat_xyzw.T), strict=True))

@@ -16,7 +16,7 @@ from upplied.catalog.store.cache import Cache
 from upplied.catalog.store.chain import decoded
 from upplied.catalog.store.contents import CONTENTS, ContentStore, SurfaceStore
 from upplied.catalog.store.delta import StepTable, StoredTable
-from upplied.catalog.store.files import cache_folder, checked
+from upplied.catalog.store.files import FileStore, cache_folder, checked
 from upplied.catalog.store.identity import Clock, Identity
 from upplied.catalog.verbs import ordering, queries
 from upplied.catalog.verbs.ordering import DERIVED, Standing, standing_of, with_states
@@ -45,6 +45,7 @@ class Reading:
         }
         self.surfaces = SurfaceStore(self.contents["surfaces"], self.contents["samples"])
         self.looks = self.contents["looks"]
+        self.shards = FileStore(f"{self.location}/shards")  # jobs of runs at work
         self._newest = {name: ordering.Current(self.tables[name]) for name in ("structures", STEPS["poses"])}
         self.cache = Cache(cache if cache is not None else cache_folder(self.location))
 
@@ -266,8 +267,7 @@ class Reading:
     def newest(self, table: str, name: str) -> Row:
         """The row of the current version of one structure or demonstration, retired or not."""
         check_id(name, TABLES[table].names[0].replace("_", " "))
-        row = self._newest[table].row(name)
-        if row is None:
+        if (row := self._newest[table].row(name)) is None:
             what = f"{table.removesuffix('s')} {name}"
             raise CatalogError(what, "is not in the catalog", suggested(name, self._ids(table)))
         return row

@@ -187,6 +187,7 @@ def vacuum(*, keep_days: DaysOption = 30.0, where: Where = HERE) -> int:
     _counted("files removed", done.files_removed)
     _counted("rows of stopped writers removed", done.orphan_commits)
     say(f"{done.surfaces_removed} unused surfaces and {done.drafts_removed} unfinished exports removed")
+    say(f"jobs of {done.runs_removed} killed runs removed")
     say(f"{done.cache_bytes_freed} bytes of cache freed")
     return 0
 

@@ -172,13 +172,12 @@ def required_surface(
     return asking.required()
 
 
-FOLDER = "shards"
 _SUFFIX = ".jobs"
 
 
 def write_shards(catalog: Catalog, run_id: str, shards: Sequence[Shard]) -> list[str]:
     """Write the jobs of each shard; returns their names, as `read_shard` takes them."""
-    store = _store(catalog)
+    store = catalog.shards
     names = [f"{check_id(run_id, 'run')}/{number:05}{_SUFFIX}" for number in range(len(shards))]
     others = [item.name for item in fields(Job) if item.name != "settings"]
     for name, shard in zip(names, shards, strict=True):
@@ -194,7 +193,7 @@ def read_shard(location: str, name: str) -> list[Job]:
     run_id, _, number = name.partition("/")
     check_id(run_id, "run")
     check_id(number.removesuffix(_SUFFIX), "shard")
-    store = _store(open_catalog(location))
+    store = open_catalog(location).shards
     try:
         plain = json.loads(store.read(name))
         settings = {sha256: settings_of(text) for sha256, text in plain["settings"].items()}
@@ -215,7 +214,7 @@ class Attempt:
 @contextmanager
 def attempt(location: str, name: str, worker: str) -> Iterator[None]:
     """Write who works on a shard, and at the end that it ended, whether it failed or not."""
-    store = _store(open_catalog(location))
+    store = open_catalog(location).shards
     place = f"{name.removesuffix(_SUFFIX)}.{uuid.uuid4().hex}.json"
     begun = Attempt(name, f"{this_process()}/{worker}")
     store.write(place, json.dumps(asdict(begun)).encode(), lasting=False)
@@ -227,7 +226,7 @@ def attempt(location: str, name: str, worker: str) -> Iterator[None]:
 
 def attempts(catalog: Catalog, run_id: str) -> list[Attempt]:
     """Who worked on the shards of a run, by shard and worker; of a damaged note nothing is known."""
-    store = FileStore(_store(catalog).path(check_id(run_id, "run")))
+    store = FileStore(catalog.shards.path(check_id(run_id, "run")))
     turns = []
     for name in store.names():
         with suppress(OSError, ValueError, TypeError):
@@ -237,9 +236,5 @@ def attempts(catalog: Catalog, run_id: str) -> list[Attempt]:
 
 
 def remove_shards(catalog: Catalog, run_id: str) -> None:
-    """Remove what a run wrote; what cannot be removed, or is of a run that was killed, stays."""
-    _store(catalog).remove_folder(check_id(run_id, "run"))
-
-
-def _store(catalog: Catalog) -> FileStore:
-    return FileStore(f"{str(catalog.location).rstrip('/')}/{FOLDER}")
+    """Remove what a run wrote; what cannot be removed, or is of a run that was killed, goes by `vacuum`."""
+    catalog.shards.remove_folder(check_id(run_id, "run"))

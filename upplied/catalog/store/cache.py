@@ -37,8 +37,7 @@ class Cache:
 
     def __call__(self, stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
         """The remembered record of this stage and key, or the computed one, which is then remembered."""
-        record = self.get(stage, record_type, key)
-        if record is None:
+        if (record := self.get(stage, record_type, key)) is None:
             record = compute()
             self.put(stage, key, record)
         return record

@@ -46,8 +46,7 @@ class StoredTable(OpenTable):
     ) -> ds.Dataset | None:
         """The rows of a version, else the newest; None without any. Of `commits` alone, others may lack."""
         with self._lock:
-            delta = self._refreshed()
-            if delta is None:
+            if (delta := self._refreshed()) is None:
                 return None
             if version is not None:
                 what = f"{self.uri} version {version}"

@@ -66,8 +66,7 @@ class OpenTable:
 
         def once() -> T | None:
             with self._lock:
-                delta = self._refreshed()
-                if delta is None:
+                if (delta := self._refreshed()) is None:
                     return None
                 done = act(delta)
                 delta.update_incremental()

@@ -51,6 +51,7 @@ class Removed:
     surfaces_removed: int  # that no plan names
     files_removed: dict[str, int]  # by table
     drafts_removed: int
+    runs_removed: int  # that were killed: their jobs
     cache_bytes_freed: int
 
 
@@ -65,9 +66,9 @@ def compact(catalog: Reading) -> dict[str, int]:
 def vacuum(catalog: Reading, keep_days: float = KEEP_DAYS, cache_bytes: int = CACHE_BYTES) -> Removed:
     """Remove what nobody can ask for any more.
 
-    That is: data files that were merged or whose version is older than `keep_days`; points that
-    stopped writers left behind, what their plans see, and their unfinished files; and cache entries
-    unused for longest beyond `cache_bytes`. Rows are never removed: `as_of` reaches back to the first one.
+    That is: data files that were merged or whose version is older than `keep_days`; points and
+    unfinished files of stopped writers, and what their plans see; jobs of killed runs; cache entries unused
+    for longest beyond `cache_bytes`. Rows are never removed: `as_of` reaches back to the first one.
 
     Parameters
     ----------
@@ -97,6 +98,7 @@ def vacuum(catalog: Reading, keep_days: float = KEEP_DAYS, cache_bytes: int = CA
         sum(_drop_unnamed(catalog, store.files, store.about.columns, before) for store in contents),
         {name: table.change(remove) or 0 for name, table in catalog.tables.items()},
         0 if "://" in catalog.location else _remove_drafts(Path(catalog.location), before),
+        _drop_shards(catalog.shards, before),
         catalog.cache.prune(cache_bytes),
     )
 
@@ -105,14 +107,22 @@ def _drop_unnamed(
     catalog: Reading, files: FileStore, columns: Sequence[tuple[str, str]], before: datetime
 ) -> int:
     """Remove files older than a moment that no row names in these columns of tables; how many."""
-    old = files.older(before)
-    if not old:
+    if not (old := files.older(before)):
         return 0
     columns_read = (catalog.tables[table].read(None, [name])[name] for table, name in columns)
     named = {sha256 for column in columns_read for sha256 in column.to_pylist()}
     gone = [name for name in old if name.removesuffix(".parquet") not in named]
     for name in gone:
         files.remove(name)
+    return len(gone)
+
+
+def _drop_shards(shards: FileStore, before: datetime) -> int:
+    """Remove the jobs of runs that wrote nothing there since a moment; of how many."""
+    runs = {run: FileStore(shards.path(run)) for run in shards.names()}
+    gone = [run for run, files in runs.items() if files.names() and files.older(before) == files.names()]
+    for run in gone:
+        shards.remove_folder(run)
     return len(gone)
 
 
