@@ -93,9 +93,9 @@ fuzz: $(READY) ## coverage-guided fuzzing of the readers, ten minutes or FUZZ_SE
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --only-binary :all: "atheris>=3,<4"
 	$(BIN)/python tests/faults/fuzz_logs.py --seconds $${FUZZ_SECONDS:-600}
 
-# Two more than there are processors, each test where there is room: those of the service wait for whole minutes.
+# Two more than there are processors, one test after the other to whoever is free: those of the service wait for whole minutes.
 faults: $(COMPILED) ## kill, fill and forbid: every fault test, the long ones too
-	@$(BIN)/python -m pytest --numprocesses $$(($$(nproc) + 2)) --dist worksteal tests/faults
+	@$(BIN)/python -m pytest --numprocesses $$(($$(nproc) + 2)) --dist load --maxschedchunk 1 tests/faults
 
 LEROBOT_PYTHON ?= $(shell for p in python3.13 python3.12 python3; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1 && echo $$p && break; done)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -28,7 +29,8 @@ from upplied.samples.fleet import member
 ROOT = Path(__file__).parents[1]
 
 BOXES = 40  # enough that a fast machine is not through before somebody has looked and killed
-PLANS = 2 * BOXES
+PLANS = 2 * BOXES  # of two presets
+QUICK = ("baseline", "paper")  # where it does not matter what is planned: a third of the work
 
 
 @dataclass(frozen=True)
@@ -47,13 +49,14 @@ class Run:
 class Service:
     """A fleet in a folder of its own, served by the units of docs/operating.md."""
 
-    def __init__(self, place: Path, cron: str, published: bool) -> None:
+    def __init__(self, place: Path, cron: str, published: bool, presets: Sequence[str]) -> None:
         self.place, self.port = place, free_port()
         text = (ROOT / "prefect.yaml").read_text()
         text, nights = re.subn(r"30 2 \* \* \*", cron, text)
-        if not published:  # pages and pictures of a fleet cost more than its plans
-            text, given = re.subn("# parameters: .*", 'parameters: {reports: ""}', text)
-            assert given == 1
+        changed = {} if published else {"reports": ""}  # pages cost more than plans
+        changed |= {"presets": list(presets)} if presets else {}
+        text, given = re.subn("# parameters: .*", f"parameters: {json.dumps(changed)}", text)
+        assert given == 1
         assert nights == 1
         (place / "prefect.yaml").write_text(text)
         self.catalog: Catalog = open_catalog(place / "catalog")
@@ -167,8 +170,10 @@ def planners_in(place: Path) -> list[int]:
 
 
 @contextmanager
-def service(place: Path, cron: str, published: bool = False) -> Iterator[Service]:
-    served = Service(place, cron, published)
+def service(
+    place: Path, cron: str, published: bool = False, presets: Sequence[str] = ()
+) -> Iterator[Service]:
+    served = Service(place, cron, published, presets)
     served.start()
     try:
         yield served
