@@ -79,7 +79,8 @@ def route(path: Waypoints, ways: Ways) -> Waypoints:
     for leg in range(len(positions) - 1):
         line = positions[leg : leg + 2]
         if broken[leg]:
-            line = _spaced(_way_or_refusal(ways.graph, line[0], line[1], leg))
+            line = _way_or_refusal(ways.graph, line[0], line[1], leg)
+            line = _with_count(line, 1 + int(np.ceil(leg_lengths(line) / _SPACING_M).sum()))
         along = arc_length(line)
         pieces.append(line[1:])
         origin.append(leg + along[1:] / max(along[-1], 1e-12))
@@ -165,9 +166,8 @@ def _good(pushed: Floats, ways: Ways) -> Bools:
         probes = members[chosen_evenly(len(members), 8)]
         good[members] = any(len(links(ways.graph, probe)) for probe in pushed[probes])
         if not good[members[0]] and _sees_sky(pushed[probes], ways.planning).all():
-            raise _refusal(
-                ways.planning, int(members[0]), pushed[members[0]], "no free way leads here from the rest"
-            )
+            place = int(members[0]), pushed[members[0]]
+            raise _refusal(ways.planning, *place, "no free way leads here from the rest")
     return good
 
 
@@ -225,12 +225,6 @@ def _with_count(line: Floats, count: int) -> Floats:
         pieces[np.argmax(length / pieces)] += 1
     ends = zip(line[:-1], line[1:], pieces, strict=True)
     return np.vstack([*(a + np.arange(n)[:, None] / n * (b - a) for a, b, n in ends), line[-1:]])
-
-
-def _spaced(line: Floats) -> Floats:
-    """A polyline with a vertex every metre or so, its own among them."""
-    length = leg_lengths(line)
-    return _with_count(line, 1 + int(np.ceil(length / _SPACING_M).sum()))
 
 
 def _with_inserted(path: Waypoints, positions: Floats, origin: Floats) -> Waypoints:
