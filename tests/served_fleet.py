@@ -49,7 +49,7 @@ class Run:
 class Service:
     """A fleet in a folder of its own, served by the units of docs/operating.md."""
 
-    def __init__(self, place: Path, cron: str, published: bool, presets: Sequence[str]) -> None:
+    def __init__(self, place: Path, cron: str, published: bool, presets: Sequence[str], boxes: int) -> None:
         self.place, self.port = place, free_port()
         text = (ROOT / "prefect.yaml").read_text()
         text, nights = re.subn(r"30 2 \* \* \*", cron, text)
@@ -61,7 +61,7 @@ class Service:
         (place / "prefect.yaml").write_text(text)
         self.catalog: Catalog = open_catalog(place / "catalog")
         cube = member("cube-v1").structure
-        self.catalog.add_structures([cube, *(random_member("box", n).structure for n in range(1, BOXES + 1))])
+        self.catalog.add_structures([cube, *(random_member("box", n).structure for n in range(1, boxes + 1))])
 
     def start(self) -> None:
         environment = {key: value for key, value in os.environ.items() if not key.startswith("PREFECT")}
@@ -171,9 +171,9 @@ def planners_in(place: Path) -> list[int]:
 
 @contextmanager
 def service(
-    place: Path, cron: str, published: bool = False, presets: Sequence[str] = ()
+    place: Path, cron: str, published: bool = False, presets: Sequence[str] = (), boxes: int = BOXES
 ) -> Iterator[Service]:
-    served = Service(place, cron, published, presets)
+    served = Service(place, cron, published, presets, boxes)
     served.start()
     try:
         yield served

@@ -57,6 +57,9 @@ class Settings:
         """Hash of every setting; equal settings, equal hash."""
         return digest(self)
 
+    def __hash__(self) -> int:
+        return hash(self.sha256)  # once for all its stages
+
 
 def settings_for(preset: str, **changes: Any) -> Settings:
     """The settings of a preset, with single stages replaced.

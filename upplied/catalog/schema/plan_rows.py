@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass
 from datetime import UTC, datetime
@@ -171,7 +172,7 @@ def _json_value(value: Any) -> Any:
     """Arrays as lists; not-a-number as null, since JSON has no word for it."""
     if isinstance(value, np.ndarray):
         return value.tolist()
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _number(value: Any) -> Any:

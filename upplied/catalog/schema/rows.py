@@ -24,6 +24,7 @@ PASSPORT = (
 )  # fmt: skip
 _PLACES = {"keep_out_m": (-1, 2, 3), "geofence_m": (-1, 2), "rally_m": (-1, 3)}  # of surroundings: shapes
 _OPTICS = ("exposure_s", "trigger_s", "focus_m", "focal_mm", "f_number")  # null where they are not known
+_JSON = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 #: Of a row: when and by which commit it was added.
 ADDED = ("version", "added_at", "commit_id", "commit_version", "row_sha256")
 
@@ -168,9 +169,7 @@ def table_of(table: Table, rows: list[Row]) -> pa.Table:
     for column in table.columns:
         empty = "" if pa.types.is_string(column.type) else None
         values = [row.get(column.name, empty) for row in rows]
-        if pa.types.is_floating(column.type):
-            values = [None if value is None or value != value else float(value) for value in values]
-        columns.append(pa.array(values, column.type))
+        columns.append(pa.array(values, column.type, from_pandas=pa.types.is_floating(column.type)))
     return pa.table(columns, schema=table.schema)
 
 
@@ -182,4 +181,4 @@ def says_same(table: Table, stored: Row, given: Row) -> bool:
 
 def json_text(value: Any) -> str:
     """The one JSON text of a value."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return _JSON.encode(value)
