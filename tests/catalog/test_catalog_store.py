@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime, timedelta
 
 import boto3
 import pytest
@@ -14,6 +15,7 @@ from pyarrow.fs import S3FileSystem
 
 from upplied.catalog import compact, export_tables, open_catalog, vacuum, verify
 from upplied.catalog.store.files import FileStore
+from upplied.catalog.store.identity import Clock
 from upplied.errors import CatalogError
 
 SECRET = "not-to-be-seen-anywhere"
@@ -156,3 +158,15 @@ def test_two_writers_at_once_lose_nothing(store):
     found = catalog.transfers(every=True)
     assert sorted(found["key"]) == sorted(wanted)
     assert [f for f in verify(catalog) if "is not in" not in f.found] == []  # no structures here
+
+
+def test_jobs_of_killed_runs_go_from_an_object_store_too(store, monkeypatch):
+    catalog = open_catalog(f"s3://{BUCKET}/jobs").create()
+    for run in ("one", "other"):
+        catalog.shards.write(f"{run}/00000.jobs", b"{}")
+    assert vacuum(catalog, keep_days=30).runs_removed == 0
+    later = datetime.now(UTC) + timedelta(days=40)
+    monkeypatch.setattr(Clock, "now", lambda _: later)
+    assert catalog.shards.names() == ["one", "other"]
+    assert vacuum(catalog, keep_days=30).runs_removed == 2
+    assert not any(name.endswith(".jobs") for name in content(store)) and not catalog.shards.names()
