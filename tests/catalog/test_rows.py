@@ -9,6 +9,7 @@ from catalog_records import demonstration, differences, key_of, plan, structure
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.steps import poses_sha256, stored_quats
 from upplied.catalog.schema.tables import TABLES
+from upplied.catalog.verbs.recipes import settings_of
 from upplied.config import settings_for
 from upplied.errors import CatalogError
 from upplied.records import Measures, Structure, Surroundings, Trajectory
@@ -78,6 +79,21 @@ def test_missing_measures_are_null_not_nan():
     assert np.isnan(
         plan_rows.plan_of(row, plan_rows.waypoint_table({"id": given})).measures.coverage_seen_pct
     )
+
+
+def test_numbers_of_any_sort_are_stored_and_what_is_none_is_null():
+    none = [None, np.nan, np.float64(np.nan), np.float32(np.nan)]
+    given = [1, 1.5, np.float32(2.5), np.float64(0.1), np.int64(3), True, np.inf, *none]
+    stored = rows.table_of(TABLES["transfers"], [{"planning_s": value} for value in given])["planning_s"]
+    assert stored.to_pylist() == [1.0, 1.5, 2.5, 0.1, 3.0, 1.0, np.inf, *[None] * 4]
+
+
+def test_settings_are_stored_with_their_own_hash_however_their_numbers_are_written():
+    """1 and 1.0 are equal: what was stored for the one is not the text of the other."""
+    for weight in (1, 1.0, 1):
+        settings = settings_for("recommended", optimise={"axis": weight})
+        row = plan_rows.transfer_row(key_of(0), plan(), {"settings": settings})
+        assert settings_of(row["settings_json"]).sha256 == row["settings_sha256"] == settings.sha256
 
 
 def test_stored_orientations_have_w_not_negative_and_are_the_same():

@@ -10,7 +10,6 @@ import pytest
 import trimesh
 
 from upplied.catalog import open_catalog
-from upplied.catalog.schema.plan_rows import settings_text
 from upplied.cli import main
 from upplied.cli.options import Choices
 from upplied.config import settings_for
@@ -100,11 +99,11 @@ def test_missions_are_written_for_the_vehicle_and_clearance_that_the_plan_was_ma
     vehicle = {"drone": "m30t", "endurance_s": 1200.0, "firmware": "ardupilot"}
     for made_m, asked_m, kept_m in ((5.0, 2.0, 5.0), (1.5, 2.0, 2.0), (5.0, 3.0, 3.0)):
         settings = settings_for("recommended", vehicle=vehicle, route={"clearance_m": made_m})
-        row = {"settings_json": settings_text(settings)}
+        row = {"settings_json": settings.text}
         made = as_settled(row, MissionOptions(clearance_m=asked_m, endurance_s=900.0))
         assert (made.drone, made.endurance_s, made.firmware) == ("m30t", 900.0, "ardupilot")
         assert made.clearance_m == kept_m
-    assert as_settled({"settings_json": settings_text(settings)}, MissionOptions(drone="m3e")).drone == "m3e"
+    assert as_settled({"settings_json": settings.text}, MissionOptions(drone="m3e")).drone == "m3e"
     assert as_settled({}, MissionOptions()) == as_settled({"settings_json": "{"}, MissionOptions())
 
 

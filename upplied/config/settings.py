@@ -54,11 +54,14 @@ class Settings:
 
     @cached_property
     def sha256(self) -> str:
-        """Hash of every setting; equal settings, equal hash."""
+        """Hash of every setting as it is written: 1 and 1.0 are two."""
         return digest(self)
 
-    def __hash__(self) -> int:
-        return hash(self.sha256)  # once for all its stages
+    @cached_property
+    def text(self) -> str:
+        """The JSON of every setting, as it is written."""
+        plain = asdict(self)
+        return json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
 def settings_for(preset: str, **changes: Any) -> Settings:

@@ -19,7 +19,7 @@ import numpy as np
 import pyarrow as pa
 
 from upplied.catalog import Catalog, open_catalog
-from upplied.catalog.schema.plan_rows import settings_text, tuples
+from upplied.catalog.schema.plan_rows import tuples
 from upplied.catalog.store.files import FileStore, explained
 from upplied.catalog.verbs.belonging import zones_named
 from upplied.catalog.verbs.recipes import settings_of
@@ -183,7 +183,7 @@ def write_shards(catalog: Catalog, run_id: str, shards: Sequence[Shard]) -> list
     for name, shard in zip(names, shards, strict=True):
         settings = {job.settings.sha256: job.settings for job in shard}
         jobs = [{at: getattr(job, at) for at in others} | {"settings": job.settings.sha256} for job in shard]
-        plain = {"settings": {key: settings_text(one) for key, one in settings.items()}, "jobs": jobs}
+        plain = {"settings": {key: one.text for key, one in settings.items()}, "jobs": jobs}
         explained(store.path(run_id), partial(store.write, name, json.dumps(plain).encode()), doing="written")
     return names
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict, fields
 from datetime import UTC, datetime
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -88,7 +87,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
         "siblings": json_text(siblings) if siblings else "",
         "warnings": json_text(list(plan.warnings)),
         "settings_sha256": settings.sha256,
-        "settings_json": settings_text(settings),
+        "settings_json": settings.text,
         "registration_json": fit,
         "waypoints_sha256": waypoints_sha256,
     }
@@ -148,13 +147,6 @@ def standoff_mode(settings: Settings) -> str:
     """
     gsd_m = settings.transfer.gsd_m
     return settings.transfer.standoff if gsd_m is None else f"gsd {1e3 * gsd_m:g} mm"
-
-
-@lru_cache(maxsize=64)
-def settings_text(settings: Settings) -> str:
-    """The JSON of all settings."""
-    stages = _values(settings).items()
-    return json_text({name: _values(stage) if is_dataclass(stage) else stage for name, stage in stages})
 
 
 def _values(record: Any) -> dict[str, Any]:

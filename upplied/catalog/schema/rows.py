@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table, zoom_of
 from upplied.catalog.schema.tables import TABLES, Table
@@ -168,8 +169,10 @@ def table_of(table: Table, rows: list[Row]) -> pa.Table:
     columns = []
     for column in table.columns:
         empty = "" if pa.types.is_string(column.type) else None
-        values = [row.get(column.name, empty) for row in rows]
-        columns.append(pa.array(values, column.type, from_pandas=pa.types.is_floating(column.type)))
+        values = pa.array([row.get(column.name, empty) for row in rows], column.type)
+        if pa.types.is_floating(column.type):
+            values = pc.if_else(pc.is_nan(values), None, values)
+        columns.append(values)
     return pa.table(columns, schema=table.schema)
 
 

@@ -10,7 +10,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from upplied.catalog.database import Catalog
-from upplied.catalog.schema.plan_rows import settings_text
 from upplied.catalog.schema.tables import ROW_SHA256, STEPS, TABLES, Column
 from upplied.catalog.store.chain import breaks, encoded, rows_added
 from upplied.catalog.store.contents import NAMED_CONTENTS
@@ -285,7 +284,7 @@ def _settings(transfers: pa.Table) -> Iterator[Finding]:
     for (text, sha256), rows in as_frame(transfers).groupby(_SETTINGS, observed=True):
         try:
             settings = settings_of(text)
-            known = settings.sha256 == sha256 or settings_text(settings) != text
+            known = settings.sha256 == sha256 or settings.text != text
             wrong = "" if known else "do not match it"
         except (UppliedError, ValueError) as error:
             wrong = f"cannot be read: {error}"
