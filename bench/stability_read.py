@@ -54,6 +54,13 @@ class Row:
         return 100 * self.figure("coverage_inspected_pct") / able if able > 0 else NAN
 
     @property
+    def attained_there(self) -> float:
+        """The same of what the target has: surface without a counterpart counts neither way, percent."""
+        able = 100 - self.figure("inspected_unattainable_pct")
+        able -= self.figure("inspected_without_counterpart_pct")
+        return 100 * self.figure("coverage_inspected_pct") / able if able > 0 else NAN
+
+    @property
     def axis_lost(self) -> float:
         """Points of time by which the camera points less at the inspected part than the demonstration's."""
         return 100 * (self.figure("axis_demonstration") - self.figure("axis_plan"))

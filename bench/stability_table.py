@@ -54,6 +54,8 @@ def figures(rows: Rows) -> Figures:
         "  5th percentile (95)": _at(attained, 5),
         "  all variants: mean": _mean(attained_all),
         "  all variants: 5th percentile": _at(attained_all, 5),
+        "  where it has a counterpart: mean": _mean([row.attained_there for row in accepted]),
+        "  5th percentile, with a counterpart": _at([row.attained_there for row in accepted], 5),
         "BELOW BOX by > 1 point (0)": _counted(value > 1 for value in boxed if not math.isnan(value)),
         "  mean gain on box, points": _mean([-value for value in boxed]),
         "AXIS: demonstrations, median %": _at(

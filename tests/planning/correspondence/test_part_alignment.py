@@ -43,6 +43,16 @@ def test_a_box_is_laid_on_its_partners_box() -> None:
     )
 
 
+def test_a_part_of_quite_another_shape_is_not_stretched_to_its_partners_box() -> None:
+    """A fin that is named as a fin with a tailplane across it stays as thick as it is."""
+    fin, facing = box([0, -0.25, 0], [6, 0.5, 7])
+    across, faces = box([0, -6.0, 6.5], [6, 12.0, 0.5], seed=1)
+    both = patch(np.vstack([fin[:300], across[:300]]), np.vstack([facing[:300], faces[:300]]))
+    assert np.array_equal(aligned_parts(patch(fin, facing), both).points[:600], fin)
+    alike, alikes = box([0, -0.5, 0], [6, 1.2, 7], seed=2)  # within three times it is
+    assert np.ptp(aligned_parts(patch(fin, facing), patch(alike, alikes)).points[:600, 1]) > 1.1
+
+
 def blade(degrees: float, length: float = 30.0, width: float = 1.0) -> tuple[Floats, Floats]:
     turn = Rotation.from_euler("x", degrees, degrees=True).as_matrix()
     points, normals = box([-width / 2, -width / 2, 3], [width, width, length], 900)

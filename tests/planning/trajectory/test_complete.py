@@ -14,6 +14,7 @@ from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.measures.verdict import odd_shape
 from upplied.planning.plan import plan_transfer
 from upplied.planning.trajectory.flyable import _within
+from upplied.planning.trajectory.view import Sight
 from upplied.records import Plan
 from upplied.samples.fleet import sample_structures
 from upplied.samples.pilot import fly
@@ -70,6 +71,28 @@ def test_what_has_no_counterpart_is_not_planned_for():
     assert plan.status == "refused" and "counterpart" in plan.reason
     loose = replace(settings, refine=replace(settings.refine, least_counterpart=0.5))
     assert plan_transfer(demonstration, source, fleet["b777-v1"], loose).status == "ok"
+
+
+@pytest.mark.ci
+def test_on_the_demonstrated_structure_the_camera_looks_aside_as_far_as_the_experts(monkeypatch):
+    """Else a path would be worth more for looking where the expert did not, by a hair, on some processors."""
+    problems = []
+
+    def stopped(problem, *_):
+        problems.append(problem)
+        raise RefusedError("the search", "is not begun", "this test reads its problem", "none")
+
+    monkeypatch.setattr("upplied.planning.trajectory.complete.optimise", stopped)
+    source = {structure.structure_id: structure for structure in sample_structures()}["cruise-v1"]
+    settings = settings_for("recommended")
+    assert plan_transfer(fly(source, "hull"), source, source, settings).status == "refused"
+    (problem,) = problems
+    path, stations = problem.starts[0].safe, len(problem.starts[0].safe)
+    sampled = problem.view.sampled(settings.optimise.samples)
+    sight = Sight.of(path, 1, problem.view, *sampled, problem.aside_rad)
+    assert sight.axis.value(path)[0] == pytest.approx(0, abs=1e-5)
+    straight = replace(sight.axis, demonstrated=np.zeros(stations))  # round bow and stern the expert did
+    assert straight.value(path)[0] > 0.01
 
 
 def test_the_camera_turns_little_more_than_the_experts():

@@ -24,13 +24,14 @@ from upplied.planning.carry.affine import (
 from upplied.planning.carry.inspected_surface import (
     InspectedSurface,
     area_ratio,
+    demonstrated_looks,
     inspected_by,
     inspected_surface,
 )
 from upplied.planning.carry.published import published
 from upplied.planning.carry.standoff import Counted, Standoff, counted, picture_share
 from upplied.planning.correspondence.registration import box_on_box
-from upplied.planning.demonstration.repetition import Take
+from upplied.planning.demonstration.repetition import Take, look_limits
 from upplied.planning.visibility.frustum import coarseness
 from upplied.records import Camera, Cloud, Correspondences, Floats, Record, Trajectory, Visibility, Waypoints
 
@@ -123,6 +124,7 @@ class Goal(Record):
     reference: Floats  # (K, 3) m, the demonstrated positions, by which the shape is measured
     standing: Floats  # (3, 3) turns the target's axes into the source's
     height_m: float | None  # of the plane that the path stays in
+    looked_m: Floats  # (S,) of the source's samples, from how near the expert looked at each
     area_ratio: float = 1.0  # of what corresponds to the inspected surface, to that surface
 
 
@@ -173,8 +175,25 @@ def _carried(take: Take, settings: Settings) -> Carried:
     seen = inspected_surface(fit.source, fit.target, fit.correspondences, inspection.truly).need
     reference = demonstrated_on_target(take)
     ratio = area_ratio([take], inspected)
-    goal = Goal(inspected, seen, flown, standoff, reference, standing(pair), height_m, ratio)
+    goal = Goal(
+        inspected,
+        seen,
+        flown,
+        standoff,
+        reference,
+        standing(pair),
+        height_m,
+        _looked_m(take, settings),
+        ratio,
+    )
     return Carried(take, path, goal, _simply_carried(take, path, height_m))
+
+
+def _looked_m(take: Take, settings: Settings) -> Floats:
+    """From how near a take looked at each of the source's samples (S,), m: sharply, else at all."""
+    sharply_m = demonstrated_looks(take, look_limits([take], settings.inspection)).sampled_m
+    at_all_m, _ = take.inspection.truly.nearest(take.pair.surface.source.points)
+    return np.where(np.isfinite(sharply_m), sharply_m, at_all_m)
 
 
 def _about_inspected(take: Take, *matrices: Floats) -> list[AxisMap]:

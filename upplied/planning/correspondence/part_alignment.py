@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from upplied.geometry.vectors import scaled_normals, with_normals
-from upplied.planning.constants import FACING, SLENDER, TOLERANCE
+from upplied.planning.constants import FACING, LEAST_PART, MOST_RATIO, SLENDER, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import Patch
 from upplied.planning.correspondence.part_assignment import Matching, match_parts, with_named
 from upplied.planning.geometry.clouds import box_scale, diagonal_of
@@ -71,6 +71,8 @@ def alignments(moving: Patch, fixed: Patch) -> tuple[Floats, Floats, Bools]:
         part, partner = moving.points[mine], fixed.points[theirs]
         turn = _turned(part, moving.points, partner, fixed.points)
         turned[label] = turn is not None
+        if turn is None and _another_shape(part, partner):
+            continue
         matrix[label], offset[label] = _box_on_box(part, partner) if turn is None else turn
     return matrix, offset, turned
 
@@ -113,6 +115,12 @@ def _box_on_box(part: Floats, partner: Floats) -> tuple[Floats, Floats]:
     box, other = _core(part), _core(partner)
     scale = box_scale(other, box)
     return np.diag(scale), other[0] - scale * box[0]
+
+
+def _another_shape(part: Floats, partner: Floats) -> bool:
+    least = LEAST_PART * float(np.linalg.norm(np.ptp(part, axis=0)))
+    ratio = np.log(np.maximum(np.ptp(part, axis=0), least) / np.maximum(np.ptp(partner, axis=0), least))
+    return bool(np.abs(ratio).max() > np.log(MOST_RATIO))
 
 
 def _core(part: Floats) -> Floats:

@@ -6,7 +6,6 @@ needed (`arrangement`). They are flown after the flight, once more round or back
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,16 +15,15 @@ from upplied.geometry.poses import wrapped
 from upplied.planning.airspace.detours import Ways
 from upplied.planning.airspace.roadmap import way
 from upplied.planning.trajectory.lanes import STEPS, Cover, Lanes, Pass, arranged, lanes_beside
+from upplied.planning.trajectory.optimise import ALIKE
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
 from upplied.records import Bools, Floats, Ints, Record, Rows
 
 _NEEDED = 600  # samples, at most, that stand for all that is needed
-_LEAST = 0.02  # share of the need, that a pass must show
 _PIECES = 8  # of a pass, of which as many are flown as there is time for: a second seldom moves an end
 _TURN_S = 2.0  # to slow down and turn at each end of a pass
-PRICES = (0.8, 0.27, 0.09, 0.03)  # of what a second shows in the mean, that a second must: few passes first
-_AS_GOOD = 0.9  # of what the best of the prices shows: the first of them that shows as much is taken
+_PRICE = 0.05  # of what a second of the flight shows in the mean, that a second of a pass must
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,8 +33,7 @@ class Extended(Record):
     path: Flown
     origin: Ints  # (M',) the station of the path before, whose moment of the demonstration each has
     added: Bools  # (M',)
-    passes_s: float  # that the passes take at the pace of the flight
-    price: float  # of `PRICES`, that they were chosen by; 0 where there are none
+    passes_s: float = 0.0  # that the passes take at the pace of the flight
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,47 +85,31 @@ class Beside(Record):
         spent = cumulated(pace.seconds(path, np.arange(len(path))))
         return cls(path, lanes, cover, np.gradient(spent[lanes.station]), float(spent[-1]), ways, pace)
 
-    def with_passes(self, spare_s: float, most: int, prices: Sequence[float] = PRICES) -> Extended | None:
-        """The path with as many passes as show what is needed in a time, at most `most` to each side.
-
-        None where it is enough alone, or there is no time. `prices` are tried, few passes first.
-        """
-        tours = []
-        for times in prices if spare_s > 0 else ():
-            passes = arranged(self.cover, self.seconds, times / (self.own_s + spare_s), most)
-            for a_second in (False, True) if len(passes) > 1 else (False,):
-                tour = _Tour(self.path, self.lanes, self.ways, self.pace)
-                worth = self._flown_after(tour, list(passes), spare_s, a_second)
-                tours.append((worth, tour, times))
-        best = max((worth for worth, *_ in tours), default=0.0)
-        if best <= 0:
-            return None
-        _, tour, price = next(one for one in tours if one[0] >= _AS_GOOD * best)
-        return tour.flown(price)
-
     @property
     def alone(self) -> Extended:
         """The path without passes."""
         return _Tour(self.path, self.lanes, self.ways, self.pace).flown()
 
-    def _flown_after(self, tour: _Tour, passes: list[Pass], spare_s: float, a_second: bool) -> float:
-        """What passes flown after a tour show beyond what they must; most first, or most a second."""
-        cover, worth = self.cover, 0.0
+    def with_passes(self, spare_s: float, most: int) -> Extended | None:
+        """The path with as many passes as show what is needed in a time, at most `most` to each side.
+
+        Those that show most come first. None where the path is enough alone, or there is no time.
+        """
+        if spare_s <= 0:
+            return None
+        tour, cover = _Tour(self.path, self.lanes, self.ways, self.pace), self.cover
+        passes = arranged(cover, self.seconds, _PRICE / self.own_s, most)
         flown = np.zeros((cover.stations, 2 * STEPS + 1), bool)
         flown[:, STEPS] = True
         while passes:
             before = cover.before(flown)
-            gains = [(cover.before(one.flown_with(flown)) - before).sum() for one in passes]
-            spent = [max(float(self.seconds[one.row].sum()), 1e-9) if a_second else 1.0 for one in passes]
-            one = passes.pop(int(np.argmax(np.array(gains) / spent)))
-            part, taken_s = tour.longest(one, spare_s)
-            more = float((cover.before(part.flown_with(flown)) - before).sum())
-            if taken_s > spare_s or more < _LEAST:
-                continue
-            tour.append(part, taken_s)
-            spare_s -= taken_s
-            flown, worth = part.flown_with(flown), worth + more - _LEAST
-        return worth
+            gains = [float((cover.before(one.flown_with(flown)) - before).sum()) for one in passes]
+            part, taken_s = tour.longest(passes.pop(int(np.argmax(gains))), spare_s - tour.passes_s)
+            shown = part.flown_with(flown)
+            if tour.passes_s + taken_s <= spare_s and float((cover.before(shown) - before).sum()) >= ALIKE:
+                tour.append(part, taken_s)
+                flown = shown
+        return tour.flown() if tour.passes_s > 0 else None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -153,9 +134,10 @@ class _Tour:
     def longest(self, whole: Pass, spare_s: float) -> tuple[Pass, float]:
         """A pass from where it begins, as far as there is time for it, and the seconds that it takes."""
         whole = self._onward(whole)
+        way_s = self._way_s(whole)
         for eighths in range(_PIECES, 0, -1):
             part = whole.rows(slice(len(whole) * eighths // _PIECES))
-            taken_s = self._seconds(part)
+            taken_s = way_s + self._seconds(part)
             if taken_s <= spare_s:
                 break
         return part, taken_s
@@ -182,7 +164,12 @@ class _Tour:
         return _Piece(path, origin, np.ones(len(path), bool))
 
     def _seconds(self, one: Pass) -> float:
-        """How long a pass takes, with the way to it; infinite where there is none."""
+        """How long a pass takes without the way to it; infinite where nothing is left of it."""
+        piece = self._flown_piece(one)
+        return float(self.pace.seconds(piece.path, piece.origin).sum()) if len(one) > 1 else np.inf
+
+    def _way_s(self, one: Pass) -> float:
+        """How long the way to a pass takes, and turning at its ends; infinite where there is none."""
         if len(one) < 2:
             return np.inf
         piece = self._flown_piece(one)
@@ -190,22 +177,21 @@ class _Tour:
         if line is None:
             return np.inf
         speed = max(float(np.median(self.pace.speed_mps[piece.origin])), 0.1)
-        flown_s = float(self.pace.seconds(piece.path, piece.origin).sum())
-        return flown_s + float(leg_lengths(line).sum()) / speed + 2 * _TURN_S
+        return float(leg_lengths(line).sum()) / speed + 2 * _TURN_S
 
     def _transit(self, start: Floats, stop: Floats) -> Floats | None:
         """A safe way (K, 3) from one place to another, both included."""
         both = np.stack([start, stop])
         return both if not self.ways.planning.broken(both)[0] else way(self.ways.graph, start, stop)
 
-    def flown(self, price: float = 0.0) -> Extended:
+    def flown(self) -> Extended:
         """The path, moved aside where passes are flown beside it, with those and the transits."""
         parts = [self._aside(self.pieces[0])]
         for piece in self.pieces[1:]:
             parts += [self._between(parts[-1], piece), piece]
         whole = _Piece.stacked(parts)
         path = replace(whole.path, yaw=np.unwrap(whole.path.yaw))
-        return Extended(path, whole.origin, whole.added, self.passes_s, price)
+        return Extended(path, whole.origin, whole.added, self.passes_s)
 
     def _aside(self, piece: _Piece) -> _Piece:
         """A piece of the demonstrated pass on the lane that it is flown on."""

@@ -11,21 +11,22 @@ import numpy as np
 from upplied.config import FIDELITIES, Settings
 from upplied.errors import RefusedError
 from upplied.geometry.poses import fov_at, optical_axis, yaw_pitch
+from upplied.geometry.scene import Scene
 from upplied.planning.airspace.detours import Ways, airspace_of, route
 from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.carry.inspected_surface import InspectedSurface
 from upplied.planning.demonstration.repetition import Take, begins_of, breaks_of, joined, steady_radps
-from upplied.planning.trajectory.added_passes import PRICES, Beside, Extended, Pace
+from upplied.planning.trajectory.added_passes import Beside, Extended, Pace
 from upplied.planning.trajectory.flyable import Flyable, Result
 from upplied.planning.trajectory.optimise import ALIKE, Optimised, Problem, Start, optimise
 from upplied.planning.trajectory.required import required_first
 from upplied.planning.trajectory.retime import Timed, demonstrated_speed, retime
 from upplied.planning.trajectory.sharpness import sharply_timed
 from upplied.planning.trajectory.state import Flown
-from upplied.planning.trajectory.terms.axis import aims_of
+from upplied.planning.trajectory.terms.axis import axes
 from upplied.planning.trajectory.terms.path import Shape
-from upplied.planning.trajectory.view import View
-from upplied.records import Floats, Waypoints
+from upplied.planning.trajectory.view import Sight, View
+from upplied.records import Bools, Cloud, Floats, Waypoints
 
 _LEAST_TURN_RAD = np.pi / 2  # that a demonstration counts as having turned: little turning is not dear
 _LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
@@ -141,7 +142,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         speed_mps=np.where(np.isfinite(speed_mps), speed_mps, 1.0),  # a flight may not move at all
         turned_rad=max(turned, _LEAST_TURN_RAD),
         pan_radps=min(fastest, steady_radps([take], settings.inspection)),
-        aside_rad=_aside(take),
+        aside_rad=_aside(take, goal, settings),
         level=settings.transfer.plane,
     )
     best = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
@@ -165,11 +166,11 @@ def _with_passes(
     beside = Beside.of(path, problem.view, flyable.ways, pace, half_rad)
     if beside is None:
         return alone.waypoints
-    alone_s, most_s, longer = flyable.seconds_of(beside.alone), _LESS * limit_s, None
+    alone_s, most_s = flyable.seconds_of(beside.alone), _LESS * limit_s
     results: list[Result] = []
     for _ in range(_TRIES):
         try:
-            longer = _longer(beside, most_s, alone_s, flyable, longer)
+            longer = _longer(beside, most_s, alone_s, flyable)
             if longer is None:
                 break
             request = problem.along(longer.path, longer.origin, longer.added, best.path)
@@ -184,25 +185,22 @@ def _with_passes(
     return max(results, key=lambda one: one.worth(limit_s), default=alone).waypoints
 
 
-def _longer(
-    beside: Beside, most_s: float, alone_s: float, flyable: Flyable, before: Extended | None
-) -> Extended | None:
+def _longer(beside: Beside, most_s: float, alone_s: float, flyable: Flyable) -> Extended | None:
     """The carried flight with passes that are flown in at most so much time; None where there are none.
 
-    The pace knows neither bends nor sharp pictures: passes are shortened until the time is right. Those that
-    took too long `before` are shortened at their price, not chosen anew. Refused if there is no safe way.
+    The pace knows neither bends nor sharp pictures: passes are shortened until the time is right. Refused if
+    there is no safe way.
     """
     spare_s = (most_s - alone_s) * beside.own_s / max(alone_s, 1e-3)
     for _ in range(_SHORTENED):
-        prices = PRICES if before is None else (before.price,)
-        longer = beside.with_passes(spare_s, flyable.settings.refine.added_passes, prices)
+        longer = beside.with_passes(spare_s, flyable.settings.refine.added_passes)
         if longer is None:
             return None
         longer = replace(longer, path=replace(longer.path, positions=flyable.safe(longer.path.positions)))
         taken_s = flyable.seconds_of(longer)
         if taken_s <= most_s:
             return longer
-        before, spare_s = longer, longer.passes_s * (most_s - alone_s) / (taken_s - alone_s)
+        spare_s = longer.passes_s * (most_s - alone_s) / (taken_s - alone_s)
     return None
 
 
@@ -228,34 +226,53 @@ def _starts(carried: Carried, safe: Callable[[Floats], Floats]) -> list[Start]:
     return starts
 
 
-def _aside(take: Take) -> Floats:
-    """Angle (M,), rad, from the expert's optical axis to what was inspected; NaN where none was seen."""
+def _aside(take: Take, goal: Goal, settings: Settings) -> Floats:
+    """Angle (M,), rad, from the expert's optical axis to what was inspected; NaN where none was in sight.
+
+    What was in sight is asked as it will be asked of the plan: so on the demonstrated structure both agree.
+    """
     flight, cloud = take.inspection.flight, take.pair.surface.source
-    axis, weight = optical_axis(flight.quat_xyzw), take.inspection.attention.weight
-    inspected = np.flatnonzero(weight > 0)
-    share, seen = (weight * cloud.areas)[inspected], take.inspection.visibility.seen[:, inspected]
-    aims = aims_of(flight.positions, axis, cloud.points[inspected], share, seen)
-    return aims.angles(flight.positions, axis)
+    need = take.inspection.attention.weight * cloud.areas
+    view = _resolving(cloud, need, goal.looked_m, need > 0, take.pair.source_scene, take, goal, settings)
+    samples, need = view.sampled(settings.optimise.samples)
+    path, unknown = Flown(flight.positions, *yaw_pitch(flight.quat_xyzw)), np.full(len(flight), np.nan)
+    aims = Sight.of(path, 1, view, samples, need, unknown).axis.aims
+    return aims.angles(flight.positions, axes(path.yaw, path.pitch))
 
 
 def _view(take: Take, goal: Goal, settings: Settings) -> View:
     """What the target is to show: what was inspected, and with less weight what was seen beside it."""
-    wanted, seen, camera = goal.inspected, goal.seen, take.inspection.camera
+    wanted, seen = goal.inspected, goal.seen
     context = settings.optimise.context if wanted.need.any() else 1.0
     own = wanted.need / max(wanted.need.sum(), 1e-12)
     need = context * seen / max(seen.sum(), 1e-12) + (1 - context) * own
-    inspected = wanted.need > 0
-    rule, absolute = settings.inspection, goal.standoff.in_metres
-    share = max(rule.planned_resolution, rule.least_resolution) if absolute else rule.least_resolution
-    resolved_m = np.where(inspected, wanted.standoff_m / share, np.inf)
+    of = wanted.cloud, need, wanted.standoff_m, wanted.need > 0, take.pair.target_scene
+    return _resolving(*of, take, goal, settings)
+
+
+def _resolving(
+    cloud: Cloud,
+    need: Floats,
+    wanted_m: Floats,
+    inspected: Bools,
+    scene: Scene,
+    take: Take,
+    goal: Goal,
+    settings: Settings,
+) -> View:
+    """A view of samples (N,) that resolves the inspected ones as from the wanted distances (N,), m."""
+    rule, inspection = settings.inspection, take.inspection
+    finer = rule.planned_resolution if goal.standoff.in_metres else 0.0
+    share = max(finer, rule.least_resolution)
+    farthest_m = inspection.camera.max_range_m * inspection.truly.coarseness.max(initial=1.0)
     return View(
-        wanted.cloud,
+        cloud,
         need / max(need.sum(), 1e-12),
-        np.minimum(resolved_m, camera.max_range_m * take.inspection.truly.coarseness.max(initial=1.0)),
+        np.minimum(np.where(inspected, wanted_m / share, np.inf), farthest_m),
         inspected,
-        camera,
+        inspection.camera,
         settings.visibility,
         settings.retime,
-        take.pair.target_scene,
-        take.inspection.flight.fov_deg,
+        scene,
+        inspection.flight.fov_deg,
     )

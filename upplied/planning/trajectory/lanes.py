@@ -30,6 +30,7 @@ _EVENED = 2.5  # places of a lane, over which its distance from the path is even
 _Places = tuple[Floats, Floats, Floats]  # (S, 3) each: on the surface, its normals, and the way of flight
 _Samples = tuple[cKDTree, Floats, Floats]  # of the surface: a tree, points and normals (N, 3)
 _APART = (3, 2)  # steps, from one pass to the next: side by side, or with a third of a swath in common
+_SECTIONS = 16  # of the path, on each of which a pass is flown or not: so no single sample moves an end
 _ASIDE = 1  # steps, by which the demonstrated pass may be moved where others are flown
 _END_S = 10.0  # that beginning a pass takes, and ending it: to fly there, slow down and turn
 _WINDOW = 3  # stations to each side, from which a sample is shown
@@ -210,22 +211,24 @@ def arranged(cover: Cover, seconds: Floats, price: float, most: int) -> list[Pas
     most : int
         Passes to each side.
     """
-    table, every = _states(most), np.arange(cover.stations)
+    table = _states(most)
     cost = np.empty((cover.stations, len(table)))
     for column, state in enumerate(table):
         flown = np.zeros((cover.stations, 2 * STEPS + 1), bool)
         flown[:, _lane(state, np.arange(-state[1], state[2] + 1))] = True
         cost[:, column] = price * seconds * (1 + state[1:3].sum()) - cover.before(flown)
+    section = np.arange(cover.stations) * min(_SECTIONS, cover.stations) // cover.stations
+    cost = np.add.reduceat(cost, np.searchsorted(section, np.arange(section[-1] + 1)))
     change = price * _END_S * np.abs(table[:, None] - table[None]).sum(axis=2)
     total, came = cost[0] + change[0], np.zeros(cost.shape, np.int64)
-    for row in every[1:]:
+    for row in range(1, len(cost)):
         after = total[:, None] + change
         came[row] = after.argmin(axis=0)
         total = after.min(axis=0) + cost[row]
-    best = np.full(cover.stations, int((total + change[0]).argmin()))
-    for row in every[:0:-1]:
+    best = np.full(len(cost), int((total + change[0]).argmin()))
+    for row in range(len(cost) - 1, 0, -1):
         best[row - 1] = came[row, best[row]]
-    state, passes = table[best], []
+    state, passes = table[best[section]], []
     for number, (side, sign) in itertools.product(range(1, most + 1), ((1, -1), (2, 1))):
         beside = np.flatnonzero(state[:, side] >= number)
         for rows in np.split(beside, np.flatnonzero(np.diff(beside) > 1) + 1) if len(beside) else []:
