@@ -11,7 +11,6 @@ import numpy as np
 from upplied.config import FIDELITIES, Settings
 from upplied.errors import RefusedError
 from upplied.geometry.poses import fov_at, optical_axis, yaw_pitch
-from upplied.geometry.scene import Scene
 from upplied.planning.airspace.detours import Ways, airspace_of, route
 from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.carry.inspected_surface import InspectedSurface
@@ -26,7 +25,7 @@ from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.axis import axes
 from upplied.planning.trajectory.terms.path import Shape
 from upplied.planning.trajectory.view import Sight, View
-from upplied.records import Bools, Cloud, Floats, Waypoints
+from upplied.records import Bools, Floats, Waypoints
 
 _LEAST_TURN_RAD = np.pi / 2  # that a demonstration counts as having turned: little turning is not dear
 _LESS = 0.98  # of the time there is, for a path that is still to be optimised: that changes it by less
@@ -128,6 +127,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
     axis = optical_axis(flight.quat_xyzw)
     turned = float(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)).sum())
     starts, view = _starts(carried, flyable.safe), _view(take, goal, settings)
+    aside_rad = _aside(take, goal, view, settings)
     if take.required is not None:
         near, times = (starts[0].safe, ways.planning, goal.standoff.usual_m), settings.optimise.required
         view = required_first(view, take.required, *near, times)
@@ -142,7 +142,7 @@ def completed(carried: Carried, goal: Goal, settings: Settings) -> Waypoints:
         speed_mps=np.where(np.isfinite(speed_mps), speed_mps, 1.0),  # a flight may not move at all
         turned_rad=max(turned, _LEAST_TURN_RAD),
         pan_radps=min(fastest, steady_radps([take], settings.inspection)),
-        aside_rad=_aside(take, goal, settings),
+        aside_rad=aside_rad,
         level=settings.transfer.plane,
     )
     best = optimise(problem, FIDELITIES[settings.refine.fidelity].shape, settings.optimise)
@@ -226,53 +226,50 @@ def _starts(carried: Carried, safe: Callable[[Floats], Floats]) -> list[Start]:
     return starts
 
 
-def _aside(take: Take, goal: Goal, settings: Settings) -> Floats:
-    """Angle (M,), rad, from the expert's optical axis to what was inspected; NaN where none was in sight.
-
-    What was in sight is asked as it will be asked of the plan: so on the demonstrated structure both agree.
-    """
-    flight, cloud = take.inspection.flight, take.pair.surface.source
-    need = take.inspection.attention.weight * cloud.areas
-    view = _resolving(cloud, need, goal.looked_m, need > 0, take.pair.source_scene, take, goal, settings)
-    samples, need = view.sampled(settings.optimise.samples)
-    path, unknown = Flown(flight.positions, *yaw_pitch(flight.quat_xyzw)), np.full(len(flight), np.nan)
-    aims = Sight.of(path, 1, view, samples, need, unknown).axis.aims
-    return aims.angles(flight.positions, axes(path.yaw, path.pitch))
-
-
 def _view(take: Take, goal: Goal, settings: Settings) -> View:
     """What the target is to show: what was inspected, and with less weight what was seen beside it."""
-    wanted, seen = goal.inspected, goal.seen
+    wanted, seen, inspection = goal.inspected, goal.seen, take.inspection
     context = settings.optimise.context if wanted.need.any() else 1.0
     own = wanted.need / max(wanted.need.sum(), 1e-12)
     need = context * seen / max(seen.sum(), 1e-12) + (1 - context) * own
-    of = wanted.cloud, need, wanted.standoff_m, wanted.need > 0, take.pair.target_scene
-    return _resolving(*of, take, goal, settings)
-
-
-def _resolving(
-    cloud: Cloud,
-    need: Floats,
-    wanted_m: Floats,
-    inspected: Bools,
-    scene: Scene,
-    take: Take,
-    goal: Goal,
-    settings: Settings,
-) -> View:
-    """A view of samples (N,) that resolves the inspected ones as from the wanted distances (N,), m."""
-    rule, inspection = settings.inspection, take.inspection
-    finer = rule.planned_resolution if goal.standoff.in_metres else 0.0
-    share = max(finer, rule.least_resolution)
-    farthest_m = inspection.camera.max_range_m * inspection.truly.coarseness.max(initial=1.0)
     return View(
-        cloud,
+        wanted.cloud,
         need / max(need.sum(), 1e-12),
-        np.minimum(np.where(inspected, wanted_m / share, np.inf), farthest_m),
-        inspected,
+        _farthest_m(wanted.standoff_m, wanted.need > 0, take, goal, settings),
+        wanted.need > 0,
         inspection.camera,
         settings.visibility,
         settings.retime,
-        scene,
+        take.pair.target_scene,
         inspection.flight.fov_deg,
     )
+
+
+def _farthest_m(wanted_m: Floats, inspected: Bools, take: Take, goal: Goal, settings: Settings) -> Floats:
+    """From where samples (N,) are resolved, m: inspected ones as from as near as they are wanted from."""
+    rule, inspection = settings.inspection, take.inspection
+    finer = rule.planned_resolution if goal.standoff.in_metres else 0.0
+    resolved_m = np.where(inspected, wanted_m / max(finer, rule.least_resolution), np.inf)
+    return np.minimum(
+        resolved_m, inspection.camera.max_range_m * inspection.truly.coarseness.max(initial=1.0)
+    )
+
+
+def _aside(take: Take, goal: Goal, view: View, settings: Settings) -> Floats:
+    """Angle (M,), rad, from the expert's optical axis to what was inspected; NaN where none was in sight.
+
+    What was in sight is asked as it is of the plan's `view`: so on the demonstrated structure both agree.
+    """
+    flight, cloud = take.inspection.flight, take.pair.surface.source
+    need = take.inspection.attention.weight * cloud.areas
+    theirs = replace(
+        view,
+        cloud=cloud,
+        need=need / max(need.sum(), 1e-12),
+        farthest_m=_farthest_m(goal.looked_m, need > 0, take, goal, settings),
+        inspected=need > 0,
+        scene=take.pair.source_scene,
+    )
+    path, unknown = Flown(flight.positions, *yaw_pitch(flight.quat_xyzw)), np.full(len(flight), np.nan)
+    aims = Sight.of(path, 1, theirs, *theirs.sampled(settings.optimise.samples), unknown).axis.aims
+    return aims.angles(flight.positions, axes(path.yaw, path.pitch))
