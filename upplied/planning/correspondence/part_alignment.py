@@ -16,7 +16,7 @@ from upplied.planning.constants import FACING, LEAST_PART, MOST_RATIO, SLENDER, 
 from upplied.planning.correspondence.coherent_point_drift import Patch
 from upplied.planning.correspondence.part_assignment import Matching, match_parts, with_named
 from upplied.planning.geometry.clouds import box_scale, diagonal_of
-from upplied.planning.surface.parts import blades_of, labels_of, names_of, parts_of
+from upplied.planning.surface.parts import blades_of, extent_of, labels_of, names_of, parts_of
 from upplied.records import Bools, Cloud, Floats, Ints
 
 _MISFIT = 0.022  # largest mean distance, both ways, in these units, of parts whose boxes are not alike
@@ -118,9 +118,15 @@ def _box_on_box(part: Floats, partner: Floats) -> tuple[Floats, Floats]:
 
 
 def _another_shape(part: Floats, partner: Floats) -> bool:
-    least = LEAST_PART * float(np.linalg.norm(np.ptp(part, axis=0)))
-    ratio = np.log(np.maximum(np.ptp(part, axis=0), least) / np.maximum(np.ptp(partner, axis=0), least))
-    return bool(np.abs(ratio).max() > np.log(MOST_RATIO))
+    """Whether extents differ by more than those of counterparts do: along the axes, and along their own.
+
+    What little sticks out does not count, nor a blade that hardly turned.
+    """
+    boxes = [np.ptp(_core(points), axis=0) for points in (part, partner)]
+    own = [extent_of(points) for points in (part, partner)]
+    least = LEAST_PART * float(np.linalg.norm(boxes[0]))
+    ratios = [np.log(np.maximum(one, least) / np.maximum(other, least)) for one, other in (boxes, own)]
+    return bool(min(np.abs(ratio).max() for ratio in ratios) > np.log(MOST_RATIO))
 
 
 def _core(part: Floats) -> Floats:

@@ -87,7 +87,7 @@ def _measured(cloud: Cloud) -> Parts:
     side = sides(low, high, points.min(axis=0), points.max(axis=0))
     pairs = near_others(points, label)
     share = np.bincount(label, weights=area) / area.sum()
-    extent = np.array([_extent(points[label == part]) for part in range(number)])
+    extent = np.array([extent_of(points[label == part]) for part in range(number)])
     return Parts(
         low=low,
         high=high,
@@ -165,7 +165,8 @@ def mirror_images(parts: Parts, axis: int) -> Ints:
     return np.where(near & np.isfinite(parts.side[:, axis]), off.argmin(axis=1), -1)
 
 
-def _extent(points: Floats) -> Floats:
+def extent_of(points: Floats) -> Floats:
+    """Extents (3,) of points along their own principal axes, m, longest first."""
     offset = points - points.mean(axis=0)
     return np.ptp(offset @ np.linalg.eigh(offset.T @ offset)[1], axis=0)[::-1]
 
