@@ -26,7 +26,7 @@ TOLERANCE = {
     "coverage_inspected_pct": (1.0, 0.0),
     "frechet_z": (0.02, 0.05),
     "min_clearance_m": (0.1, 0.02),
-    "path_length_m": (2.0, 0.05),
+    "path_length_m": (2.0, 0.02),
     "duration_s": (2.0, 0.02),
 }
 

@@ -64,6 +64,14 @@ def test_what_takes_a_percent_longer_has_to_show_a_percent_more() -> None:
     assert fitting.taken_s == 100 and whole.worth(100.0) < fitting.worth(100.0) == fitting.shown
 
 
+def test_among_paths_worth_as_much_within_a_point_the_whole_is_flown() -> None:
+    """Drawn back a sixteenth both are in time and show 0.969; the whole is worth 0.965, or 0.94."""
+    fitting, whole = in_time(lambda share: 47.5 + 56 * share, 100.0)
+    assert whole.worth(100.0) == pytest.approx(0.965) and fitting is whole
+    fitting, whole = in_time(lambda share: 10 + 96 * share, 100.0)
+    assert whole.worth(100.0) == pytest.approx(0.94) and fitting.shown == 0.5 + 15 / 32
+
+
 def test_where_the_start_takes_longer_already_what_is_flown_is_worth_most() -> None:
     fitting, whole = in_time(lambda share: 300 + 100 * share, 250.0)
     assert fitting is whole and whole.taken_s == 400

@@ -15,7 +15,7 @@ from upplied.planning.airspace.detours import Ways, safe_positions
 from upplied.planning.carry.carried import Carried, Goal
 from upplied.planning.geometry.frechet import frechet_floored
 from upplied.planning.trajectory.added_passes import Extended
-from upplied.planning.trajectory.optimise import Optimised
+from upplied.planning.trajectory.optimise import ALIKE, Optimised
 from upplied.planning.trajectory.sharpness import sharply_timed
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.path import Shape
@@ -75,7 +75,8 @@ class Flyable(Record):
     def in_time(self, result: Optimised, origin: Ints, added: Bools, limit_s: float) -> tuple[Result, Result]:
         """What of a result is worth most in a time, drawn back to its start or not, and the whole of it.
 
-        What takes a percent longer has to show a percent more: no second decides.
+        What takes a percent longer has to show a percent more, and among paths worth as much within a point
+        the whole is flown: no second decides.
         """
         whole = self._partly(result, 1.0, origin, added)
         within, beyond, parts = 0.0, 1.0, [whole]
@@ -89,7 +90,8 @@ class Flyable(Record):
                 beyond = share
                 continue
             within, beyond = (share, beyond) if parts[-1].taken_s <= limit_s else (within, share)
-        return max(parts, key=lambda part: part.worth(limit_s)), whole
+        best = max(parts, key=lambda part: part.worth(limit_s))
+        return (whole if whole.worth(limit_s) >= best.worth(limit_s) - ALIKE else best), whole
 
     def _partly(self, result: Optimised, share: float, origin: Ints, added: Bools) -> Result:
         part = result if share == 1 else result.partly(share)
