@@ -98,6 +98,13 @@ def test_an_older_catalog_takes_rows_and_keeps_all_it_had(older, tmp_path):
     import_dataset(open_catalog(tmp_path / "to"), tmp_path / "set")
 
 
+def test_an_older_catalog_that_nobody_wrote_to_is_compacted(older):
+    catalog = open_catalog(older / "catalog")
+    assert compact(catalog)["transfers"] > 1
+    check_older(open_catalog(older / "catalog"))
+    assert verify(catalog) == []
+
+
 def test_an_older_export_is_imported(older, tmp_path):
     catalog = open_catalog(tmp_path / "to")
     assert import_dataset(catalog, older / "export") == {"structures": 2, "demonstrations": 1, "transfers": 2}

@@ -181,7 +181,8 @@ def _merged(table: StoredTable, delta: DeltaTable, chosen: list[File]) -> int:
     order = [(name, "ascending") for name in table.declared.order]
     rows = rows.take(pc.sort_indices(decoded(rows.select(table.declared.order)), sort_keys=order))
     now = int(time.time() * 1000)
-    added = replace(new_file(FileStore(table.uri), rows, table.declared.sought), data_change=False)
+    sought = [name for name in table.declared.sought if name in rows.column_names]  # not all, of older rows
+    added = replace(new_file(FileStore(table.uri), rows, sought), data_change=False)
     removed = [RemoveAction(file["path"], False, now, file["size_bytes"], {}) for file in chosen]
     turns, schema = [Transaction("upplied.maintenance", time.time_ns())], decoded(rows[:0]).schema
     commit = CommitProperties({"doing": "maintenance"}, max_commit_retries=30, app_transactions=turns)
