@@ -125,7 +125,7 @@ class RefineSettings:
     # Least share of the inspected surface with a counterpart on the target.
     least_counterpart: Share = 0.5
     # Maximum number of passes added on each side of a demonstrated one to keep its mm/px; 0: none.
-    added_passes: Annotated[int, Range(0, 3)] = 3
+    added_passes: Annotated[int, Range(0, 3)] = 2
     # Flight time over the demonstration's, scaled by the ratio of the areas, beyond which each percent has to
     # show a percent more.
     longer: Annotated[float, Range(0, 10)] = 1.25

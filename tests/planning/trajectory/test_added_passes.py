@@ -12,7 +12,7 @@ from upplied.planning.airspace.detours import Ways
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.geometry.frechet import frechet
 from upplied.planning.trajectory.added_passes import Beside, Extended, Pace
-from upplied.planning.trajectory.lanes import STEPS, lanes_beside
+from upplied.planning.trajectory.lanes import lanes_beside
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
 from upplied.records import Camera, Cloud, Surroundings
@@ -53,8 +53,8 @@ def along(high: float) -> Flown:
 def extended(view: View, path: Flown, allowed_s: float = 1000.0, most: int = 3) -> Extended | None:
     airspace = Airspace(view.scene, 2.0, Surroundings())
     pace = Pace(np.ones(len(path)), 1.0)
-    beside = Beside.of(path, view, Ways(airspace, view.cloud), pace, HALF)
-    return None if beside is None else beside.with_passes(allowed_s - beside.own_s, most)
+    beside = Beside.of(path, view, Ways(airspace, view.cloud), pace, HALF, most)
+    return None if beside is None else beside.with_passes(allowed_s - beside.own_s)
 
 
 def shown(view: View, path: Flown) -> float:
@@ -145,16 +145,14 @@ def test_noise_of_millimetres_changes_no_arrangement() -> None:
 def test_lanes_keep_the_distance_and_end_with_the_surface() -> None:
     view, path = wall(3 * SWATH), along(SWATH / 2)
     airspace = Airspace(view.scene, 2.0, Surroundings())
-    lanes = lanes_beside(path, view, airspace, HALF, np.arange(0, len(view.need), 7))
+    lanes = lanes_beside(path, view, airspace, HALF, np.arange(0, len(view.need), 7), 2)
     assert lanes is not None
-    assert lanes.step_m == pytest.approx(SWATH / 3)
+    assert lanes.swath_m == pytest.approx(SWATH)
     free = lanes.free
-    assert free[:, STEPS].all()
+    assert free[:, lanes.middle].all()
     np.testing.assert_allclose(lanes.poses[..., 1][free], -AWAY, atol=0.05)
     heights = lanes.poses[..., 2] - SWATH / 2
-    np.testing.assert_allclose(
-        heights[free] / lanes.step_m, (np.arange(2 * STEPS + 1) - STEPS)[np.nonzero(free)[1]], atol=0.1
-    )
+    np.testing.assert_allclose(heights[free] / lanes.swath_m, np.nonzero(free)[1] - 2, atol=0.05)
     assert not free[:, 0].any()  # below the wall, on the right of a flight towards +x
 
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeVar
 from upplied.config import CloudSettings, digest
 from upplied.provenance import method
 
-METHOD_VERSION = "29"
+METHOD_VERSION = "30"
 
 R = TypeVar("R")
 

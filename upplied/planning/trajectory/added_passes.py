@@ -14,7 +14,7 @@ from upplied.geometry.polylines import arc_length, cumulated, interpolated, leg_
 from upplied.geometry.poses import wrapped
 from upplied.planning.airspace.detours import Ways
 from upplied.planning.airspace.roadmap import way
-from upplied.planning.trajectory.lanes import STEPS, Cover, Lanes, Pass, arranged, lanes_beside
+from upplied.planning.trajectory.lanes import Cover, Lanes, Pass, arranged, lanes_beside
 from upplied.planning.trajectory.optimise import ALIKE
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
@@ -34,6 +34,11 @@ class Extended(Record):
     origin: Ints  # (M',) the station of the path before, whose moment of the demonstration each has
     added: Bools  # (M',)
     passes_s: float = 0.0  # that the passes take at the pace of the flight
+
+    @classmethod
+    def alone(cls, path: Flown) -> Extended:
+        """A path without passes."""
+        return cls(path, np.arange(len(path)), np.zeros(len(path), bool))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,7 +68,7 @@ class Beside(Record):
     pace: Pace
 
     @classmethod
-    def of(cls, path: Flown, view: View, ways: Ways, pace: Pace, half_rad: float) -> Beside | None:
+    def of(cls, path: Flown, view: View, ways: Ways, pace: Pace, half_rad: float, most: int) -> Beside | None:
         """The lanes beside a path; None where nothing is to be shown from them.
 
         Parameters
@@ -74,39 +79,39 @@ class Beside(Record):
         ways : Ways
             Of the target: transits to a pass and on from it lead round what stands in their way.
         pace : Pace
-        half_rad : float
+        half_rad, most
             See `lanes.lanes_beside`.
         """
         few = np.flatnonzero(view.need > 0)[:_NEEDED]  # every beginning of samples is spread evenly
-        lanes = lanes_beside(path, view, ways.planning, half_rad, few) if len(few) else None
+        lanes = lanes_beside(path, view, ways.planning, half_rad, few, most) if len(few) else None
         if lanes is None or len(lanes.station) < 2:
             return None
         cover = Cover.of(lanes, view.need[few] / view.need[few].sum())
         spent = cumulated(pace.seconds(path, np.arange(len(path))))
         return cls(path, lanes, cover, np.gradient(spent[lanes.station]), float(spent[-1]), ways, pace)
 
-    @property
-    def alone(self) -> Extended:
-        """The path without passes."""
-        return _Tour(self.path, self.lanes, self.ways, self.pace).flown()
-
-    def with_passes(self, spare_s: float, most: int) -> Extended | None:
-        """The path with as many passes as show what is needed in a time, at most `most` to each side.
+    def with_passes(self, spare_s: float) -> Extended | None:
+        """The path with as many passes as show what is needed in a time.
 
         Those that show most come first. None where the path is enough alone, or there is no time.
         """
         if spare_s <= 0:
             return None
-        tour, cover = _Tour(self.path, self.lanes, self.ways, self.pace), self.cover
-        passes = arranged(cover, self.seconds, _PRICE / self.own_s, most)
-        flown = np.zeros((cover.stations, 2 * STEPS + 1), bool)
-        flown[:, STEPS] = True
+        tour, cover, price = (
+            _Tour(self.path, self.lanes, self.ways, self.pace),
+            self.cover,
+            _PRICE / self.own_s,
+        )
+        passes = arranged(cover, self.seconds, price)
+        flown = np.zeros(self.lanes.free.shape, bool)
+        flown[:, self.lanes.middle] = True
         while passes:
             before = cover.before(flown)
             gains = [float((cover.before(one.flown_with(flown)) - before).sum()) for one in passes]
             part, taken_s = tour.longest(passes.pop(int(np.argmax(gains))), spare_s - tour.passes_s)
             shown = part.flown_with(flown)
-            if tour.passes_s + taken_s <= spare_s and float((cover.before(shown) - before).sum()) >= ALIKE:
+            gain = float((cover.before(shown) - before).sum())
+            if tour.passes_s + taken_s <= spare_s and gain >= max(price * taken_s, ALIKE):
                 tour.append(part, taken_s)
                 flown = shown
         return tour.flown() if tour.passes_s > 0 else None
@@ -128,7 +133,6 @@ class _Tour:
         self.lanes, self.ways, self.pace = lanes, ways, pace
         self.step_m = max(float(np.median(leg_lengths(path.positions))), 0.05)
         self.pieces = [_Piece(path, np.arange(len(path)), np.zeros(len(path), bool))]
-        self.own = np.full(len(lanes.station), STEPS)  # the lane of the demonstrated pass
         self.passes_s = 0.0
 
     def longest(self, whole: Pass, spare_s: float) -> tuple[Pass, float]:
@@ -146,7 +150,6 @@ class _Tour:
         """Fly a pass after what is there."""
         self.passes_s += taken_s
         self.pieces.append(_spaced(self._flown_piece(one), self.step_m))
-        self.own[one.row] = one.own
 
     def _onward(self, one: Pass) -> Pass:
         """A pass the way the flight goes, or back where it begins much nearer so."""
@@ -185,30 +188,19 @@ class _Tour:
         return both if not self.ways.planning.broken(both)[0] else way(self.ways.graph, start, stop)
 
     def flown(self) -> Extended:
-        """The path, moved aside where passes are flown beside it, with those and the transits."""
-        parts = [self._aside(self.pieces[0])]
+        """The path, with the passes and the transits."""
+        parts = self.pieces[:1]
         for piece in self.pieces[1:]:
             parts += [self._between(parts[-1], piece), piece]
         whole = _Piece.stacked(parts)
         path = replace(whole.path, yaw=np.unwrap(whole.path.yaw))
         return Extended(path, whole.origin, whole.added, self.passes_s)
 
-    def _aside(self, piece: _Piece) -> _Piece:
-        """A piece of the demonstrated pass on the lane that it is flown on."""
-        poses, row = self.lanes.poses, np.arange(len(self.own))
-        off = poses[row, self.own] - poses[:, STEPS]
-        off[:, 3] = wrapped(off[:, 3])
-        off[~self.lanes.free[row, self.own]] = 0.0
-        off = interpolated(piece.origin.astype(float), self.lanes.station.astype(float), off)
-        path = piece.path
-        path = Flown(path.positions + off[:, :3], path.yaw + off[:, 3], path.pitch + off[:, 4])
-        return replace(piece, path=path)
-
     def _between(self, before: _Piece, after: _Piece) -> _Piece:
         """The stations of a transit, without its ends, as the camera turns from one to the other."""
         ends = before.path.positions[-1], after.path.positions[0]
         line = self._transit(*ends)
-        line = np.stack(ends) if line is None else line  # it was free before the path was moved aside
+        assert line is not None  # `longest` has found one
         share = arc_length(line)
         share = share / max(float(share[-1]), 1e-9)
         yaw = before.path.yaw[-1] + np.array([0.0, float(wrapped(after.path.yaw[0] - before.path.yaw[-1]))])

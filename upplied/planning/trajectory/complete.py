@@ -158,15 +158,15 @@ def _with_passes(
     problem: Problem, best: Optimised, alone: Result, flyable: Flyable, limit_s: float
 ) -> Waypoints:
     """The flight with passes added, where they show more than it does alone in the time that there is."""
-    least, settings = alone.worth(limit_s) + ALIKE, flyable.settings
+    least, settings = alone.worth(limit_s), flyable.settings
     if alone.shown + ALIKE > 1:
         return alone.waypoints
     path, pace = problem.starts[0].safe, Pace(problem.speed_mps, problem.pan_radps)
-    half_rad = _half_rad(flyable.carried.take, settings)
-    beside = Beside.of(path, problem.view, flyable.ways, pace, half_rad)
+    lanes = _half_rad(flyable.carried.take, settings), settings.refine.added_passes
+    beside = Beside.of(path, problem.view, flyable.ways, pace, *lanes)
     if beside is None:
         return alone.waypoints
-    alone_s, most_s = flyable.seconds_of(beside.alone), _LESS * limit_s
+    alone_s, most_s = flyable.seconds_of(Extended.alone(path)), _LESS * limit_s
     results: list[Result] = []
     for _ in range(_TRIES):
         try:
@@ -193,7 +193,7 @@ def _longer(beside: Beside, most_s: float, alone_s: float, flyable: Flyable) -> 
     """
     spare_s = (most_s - alone_s) * beside.own_s / max(alone_s, 1e-3)
     for _ in range(_SHORTENED):
-        longer = beside.with_passes(spare_s, flyable.settings.refine.added_passes)
+        longer = beside.with_passes(spare_s)
         if longer is None:
             return None
         longer = replace(longer, path=replace(longer.path, positions=flyable.safe(longer.path.positions)))

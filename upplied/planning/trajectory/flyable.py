@@ -114,8 +114,7 @@ class Flyable(Record):
         zones = float(area[view.inspected].sum() / max(area[self.goal.inspected.need > 0].sum(), 1e-9))
         ratio = max(self.goal.area_ratio, 1.0) * max(zones, 1.0)
         usual_s = ratio * float(flight.t_s[-1] - flight.t_s[0])
-        every, none = np.arange(len(start)), np.zeros(len(start), bool)
-        carried_s = self.seconds_of(Extended(start, every, none))
+        carried_s = self.seconds_of(Extended.alone(start))
         return self.settings.refine.longer * max(usual_s, carried_s)
 
     def seconds_of(self, longer: Extended) -> float:

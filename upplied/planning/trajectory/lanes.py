@@ -1,7 +1,7 @@
-"""Lanes beside a path: the flight again, so many steps to its side, at its distance and angle to the surface.
+"""Lanes beside a path: the flight again, swaths to its side, at its distance and angle to the surface.
 
-A step is a third of the swath, which is what the camera shows finely enough across its way. Lanes follow the
-surface: round a hull they bend with it, and they end where it ends.
+A swath is what the camera shows finely enough across its way. Lanes follow the surface: round a hull they
+bend with it, and they end where it ends.
 """
 
 from __future__ import annotations
@@ -22,19 +22,16 @@ from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View
 from upplied.records import Bools, Floats, Ints, Record, Rows
 
-STEPS = 7  # to each side
-_A_SWATH = 3  # steps in a swath
+_STEPS = 3  # from lane to lane, in which the surface is followed
 _NEAREST = 12  # samples of the surface, whose mean plane a place is put on
 _OFF = 0.4  # of a swath, that the next place may lie off the surface: an edge may be looked past
 _EVENED = 2.5  # places of a lane, over which its distance from the path is evened out
 _Places = tuple[Floats, Floats, Floats]  # (S, 3) each: on the surface, its normals, and the way of flight
 _Samples = tuple[cKDTree, Floats, Floats]  # of the surface: a tree, points and normals (N, 3)
-_APART = (3, 2)  # steps, from one pass to the next: side by side, or with a third of a swath in common
 _SECTIONS = 16  # of the path, on each of which a pass is flown or not: so no single sample moves an end
-_ASIDE = 1  # steps, by which the demonstrated pass may be moved where others are flown
 _END_S = 10.0  # that beginning a pass takes, and ending it: to fly there, slow down and turn
 _WINDOW = 3  # stations to each side, from which a sample is shown
-_NEARER = 0.25  # of a step, by which a lane must be nearer to a sample than the next one to the path
+_NEARER = 0.1  # of a swath, by which a lane must be nearer to a sample than the next one to the path
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,10 +44,17 @@ class Lanes(Record):
     surface: Floats  # (S, K, 3) m, before each place
     points: Floats  # (m, 3) m, the samples that were asked about
     shows: Bools  # (S, K, m) of them
-    step_m: float  # from lane to lane
+    swath_m: float  # from lane to lane
+
+    @property
+    def middle(self) -> int:
+        """The lane of the path."""
+        return self.free.shape[1] // 2
 
 
-def lanes_beside(path: Flown, view: View, airspace: Airspace, half_rad: float, needed: Ints) -> Lanes | None:
+def lanes_beside(
+    path: Flown, view: View, airspace: Airspace, half_rad: float, needed: Ints, most: int
+) -> Lanes | None:
     """Lanes beside a path; None where it looks past the surface.
 
     Parameters
@@ -64,6 +68,8 @@ def lanes_beside(path: Flown, view: View, airspace: Airspace, half_rad: float, n
         Half the angle across the way of flight within which a look at a wall is fine enough.
     needed : array of int, shape (m,)
         Samples that the lanes are asked about.
+    most : int
+        Lanes to each side.
     """
     axis = optical_axis(from_yaw_pitch(path.yaw, path.pitch))
     away = view.scene.cast(path.positions, axis)[0]
@@ -71,7 +77,7 @@ def lanes_beside(path: Flown, view: View, airspace: Airspace, half_rad: float, n
     if hit.sum() < 2:
         return None
     swath_m = 2 * float(np.median(away[hit])) * np.tan(half_rad)
-    station = _apart(path.positions, hit, swath_m / _A_SWATH)
+    station = _apart(path.positions, hit, swath_m / _STEPS)
     way = np.gradient(gaussian_filter1d(path.positions, 2.0, axis=0, mode="nearest"), axis=0)[station]
     own, axis, away = path.positions[station], axis[station], away[station, None]
     samples = cKDTree(view.cloud.points), view.cloud.points, view.cloud.outward
@@ -80,15 +86,16 @@ def lanes_beside(path: Flown, view: View, airspace: Airspace, half_rad: float, n
     on &= np.linalg.norm(within, axis=1) > SAME_FACE * np.linalg.norm(way, axis=1)  # not towards the surface
     first = points, normals, unit(within)
     share = np.einsum("sij,sj->si", _frames(first), axis)
-    shape = len(station), 2 * STEPS + 1
+    shape = len(station), 2 * most + 1
     surface, positions, looks = (np.empty((*shape, 3)) for _ in range(3))
     free = np.zeros(shape, bool)
-    surface[:, STEPS], positions[:, STEPS], looks[:, STEPS], free[:, STEPS] = points, own, axis, on
+    surface[:, most], positions[:, most], looks[:, most], free[:, most] = points, own, axis, on
     for side in (1, -1):
         here, alive = first, on.copy()
-        for at in STEPS + side * np.arange(1, STEPS + 1):
-            here, still = _next_to(here, side * swath_m / _A_SWATH, samples, _OFF * swath_m)
-            alive &= still
+        for at in most + side * np.arange(1, most + 1):
+            for _ in range(_STEPS):
+                here, still = _next_to(here, side * swath_m / _STEPS, samples, _OFF * swath_m)
+                alive &= still
             surface[:, at], free[:, at] = here[0], alive
             looks[:, at] = np.einsum("si,sij->sj", share, _frames(here))
             positions[:, at] = here[0] - away * looks[:, at]
@@ -102,7 +109,7 @@ def lanes_beside(path: Flown, view: View, airspace: Airspace, half_rad: float, n
     free[free] = airspace.allowed(positions[free])
     shows = np.zeros((*shape, len(needed)), bool)
     shows[free] = _shown(poses[free], station[np.nonzero(free)[0]], view, needed)
-    return Lanes(station, poses, free, surface, view.cloud.points[needed], shows, swath_m / _A_SWATH)
+    return Lanes(station, poses, free, surface, view.cloud.points[needed], shows, swath_m)
 
 
 def _apart(positions: Floats, useful: Bools, step_m: float) -> Ints:
@@ -158,13 +165,11 @@ class Pass(Rows):
 
     row: Ints  # (R,)
     lane: Ints  # (R,)
-    own: Ints  # (R,) the lane of the demonstrated pass
 
     def flown_with(self, flown: Bools) -> Bools:
         """The lanes that are flown (S, K), with this pass."""
         after = flown.copy()
-        after[self.row, STEPS] &= self.own == STEPS
-        after[self.row, self.own] = after[self.row, self.lane] = True
+        after[self.row, self.lane] = True
         return after
 
 
@@ -182,7 +187,7 @@ class Cover(Record):
         """The samples that any lane shows; each lies before the place that is nearest to it of those."""
         row, lane, sample = np.nonzero(lanes.shows)
         apart = np.linalg.norm(lanes.surface[row, lane] - lanes.points[sample], axis=1)
-        apart += _NEARER * lanes.step_m * np.abs(lane - STEPS)
+        apart += _NEARER * lanes.swath_m * np.abs(lane - lanes.middle)
         order = np.lexsort((apart, sample))
         mine, first = np.unique(sample[order], return_index=True)
         owner = row[order][first]
@@ -198,7 +203,7 @@ class Cover(Record):
         return np.asarray(np.bincount(self.owner[seen], self.need[seen], self.stations), float)
 
 
-def arranged(cover: Cover, seconds: Floats, price: float, most: int) -> list[Pass]:
+def arranged(cover: Cover, seconds: Floats, price: float) -> list[Pass]:
     """The passes that are worth most over the whole path, the nearest to the demonstrated one first.
 
     Parameters
@@ -208,15 +213,14 @@ def arranged(cover: Cover, seconds: Floats, price: float, most: int) -> list[Pas
         That one pass takes beside each station.
     price : float
         Share of the need, that a second must show.
-    most : int
-        Passes to each side.
     """
-    table = _states(most)
+    middle = len(cover.shown) // 2
+    table = np.array(list(itertools.product(range(middle + 1), repeat=2)))  # passes right and left
     cost = np.empty((cover.stations, len(table)))
-    for column, state in enumerate(table):
-        flown = np.zeros((cover.stations, 2 * STEPS + 1), bool)
-        flown[:, _lane(state, np.arange(-state[1], state[2] + 1))] = True
-        cost[:, column] = price * seconds * (1 + state[1:3].sum()) - cover.before(flown)
+    for column, (right, left) in enumerate(table):
+        flown = np.zeros((cover.stations, len(cover.shown)), bool)
+        flown[:, middle - right : middle + left + 1] = True
+        cost[:, column] = price * seconds * (1 + right + left) - cover.before(flown)
     section = np.arange(cover.stations) * min(_SECTIONS, cover.stations) // cover.stations
     cost = np.add.reduceat(cost, np.searchsorted(section, np.arange(section[-1] + 1)))
     change = price * _END_S * np.abs(table[:, None] - table[None]).sum(axis=2)
@@ -228,26 +232,9 @@ def arranged(cover: Cover, seconds: Floats, price: float, most: int) -> list[Pas
     best = np.full(len(cost), int((total + change[0]).argmin()))
     for row in range(len(cost) - 1, 0, -1):
         best[row - 1] = came[row, best[row]]
-    state, passes = table[best[section]], []
-    for number, (side, sign) in itertools.product(range(1, most + 1), ((1, -1), (2, 1))):
+    passes, state = [], table[best[section]]
+    for number, (side, sign) in itertools.product(range(1, middle + 1), ((0, -1), (1, 1))):
         beside = np.flatnonzero(state[:, side] >= number)
         for rows in np.split(beside, np.flatnonzero(np.diff(beside) > 1) + 1) if len(beside) else []:
-            passes.append(Pass(rows, _lane(state[rows], sign * number), _lane(state[rows], 0)))
+            passes.append(Pass(rows, np.full(len(rows), middle + sign * number)))
     return passes
-
-
-def _states(most: int) -> Ints:
-    """Steps aside of the demonstrated pass, passes to its right and left, and steps between them, (N, 4).
-
-    The first has none beside it.
-    """
-    aside, count = range(-_ASIDE, _ASIDE + 1), range(most + 1)
-    every = [one for one in itertools.product(aside, count, count, _APART) if one[1] or one[2]]
-    table = np.array([(0, 0, 0, _APART[0]), *every])
-    ends = [np.abs(_lane(table, sign * table[:, side]) - STEPS) for side, sign in ((1, -1), (2, 1))]
-    return table[np.maximum(*ends) <= STEPS]
-
-
-def _lane(state: Ints, number: int | Ints) -> Ints:
-    """The lane of a pass: 0 is the demonstrated one, those above lie to its left, others to its right."""
-    return STEPS + state[..., 0] + state[..., 3] * number

@@ -3,8 +3,8 @@
 The state is a smooth displacement of a start and of its camera's directions. Every problem is a term, a file
 in `terms`, with a weight that says what its unit is worth as a share of the surface to be shown
 (`OptimiseSettings`). One solver, L-BFGS-B with analytic slopes, weighs them all. Of several starts the one
-that is worth most is optimised, among equals the carried path itself. That is flown as it is where the result
-is worth no more.
+that is worth most is optimised, the carried path itself where no other is worth much more. That is flown as
+it is where the result is worth no more.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ _DEARER = 10.0  # times as dear to come too near, in each further round: so that
 _EARLY = WIDEST / _NARROWEST  # times as dear, in the first half of the rounds, to leave the carried flight
 #: Of the need, by which one path is no better than another: as near as coverage is known.
 ALIKE = 0.01
+_LEAD = 0.08  # by which another start must be worth more than the carried path: the search mends less
 _LOST = 5e-4  # of the need, that the carried flight shows and a path that is worth more may miss
 
 
@@ -124,7 +125,7 @@ def optimise(problem: Problem, shape_weight: float, weights: OptimiseSettings) -
     if len(samples) == 0:
         return Optimised(searches[0], searches[0].first)
     first = [search.value(search.first, search.first_sight) for search in searches]
-    carried, search = searches[0], searches[_as_good(first)[0]]
+    carried, search = searches[0], searches[int(np.argmax(np.array(first) >= max(first) - _LEAD))]
     worth, variables = search.improved()
     least = carried.shown(carried.first) - _LOST if carried.is_clear(carried.first) else 0.0
     if worth < carried.worth(carried.first, carried.first_sight) + ALIKE or search.shown(variables) < least:
