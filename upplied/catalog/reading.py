@@ -102,9 +102,8 @@ class Reading:
 
         Parameters
         ----------
-        kind, site, structure : str, optional
-            Of the target.
-        demonstration, preset : str, optional
+        kind, site, structure, demonstration, preset : str, optional
+            The first three of the target.
         status : {"ok", "refused", "failed"}, optional
             Of the newest plan: a pair whose newest plan is refused has none that is ok.
         since : datetime or str, optional
@@ -125,19 +124,16 @@ class Reading:
         in_force : bool
             The plans that a person released and that are in force, instead of the newest.
         """
-        # Which rows those are is told from a few columns; of all that a table has, the others are read of
-        # these rows alone.
+        # Which rows those are is told from a few columns; the others are read of these rows alone.
         declared, tables = TABLES["transfers"], self.tables
         wanted = declared.names if columns is None else list(columns)
-        for name in wanted:
-            if name not in declared.names:
-                raise SettingsError(
-                    f"column {name!r}", "does not exist", f"one of {', '.join(declared.names)}"
-                )
+        if unknown := [name for name in wanted if name not in declared.names]:
+            known = f"one of {', '.join(declared.names)}"
+            raise SettingsError(f"column {unknown[0]!r}", "does not exist", known)
         if version is not None:  # its moment; none where it has no rows
             as_of = pc.max(tables["transfers"].read(None, ["added_at"], version)[0]).as_py()
         derived = in_force or not {*DERIVED}.isdisjoint(wanted)
-        until_then = until("added_at", as_of)
+        until_then = until(as_of)
         now = standing_of(ordering.by_commit(tables["decisions"].read(until_then))) if derived else Standing()
         if in_force:
             among = now.state.keys() if ids is None else {*ids}
@@ -160,10 +156,8 @@ class Reading:
         if not every:
             if purpose or not in_force:
                 plans = plans[plans["purpose"] == purpose]
-            used = {"structures": "target_id"}
-            if not in_force:  # a released plan outlives its demonstration
-                used["demonstrations"] = "demonstration_id"
-            for name, column in used.items():
+            used = [("structures", "target_id"), ("demonstrations", "demonstration_id")]
+            for name, column in used[:1] if in_force else used:  # a released plan outlives its demonstration
                 gone = ordering.retired(tables[name], until_then)
                 plans = plans[~plans[column].isin(gone)] if gone else plans
         if status is not None:

@@ -35,8 +35,8 @@ _MAX_BYTES = 4 << 30  # of one decoded array: a broken file must not make us all
 def encode(record: Any, name: str = "") -> bytes:
     """The bytes of a Parquet file, under a name that they carry; equal records and names, equal bytes."""
     plain, arrays = _parts(record)
-    metadata = {b"record": plain.encode(), b"sha256": content_sha256(plain, arrays).encode()}
-    metadata[_FILE_SHA256] = _UNKNOWN
+    sha256 = content_sha256(plain, arrays).encode()
+    metadata = {b"record": plain.encode(), b"sha256": sha256, _FILE_SHA256: _UNKNOWN}
     if name:
         metadata[b"name"] = name.encode()
     schema_fields, columns = list[pa.Field](), list[pa.Array]()

@@ -151,8 +151,7 @@ def standoff_mode(settings: Settings) -> str:
 
 def _values(record: Any) -> dict[str, Any]:
     """The fields of a record, without the deep copies of `asdict`."""
-    known = vars(record)
-    return {name: known[name] for name in record.__dataclass_fields__}
+    return {name: getattr(record, name) for name in record.__dataclass_fields__}
 
 
 def _viewpoint_flags(plan: Plan, path: Trajectory) -> Bools:

@@ -39,15 +39,12 @@ def _columns(record: Record, table: str) -> Row:
     return {name: getattr(record, name) for name in same_named(record, table)}
 
 
-# --- structures --------------------------------------------------------------------------------
-
-
 def structure_row(structure: Structure, mesh_sha256: str) -> Row:
     """The row of `structures`, without the moment and commit that add it."""
     size = np.ptp(structure.vertices, axis=0)
     around = structure.surroundings
     verdicts = json.loads(structure.verdicts_json or "[]")
-    surroundings: Row = {name: getattr(around, name) for name in ("ground_z_m", "ceiling_z_m")}
+    surroundings: Row = {"ground_z_m": around.ground_z_m, "ceiling_z_m": around.ceiling_z_m}
     for name in ("keep_out_m", "geofence_m", *(["rally_m"] if len(around.rally_m) else [])):
         surroundings[name] = np.asarray(getattr(around, name), float).tolist()
     return {
@@ -90,9 +87,6 @@ def structure_of(row: Row, mesh: Structure) -> Structure:
     return Structure(vertices=mesh.vertices, triangles=mesh.triangles, normals=mesh.normals, **values)
 
 
-# --- demonstrations ----------------------------------------------------------------------------
-
-
 def demonstration_row(demonstration: Demonstration) -> Row:
     """The row of `demonstrations`, without the moment and commit that add it."""
     steps, lens = leg_lengths(demonstration.positions), demonstration.camera.lens
@@ -116,7 +110,6 @@ def demonstration_row(demonstration: Demonstration) -> Row:
 
 
 def _passport_columns(passport: Mapping[str, Any]) -> Row:
-    """What is often asked of a passport, and all of it as JSON; empty where there is none."""
     if not passport:
         return {"verdict": "", "passport_json": ""}
     measured = passport["measured"]
@@ -161,18 +154,13 @@ def camera_of(row: Row) -> Camera:
     return Camera(**{name: value for name, value in known.items() if value is not None and value == value})
 
 
-# --- all of them -------------------------------------------------------------------------------
-
-
 def table_of(table: Table, rows: list[Row]) -> pa.Table:
     """Rows as an Arrow table in the declared schema; NaN and absent numbers are null, texts empty."""
     columns = []
-    for column in table.columns:
-        empty = "" if pa.types.is_string(column.type) else None
-        values = pa.array([row.get(column.name, empty) for row in rows], column.type)
-        if pa.types.is_floating(column.type):
-            values = pc.if_else(pc.is_nan(values), None, values)
-        columns.append(values)
+    for name, kind in zip(table.names, table.schema.types, strict=True):
+        empty = "" if pa.types.is_string(kind) else None
+        values = pa.array([row.get(name, empty) for row in rows], kind)
+        columns.append(pc.if_else(pc.is_nan(values), None, values) if pa.types.is_floating(kind) else values)
     return pa.table(columns, schema=table.schema)
 
 

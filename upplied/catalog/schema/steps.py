@@ -102,9 +102,9 @@ def unlike(
 
     `stated` is how many the row of each owner (id and commit) says, and their hash.
     """
-    key = TABLES[name].names[0]
-    starts = run_starts(steps, (key, "commit_id"))
-    firsts = steps.select([key, "commit_id"]).take(pa.array(starts))
+    key = [TABLES[name].names[0], "commit_id"]
+    starts = run_starts(steps, key)
+    firsts = steps.select(key).take(pa.array(starts))
     names = list(zip(*(column.to_pylist() for column in firsts.columns), strict=True))
     stops = np.append(starts[1:], len(steps))
     there = dict(zip(names, (stops - starts).tolist(), strict=True))
@@ -152,7 +152,7 @@ def checked(name: str, steps: pa.Table, stated: Mapping[tuple[str, str], tuple[i
     return steps
 
 
-def run_starts(rows: pa.Table, names: tuple[str, ...]) -> Ints:
+def run_starts(rows: pa.Table, names: Sequence[str]) -> Ints:
     """Where one of these texts is another one than in the row before: rows of one owner lie together."""
     if not len(rows):
         return np.empty(0, np.int64)

@@ -28,14 +28,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.compute as pc
 
-TYPES = {
-    "text": pa.string(),
-    "real": pa.float64(),
-    "whole": pa.int64(),
-    "truth": pa.bool_(),
-    "moment": pa.timestamp("us", tz="UTC"),
-}
-MOMENT = TYPES["moment"]
+TYPES = {"text": pa.string(), "real": pa.float64(), "whole": pa.int64(), "truth": pa.bool_()}
+MOMENT = TYPES["moment"] = pa.timestamp("us", tz="UTC")
 #: Hash of a row, and that of the row before it in a table whose rows follow each other.
 ROW_SHA256, BEFORE_SHA256 = "row_sha256", "before_sha256"
 
@@ -105,7 +99,6 @@ def _rows(name: str) -> csv.DictReader[str]:
 
 
 def _columns() -> dict[str, list[Column]]:
-    """The columns of each table, in order."""
     tables: dict[str, list[Column]] = {}
     last: dict[str, Column] = {}
     for row in _rows("columns.csv"):
@@ -119,13 +112,11 @@ def _columns() -> dict[str, list[Column]]:
 
 
 def _declared() -> dict[str, Table]:
-    columns = _columns()
-    return {
-        (name := row["table"]): Table(
-            name, row["meaning"], tuple(row["key"].split()), tuple(columns[name]), tuple(row["order"].split())
-        )
-        for row in _rows("tables.csv")
-    }
+    tables, columns = dict[str, Table](), _columns()
+    for row in _rows("tables.csv"):
+        name, key, order = row["table"], tuple(row["key"].split()), tuple(row["order"].split())
+        tables[name] = Table(name, row["meaning"], key, tuple(columns[name]), order)
+    return tables
 
 
 TABLES = _declared()
@@ -183,10 +174,8 @@ def data_dictionary() -> str:
     for table in TABLES.values():
         parts.append(f"## {table.name}\n\n{table.meaning[0].upper()}{table.meaning[1:]}.\n")
         parts.append("| column | type | unit | meaning | constraint |\n|---|---|---|---|---|")
-        parts += [
-            f"| `{c.name}` | {_TYPES[c.type]} | {c.unit} | {c.meaning} | {c.constraint} |"
-            for c in table.columns
-        ]
+        for c in table.columns:
+            parts.append(f"| `{c.name}` | {_TYPES[c.type]} | {c.unit} | {c.meaning} | {c.constraint} |")
         parts.append("")
     return "\n".join(parts).rstrip() + "\n"
 

@@ -46,8 +46,7 @@ class Cache:
         """The remembered record; None where none can be believed. Version 0.1.0 wrote `nameless` ones."""
         path = self.path(stage, key)
         try:
-            content = path.read_bytes()
-            record = decode(content, record_type, name="" if nameless else f"{stage}/{key}")
+            record = decode(path.read_bytes(), record_type, name="" if nameless else f"{stage}/{key}")
         except FileNotFoundError:
             return None
         except (OSError, CatalogError) as error:
@@ -60,8 +59,7 @@ class Cache:
     def put(self, stage: str, key: str, record: object) -> None:
         """Remember a record; where that is impossible (disk full, read-only) only time is lost."""
         path = self.path(stage, key)
-        try:
-            # An entry that a power cut tore is noticed.
+        try:  # an entry that a power cut tore is noticed
             replace_file(path, encode(record, f"{stage}/{key}"), lasting=False)
         except OSError as error:
             log.warning("cannot remember %s: %s", path, error)
@@ -86,8 +84,7 @@ class Cache:
         excess = sum(size for _, size, _ in entries) - max_bytes
         freed = 0
         for _, size, path in entries:
-            if freed >= excess:
-                break
-            path.unlink(missing_ok=True)
-            freed += size
+            if freed < excess:
+                path.unlink(missing_ok=True)
+                freed += size
         return freed

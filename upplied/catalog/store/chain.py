@@ -1,11 +1,8 @@
 """Data files, written before a commit names them, whose rows carry hashes; and hashes of a log's entries.
 
-A row has that of its own content and, in the tables of one place, of the row before it.
-
-Fields by name and value, the same on every machine; null and empty ones count for nothing, so columns that
-came later leave older hashes as they are. Who noted the last hash (`head_of`) can tell that no row was
-changed since. Of a log each entry states the hashes that none before it states, the newest `identity.Heads`.
-(Of two writers who commit on the same version the next one states both. Checkpoints count as entries.)
+A row has that of its own content and, in the tables of one place, of the row before it: who noted the last
+one (`head_of`) can tell that no row was changed since. Of a log each entry, or checkpoint, states the hashes
+that none before it states, the newest `identity.Heads`.
 """
 
 from __future__ import annotations
@@ -87,8 +84,8 @@ def _loose(key: str, rows: pa.Table) -> Iterator[tuple[str, str]]:
     """Rows of a chain that follow no other one, or follow one that another follows."""
     linked = rows.filter(pc.not_equal(pc.coalesce(rows[_HASH], ""), "")).sort_by("commit_version")
     known, followed = {_root_of(rows), *linked[_HASH].to_pylist()}, set()
-    for name, before in zip(linked[key].to_pylist(), linked[_BEFORE].to_pylist(), strict=True):
-        before = before or ""
+    befores = pc.coalesce(linked[_BEFORE], "").to_pylist()
+    for name, before in zip(linked[key].to_pylist(), befores, strict=True):
         if before not in known:
             yield str(name), "follows a row that is not there: one was taken away or changed"
         elif before in followed:
@@ -107,7 +104,10 @@ def _link(before: str, content: str) -> str:
 
 
 def content_hashes(rows: pa.Table) -> list[str]:
-    """The hash of each row, but for its own hash and that of the row before it."""
+    """The hash of each row, but for its own hash and that of the row before it.
+
+    Null and empty fields count for nothing: columns that came later leave older hashes as they are.
+    """
     names = sorted(set(rows.column_names) - {_HASH, _BEFORE})
     hashes: list[str] = []
     for start in range(0, len(rows), _ROWS):
@@ -145,8 +145,7 @@ def _texts(rows: pa.Table) -> tuple[Ints, memoryview]:
     none = pa.array([""] * len(rows), _TEXT)
     lines = pc.binary_join_element_wise(*parts, pa.scalar(alike, _TEXT), none, _NONE, null_handling="skip")
     _, offsets, text = lines.buffers()
-    bounds = np.frombuffer(offsets, np.int64, len(lines) + 1, 8 * lines.offset)
-    return bounds, memoryview(text or b"")
+    return np.frombuffer(offsets, np.int64, len(lines) + 1, 8 * lines.offset), memoryview(text or b"")
 
 
 def _text(values: pa.Array) -> pa.Array:
@@ -173,9 +172,8 @@ _NAME = re.compile(r"[0-9]{20}(\.checkpoint)?\.(json|parquet)")
 
 
 def unstated(log: FileStore, version: int) -> dict[str, str]:
-    """The hashes of the entries up to a version that none of them states."""
-    hashes: dict[str, str] = {}
-    stated = -1
+    """The hashes of the entries up to a version that none of them states; of two racing writers both."""
+    hashes, stated = dict[str, str](), -1
     for number in range(version, max(version - _MOST, -1), -1):
         if number <= stated:
             break
@@ -192,25 +190,20 @@ def unstated(log: FileStore, version: int) -> dict[str, str]:
 
 
 def _commit(content: bytes) -> dict[str, Any]:
-    """What an entry says of its commit."""
     lines = (line for line in content.splitlines() if line.startswith(b'{"commitInfo"'))
     return dict(json.loads(next(lines, b'{"commitInfo": {}}'))["commitInfo"])
 
 
 def _stated_in(content: bytes) -> dict[str, str]:
-    """The hashes that an entry states."""
     hashes = json.loads(_commit(content).get(STATED, "{}"))
     return {name: str(value) for name, value in hashes.items() if _NAME.fullmatch(name)}
 
 
 def rows_added(log: FileStore) -> int:
     """How many rows a log says were added, by the entries that were not cleaned away."""
+    names = [name for name in log.names() if _NAME.fullmatch(name) and name.endswith(".json")]
     try:
-        rows = [
-            str(_commit(log.read(name)).get("rows", ""))
-            for name in log.names()
-            if _NAME.fullmatch(name) and name.endswith(".json")
-        ]
+        rows = [str(_commit(log.read(name)).get("rows", "")) for name in names]
     except (ValueError, AttributeError, KeyError, TypeError):
         return 0  # a finding of its own
     return sum(int(count) for count in rows if count.isdigit())
@@ -253,9 +246,8 @@ def new_file(files: FileStore, rows: pa.Table, sought: Sequence[str]) -> AddActi
     pq.write_table(rows, sink, row_group_size=ROW_GROUP, compression="zstd", store_schema=False)
     name = f"part-{hashlib.sha256(sink.getbuffer()).hexdigest()}-{secrets.token_hex(4)}.parquet"
     files.write(name, sink.getvalue())
-    return AddAction(
-        name, sink.tell(), {}, int(time.time() * 1000), True, statistics(decoded(rows.select(sought)))
-    )
+    ranges = statistics(decoded(rows.select(sought)))
+    return AddAction(name, sink.tell(), {}, int(time.time() * 1000), True, ranges)
 
 
 def statistics(rows: pa.Table) -> str:

@@ -12,20 +12,11 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from upplied import records
 from upplied.catalog.schema.codec import decode, encode, sha256_of
 from upplied.catalog.store.files import FileStore, explained
 from upplied.errors import CatalogError, SettingsError
-from upplied.records import (
-    Bools,
-    Floats,
-    Ints,
-    Photos,
-    Record,
-    Structure,
-    SupposedSurface,
-    SurfaceStates,
-    Trajectory,
-)
+from upplied.records import Bools, Floats, Ints, Record, Structure, SurfaceStates
 
 R = TypeVar("R")
 
@@ -64,10 +55,9 @@ class StoredLooks(Record):
     frontal_incidence_deg: Floats | None = field(default=None, metadata={"later": True})  # (K,)
     # 1 where it was seen only if the correction of the log is right; None: nothing was corrected.
     assumed: Ints | None = field(default=None, metadata={"later": True})  # (K,)
-    # 1 where it was looked at as its plan asks; None: not asked then.
-    inspected: Ints | None = field(default=None, metadata={"later": True})  # (K,)
-    # 1 where it was, if the correction of the log is right; None: nothing was corrected.
-    inspected_if_corrected: Ints | None = field(default=None, metadata={"later": True})  # (K,)
+    # 1 where it was looked at as its plan asks, and where it was if the correction is right.
+    inspected: Ints | None = field(default=None, metadata={"later": True})  # (K,) None: not asked then
+    inspected_if_corrected: Ints | None = field(default=None, metadata={"later": True})  # None: not corrected
 
     @property
     def as_asked(self) -> Ints:
@@ -140,9 +130,9 @@ CONTENTS = {
     "meshes": Content(Structure, "delete it and add the structure again", _columns("mesh", "structures")),
     "surfaces": Content(States, _PLANNED, _columns("surface inspected"), True),
     "samples": Content(Samples, _PLANNED),
-    "supposed": Content(SupposedSurface, _PLANNED, _columns("supposed", "transfers decisions"), True),
-    "photos": Content(Photos, _PLANNED, _columns("photos"), True),
-    "flown": Content(Trajectory, "fly the plan again", _columns("flight", "flights")),
+    "supposed": Content(records.SupposedSurface, _PLANNED, _columns("supposed", "transfers decisions"), True),
+    "photos": Content(records.Photos, _PLANNED, _columns("photos"), True),
+    "flown": Content(records.Trajectory, "fly the plan again", _columns("flight", "flights")),
     "looks": Content(StoredLooks, "add the flight again", _columns("looks", "flights")),
     "labels": Content(FaceLabels, "require the zones again"),
 }

@@ -68,8 +68,8 @@ class StoredTable(OpenTable):
         columns, dataset = columns or self.declared.names, self.dataset(version, commits)
         if dataset is None:
             return self._selected(None, columns)
-        present = self._present(dataset, columns)
-        return self._selected(explained(self.uri, partial(dataset.to_table, present, where)), columns)
+        rows = explained(self.uri, partial(dataset.to_table, self._present(dataset, columns), where))
+        return self._selected(rows, columns)
 
     def narrow(
         self, columns: list[str], where: ds.Expression | None = None, version: int | None = None
@@ -88,9 +88,23 @@ class StoredTable(OpenTable):
         """As `read`, some rows at a time, the first none; of None, what only a newer program knows too."""
         dataset = self.dataset(version, commits)
         yield self._selected(None, columns)
-        if dataset is not None:
-            for batch in self._scanned(dataset, where, self._present(dataset, columns)):
-                yield self._selected(batch, columns)
+        if dataset is None:
+            return
+        # A row of plans takes kilobytes: few are read ahead. With threads up to a gibibyte is decoded ahead
+        # of whoever asks (Acero's backpressure starts there), whatever the readahead says; and with buffers
+        # filled beforehand, which spares round trips to an object store, as long as nobody asks.
+        scanner = dataset.scanner(
+            columns=self._present(dataset, columns),
+            fragment_scan_options=ds.ParquetFragmentScanOptions(pre_buffer=not self._files.local),
+            filter=where,
+            batch_size=ROW_GROUP,
+            batch_readahead=1,
+            fragment_readahead=1,
+            use_threads=False,
+        )
+        with closing(scanner.to_batches()) as batches:
+            while (batch := explained(self.uri, partial(next, batches, None))) is not None:
+                yield self._selected(pa.table(batch), columns)
 
     def _present(self, dataset: ds.Dataset, columns: list[str] | None) -> list[str] | None:
         names = None if columns is None else needed(self.declared, columns)
@@ -107,41 +121,17 @@ class StoredTable(OpenTable):
                 known = known.append_column(field, rows[field.name])
         return known
 
-    def _scanned(
-        self, dataset: ds.Dataset, where: ds.Expression | None = None, columns: list[str] | None = None
-    ) -> Iterator[pa.Table]:
-        # A row of plans takes kilobytes: few are read ahead. With threads up to a gibibyte is decoded ahead
-        # of whoever asks (Acero's backpressure starts there), whatever the readahead says; and with buffers
-        # filled beforehand, which spares round trips to an object store, as long as nobody asks.
-        scanner = dataset.scanner(
-            columns=columns,
-            fragment_scan_options=ds.ParquetFragmentScanOptions(pre_buffer=not self._files.local),
-            filter=where,
-            batch_size=ROW_GROUP,
-            batch_readahead=1,
-            fragment_readahead=1,
-            use_threads=False,
-        )
-        with closing(scanner.to_batches()) as batches:
-            while (batch := explained(self.uri, partial(next, batches, None))) is not None:
-                yield pa.table(batch)
-
     def whole(self, where: ds.Expression | None = None) -> pa.Table:
         """The rows that fit, with the columns that only a newer program knows as well."""
         return pa.concat_tables(self.batches(None, where), promote_options="default")
 
     def named(self, names: pa.Array) -> pa.Array:
-        """Those of some names of rows, of the first column, that are stored; each data file is read once.
-
-        (A dataset states the range of every column of every file, which costs more than all the rest of a
-        commit.)
-        """
-        with self._lock:
+        """Those of some names of rows, of the first column, that are stored; each data file is read once."""
+        with self._lock:  # a dataset would state the range of every column of every file, which costs more
             delta = self._refreshed()
             files = [] if delta is None else [uri.rsplit("/", 1)[-1] for uri in delta.file_uris()]
-            new = {
-                name: explained(self.uri, partial(self._names_in, name)) for name in {*files} - {*self._names}
-            }
+            lacking = {*files} - {*self._names}
+            new = {name: explained(self.uri, partial(self._names_in, name)) for name in lacking}
             self._names = {name: new.get(name, self._names.get(name)) for name in files}
             return names.filter(pc.is_in(names, pa.chunked_array(self._names.values(), pa.string())))
 
@@ -173,11 +163,7 @@ class StoredTable(OpenTable):
         return -1 if delta is None else delta.version(), -1 if added is None else added
 
     def _append_next(self, rows: pa.Table) -> int:
-        """Commit rows as the next in order; where another writer was faster, they are numbered anew.
-
-        All writers advance one transaction of the table, its time in microseconds: of two with one number
-        one fails.
-        """
+        """Commit rows as the next in order; all writers advance one transaction: of two alike one fails."""
         with self._lock:
             delta = self._refreshed()
             assert delta is not None
@@ -280,9 +266,7 @@ class StepTable(StoredTable):
         """The files as one dataset; which commit each is of spares opening the others."""
         if not names:
             return None
-        parquet, filesystem = ds.ParquetFileFormat(), self.files.filesystem()
-        parts = [
-            parquet.make_fragment(name, filesystem, pc.field("commit_id") == name.removesuffix(_SUFFIX))
-            for name in names
-        ]
+        parquet, filesystem, commit = ds.ParquetFileFormat(), self.files.filesystem(), pc.field("commit_id")
+        commits = {name: commit == name.removesuffix(_SUFFIX) for name in names}
+        parts = [parquet.make_fragment(name, filesystem, own) for name, own in commits.items()]
         return ds.FileSystemDataset(parts, self.declared.schema, parquet, filesystem)

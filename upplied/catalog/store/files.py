@@ -99,11 +99,8 @@ class FileStore:
         sync_path(path.parent)
 
     def _first(self, name: str, content: bytes) -> bytes:
-        """What the first of several who create a file in an object store would write.
-
-        Pyarrow always replaces what is there; delta-rs puts the first entry of a log on condition that
-        there is none.
-        """
+        """What the first of several who create a file in an object store would write."""
+        # Pyarrow always replaces what is there; delta-rs puts the first entry of a log where there is none.
         uri = self.path(name + _FIRST)
         try:
             schema, given = pa.schema([("content", pa.string())]), {_CONTENT: content.decode()}
@@ -180,7 +177,6 @@ def explained(what: str, act: Callable[[], T], *passed: type[Exception], doing: 
 
 
 def _brief(error: Exception) -> str:
-    """The first line of what the storage said, at a length that fits a screen."""
     return str(error).strip().split("\n")[0][:300]
 
 
@@ -192,7 +188,7 @@ def remedy_of(what: str, message: str) -> str:
         return "free some space; nothing was changed"
     if "ermission" in message or "ead-only" in message:
         return "ask for the right to read and write there; nothing was changed"
-    if "Parquet" in message or "Json error" in message or "parquet" in message:
+    if "arquet" in message or "Json error" in message:
         return "take that file, or the table's folder, from a backup; nothing was changed"
     return ""
 

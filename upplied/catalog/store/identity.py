@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import re
 import time
 import uuid
 from collections.abc import Sequence
@@ -44,8 +45,7 @@ class Identity:
 
     def required(self) -> str:
         """The same; a place that is no catalog is an error."""
-        name = self.id
-        if name is None:
+        if (name := self.id) is None:
             rule = "a folder with catalog.json, or tables of an earlier version"
             remedy = "check the path and whether its disk is mounted"
             remedy += "; `upplied structures add` makes a new one"
@@ -86,7 +86,6 @@ class Identity:
 
 
 def _text(about: dict[str, str]) -> str:
-    """The file of an identity, with the hash of what it says."""
     about = {name: value for name, value in about.items() if name != "sha256"}
     sha256 = hashlib.sha256(json.dumps(about).encode()).hexdigest()
     return json.dumps({**about, "sha256": sha256}, indent=1) + "\n"
@@ -122,13 +121,8 @@ class Heads:
                     self._files.remove(name)
 
     def _names(self) -> dict[int, str]:
-        """The files by their versions."""
-        files = {}
-        for name in self._files.names():
-            number = name.removeprefix(self._prefix)
-            if name.startswith(self._prefix) and len(number) == 20 and number.isdigit():
-                files[int(number)] = name
-        return files
+        named = re.compile(re.escape(self._prefix) + r"(\d{20})")
+        return {int(match[1]): name for name in self._files.names() if (match := named.fullmatch(name))}
 
 
 class Clock:

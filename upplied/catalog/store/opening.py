@@ -76,7 +76,6 @@ class OpenTable:
         return self._insist(once)
 
     def _insist(self, act: Callable[[], T]) -> T:
-        """Do it again until no other writer was faster."""
         give_up = time.monotonic() + _PATIENCE_S
         while True:
             try:
@@ -129,7 +128,7 @@ class OpenTable:
         return self._delta
 
     def _unstated(self, version: int) -> str:
-        """The hashes of entries of the log up to a version that none of them states, as JSON."""
+        """The hashes that `unstated` tells of the log, as JSON."""
         if self._stated[0] != version:
             self._stated = version, json.dumps(unstated(self._log, version))
         return self._stated[1]
@@ -141,9 +140,8 @@ def opened(uri: str) -> DeltaTable | None:
         delta = DeltaTable(uri)
     except TableNotFoundError:
         log_folder = Path(uri) / "_delta_log"  # of a local table; an error where we may not look into it
-        if "://" in uri or not log_folder.exists():
-            return None
-        if not any(entry.suffix == ".json" for entry in log_folder.iterdir()):
+        there = "://" not in uri and log_folder.exists()
+        if not there or not any(entry.suffix == ".json" for entry in log_folder.iterdir()):
             return None
         delta = DeltaTable(uri)  # another writer made the table since we looked
     _check_version(delta, uri)

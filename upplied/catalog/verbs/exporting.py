@@ -52,17 +52,12 @@ def export_dataset(
 
     Parameters
     ----------
-    catalog : Catalog
-    folder : path
-        New, or empty.
-    name : str
-        With its version, as ``airliners-v1``.
+    catalog, folder, name
+        The folder new, or empty; the name with its version, as ``airliners-v1``.
     transfers : DataFrame or sequence of str
         Rows of `Catalog.transfers`, or names of plans.
-    licence : str
-        Under which the data may be used, as an SPDX name (``CC-BY-4.0``) or in words.
-    attribution : str
-        Whom to name.
+    licence, attribution : str
+        Under which the data may be used, as an SPDX name (``CC-BY-4.0``) or in words; whom to name.
 
     Returns
     -------
@@ -84,20 +79,19 @@ def export_dataset(
     wanted = {*plans["source_id"], *plans["target_id"], *demonstrations["structure_id"]}
     wanted |= {*plans["parts_told_by"].dropna()} - {""}
     structures = _only(catalog.structures(every=True), "structure_id", wanted)
-    tables = {
-        "structures": iter([_table("structures", structures)]),
-        "demonstrations": iter([_table("demonstrations", demonstrations)]),
-        "poses": checked_steps(catalog, "poses", demonstrations),
-        "transfers": iter([_table("transfers", plans)]),
-        "waypoints": checked_steps(catalog, "waypoints", plans[plans["n_waypoints"] > 0]),
+    frames = {"structures": structures, "demonstrations": demonstrations, "transfers": plans}
+    tables: dict[str, Iterable[pa.Table]] = {
+        name: [pa.Table.from_pandas(rows, TABLES[name].schema, preserve_index=False)]
+        for name, rows in frames.items()
     }
+    tables["poses"] = checked_steps(catalog, "poses", demonstrations)
+    tables["waypoints"] = checked_steps(catalog, "waypoints", plans[plans["n_waypoints"] > 0])
     try:
-        counts = {name: write(place / f"{name}.parquet", TABLES[name], rows) for name, rows in tables.items()}
+        counts = {name: write(place / f"{name}.parquet", TABLES[name], tables[name]) for name in EXCHANGED}
     except OSError as error:
         raise CatalogError(str(place), f"cannot be written: {error}", "", "free space or rights") from None
-    rows = {"structures": structures, "transfers": plans}
     for kind, table, column in NAMED_CONTENTS:
-        for sha256 in sorted({*rows[table][column]} - {""}) if table in rows else ():
+        for sha256 in sorted({*frames[table][column]} - {""}) if table in frames else ():
             _put(catalog, place, kind, sha256)
     splits = splits_of(catalog, plans.to_dict("records"))
     replace_file(place / "splits.json", json.dumps(splits, indent=1))
@@ -118,10 +112,6 @@ def _put(catalog: Catalog, place: Path, kind: str, sha256: str) -> None:
 def _only(frame: pd.DataFrame, column: str, names: Any) -> pd.DataFrame:
     """The newest version of each, retired or not."""
     return frame[frame[column].isin(set(names))].drop_duplicates(column, keep="last")
-
-
-def _table(name: str, frame: pd.DataFrame) -> pa.Table:
-    return pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)
 
 
 def new_folder(folder: str | os.PathLike[str]) -> Path:

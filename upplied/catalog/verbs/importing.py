@@ -40,8 +40,7 @@ def import_dataset(
 
     Parameters
     ----------
-    catalog : Catalog
-    folder : path
+    catalog, folder
     replace : bool
         Let structures and demonstrations that are here under the same names with another content
         become newer versions; otherwise that is an error.
@@ -159,22 +158,21 @@ def _read(place: Path, name: str) -> pa.Table:
 
 def _by_owner(steps: pa.Table) -> dict[tuple[str, str], pa.Table]:
     """Steps by owner and commit, in order."""
-    owner = [key := steps.schema.names[0], "commit_id"]
+    owner = [steps.schema.names[0], "commit_id"]
     ordered = steps.sort_by([(name, "ascending") for name in (*owner, "seq")])
-    starts = run_starts(ordered, (key, "commit_id"))
-    names = ordered.select(owner).take(pa.array(starts)).to_pylist()
-    counts = np.diff(starts, append=len(ordered)).tolist()
-    parts = zip(names, starts.tolist(), counts, strict=True)
-    return {(row[key], row["commit_id"]): ordered.slice(first, count) for row, first, count in parts}
+    starts = run_starts(ordered, owner)
+    ids, commits = (ordered[name].take(pa.array(starts)).to_pylist() for name in owner)
+    counts = np.diff(starts, append=len(ordered))
+    parts = map(ordered.slice, starts.tolist(), counts.tolist())
+    return dict(zip(zip(ids, commits, strict=True), parts, strict=True))
 
 
 def _steps(place: Path, owned: dict[tuple[str, str], pa.Table], name: str, row: Row) -> pa.Table:
     """The steps of a row, checked against it."""
-    key = TABLES[name].names[0]
-    owner = (row[key], row["commit_id"])
+    owner = row[TABLES[name].names[0]], row["commit_id"]
     steps = owned.get(owner, TABLES[name].schema.empty_table())
     if any(unlike(name, steps, {owner: (row[f"n_{name}"], row[f"{name}_sha256"])})):
-        raise CatalogError(f"{place}: {name} of {row[key]}", "do not match their row")
+        raise CatalogError(f"{place}: {name} of {owner[0]}", "do not match their row")
     return steps
 
 

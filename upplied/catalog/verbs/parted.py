@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from itertools import accumulate, groupby, pairwise
 from operator import itemgetter
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -25,11 +26,13 @@ from upplied.catalog.schema.steps import checked
 from upplied.catalog.schema.tables import MOMENT, SCHEMA_VERSION, TABLES, Table
 from upplied.catalog.store.chain import decoded
 from upplied.catalog.verbs import custody, queries
-from upplied.catalog.verbs.generations import Before, Generation
 from upplied.catalog.verbs.ordering import DERIVED, PAIR
 from upplied.catalog.verbs.queries import NAMED
 from upplied.checks import check_id
 from upplied.config import digest
+
+if TYPE_CHECKING:
+    from upplied.catalog.verbs.published import Before, Generation
 
 Files = dict[str, pd.DataFrame]  # by name: what names the rows in it, or owns them
 Weights = dict[str, int]  # of each kind: rows, or steps, by which its files are cut
@@ -59,7 +62,6 @@ def plans_of(catalog: Catalog, was: Before, now: Generation) -> Named:
 
 
 def _weights(name: str, rows: pd.DataFrame) -> Weights:
-    """How many rows, or steps, there are of each kind."""
     kinds = rows.groupby("kind")
     counts = kinds.size() if name == "transfers" else kinds[f"n_{name}"].sum()
     return {str(kind): int(count) for kind, count in counts.items()}

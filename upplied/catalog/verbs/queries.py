@@ -22,7 +22,7 @@ from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import checked
 from upplied.catalog.schema.tables import MOMENT
 from upplied.catalog.store.delta import StoredTable
-from upplied.catalog.verbs.ordering import NEWEST, PAIR
+from upplied.catalog.verbs.ordering import COMMIT, NEWEST, PAIR
 from upplied.errors import CatalogError, SettingsError
 from upplied.records import Bools, Floats, Trajectory
 
@@ -61,9 +61,9 @@ def moment(when: When) -> pd.Timestamp:
     return stamp.tz_localize("UTC") if stamp.tzinfo is None else stamp.tz_convert("UTC")
 
 
-def until(column: str, as_of: When | None) -> ds.Expression | None:
-    """The rows until a moment, by a column of times; all where none is asked for."""
-    return None if as_of is None else pc.field(column) <= pa.scalar(moment(as_of), pa.timestamp("us", "UTC"))
+def until(as_of: When | None) -> ds.Expression | None:
+    """The rows that were added until a moment; all where none is asked for."""
+    return None if as_of is None else pc.field("added_at") <= pa.scalar(moment(as_of), MOMENT)
 
 
 class PlannedTrajectory(Trajectory):
@@ -139,9 +139,7 @@ def versions(
 ) -> pd.DataFrame:
     """Versions of each id counted in the order of commits, then narrowed to what was asked."""
     name = table.declared.names[0]
-    versions = frame(table.read(until("added_at", as_of))).sort_values(
-        [name, "commit_version", "added_at", "commit_id"], kind="stable"
-    )
+    versions = frame(table.read(until(as_of))).sort_values([name, *COMMIT], kind="stable")
     versions = versions[~_repeated(versions)]  # two writers may add the same version at once
     versions["version"] = versions.groupby(name).cumcount() + 1
     if not every:
@@ -166,11 +164,7 @@ def _repeated(ordered: pd.DataFrame) -> Bools:
 
 
 _INPUTS = ("demonstration", "source", "target", "settings")
-_METHOD = {
-    "method_version": "method changed",
-    "sources_sha256": "planning sources changed",
-    "libraries": "libraries changed",
-}
+_METHOD = {"method_version": "method", "sources_sha256": "planning sources", "libraries": "libraries"}
 _COMPARED = (
     "status", "coverage_inspected_pct", "coverage_seen_pct", "coverage_paper_pct", "min_clearance_m",
     "frechet_z", "duration_s",
@@ -190,8 +184,7 @@ def history(catalog: Catalog, limit: int | None = None) -> pd.DataFrame:
             operation = str(commit.get("doing", commit.get("operation", ""))).lower()
             operation = {"write": "add", "create table": "create"}.get(operation, operation)
             commits.append((at, name, int(commit["version"]), operation, int(commit.get("rows", 0))))
-    columns = ["at", "table", "version", "operation", "rows_added"]
-    listed = pd.DataFrame(commits, columns=columns)
+    listed = pd.DataFrame(commits, columns=["at", "table", "version", "operation", "rows_added"])
     return listed.sort_values(["at", "table"], ascending=False, kind="stable", ignore_index=True)[:limit]
 
 
@@ -199,9 +192,8 @@ def runs(catalog: Catalog) -> pd.DataFrame:
     """Runs that planned, newest first: when, how many plans of which outcome, by which code."""
     columns = ["run_id", "status", "planned_at", "code_version", "method_version"]
     rows = catalog.transfers(every=True, columns=columns)
-    counts = pd.crosstab(rows["run_id"], rows["status"]).reindex(
-        columns=["ok", "refused", "failed"], fill_value=0
-    )
+    counts = pd.crosstab(rows["run_id"], rows["status"])
+    counts = counts.reindex(columns=["ok", "refused", "failed"], fill_value=0)
     first = rows.groupby("run_id").agg(
         first_at=("planned_at", "min"),
         last_at=("planned_at", "max"),
@@ -233,8 +225,8 @@ def diff(catalog: Catalog, before: When | int, after: When | int | None = None) 
     names = {"left_only": "gone", "right_only": "added", "both": "replanned"}
     changes = joined[PAIR].assign(change=joined["_merge"].map(names).astype(str), why=_why(joined))
     for name in _COMPARED:
-        sides_of = [f"{name}_before", f"{name}_after"]
-        changes[sides_of] = joined[sides_of]
+        before_after = [f"{name}_before", f"{name}_after"]
+        changes[before_after] = joined[before_after]
         if name != "status":
             changes[f"{name}_change"] = joined[f"{name}_after"] - joined[f"{name}_before"]
     return changes.sort_values(["coverage_seen_pct_change", *PAIR], kind="stable").reset_index(drop=True)
@@ -250,8 +242,7 @@ def _why(joined: pd.DataFrame) -> pd.Series:
     """Which inputs changed, in words; empty for what was added or is gone."""
     both = joined["_merge"] == "both"
     reasons = pd.Series("", index=joined.index, dtype=object)
-    columns = {f"{name}_sha256": f"{name} changed" for name in _INPUTS} | _METHOD
-    for column, words in columns.items():
+    for column, name in ({f"{name}_sha256": name for name in _INPUTS} | _METHOD).items():
         changed = both & (joined[f"{column}_before"] != joined[f"{column}_after"])
-        reasons[changed] = reasons[changed].where(reasons[changed] == "", reasons[changed] + ", ") + words
-    return reasons
+        reasons[changed] += f", {name} changed"
+    return reasons.str.removeprefix(", ")
