@@ -29,7 +29,7 @@ _FLIGHT = ["flight_id", "transfer_id", "kind", "flown_at", "operator"]
 _LOOK = ["distance_m", "incidence_deg", "speed_mps", "t_s"]
 _OF_PHOTO = ["patches", "gsd_mm", "blur_px", "overlap_pct"]
 #: Of a row of `transfers`, what tells whether it may leave.
-_JUDGED = ("transfer_id", "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
+_JUDGED = (*OWNER, "demonstration_id", "target_id", "preset", "not_flyable", "imported_from")
 
 
 def open_catalog(location: str | os.PathLike[str], cache: str | os.PathLike[str] | None = None) -> Catalog:
@@ -67,7 +67,6 @@ class Catalog(Deciding):
 
         Parameters
         ----------
-        transfer_id : str
         force : collection of str
             Rules that are overruled: ``preset``, ``verdict``, ``foreign``, ``altered``, ``rejected``,
             ``recalled``, ``superseded`` (docs/checks.md).
@@ -78,10 +77,10 @@ class Catalog(Deciding):
             If the transfer is not known, or has no trajectory because it was refused or failed, or its
             steps are not those that were planned.
         RefusedError
-            If it is for comparison, falls short of its floors, was rejected or
-            recalled, or another took its place.
+            If it is for comparison, falls short of its floors, was rejected or recalled, or another took
+            its place.
         """
-        row, broken = self.transfer(transfer_id, [*OWNER, *_JUDGED]), dict[str, str]()
+        row, broken = self.transfer(transfer_id, _JUDGED), dict[str, str]()
         path = self.path_of(row)  # compared with its hash: it is the one that its verdict is of
         if row["preset"] != "recommended":
             broken["preset"] = f"the plan is of preset {row['preset']}, which is for comparison"
@@ -90,8 +89,8 @@ class Catalog(Deciding):
         if plan_rows.is_foreign(row):
             broken["foreign"] = custody.FOREIGN_PLAN[0]
         now = self.standing()
-        state = now.of(row["transfer_id"])
-        for fault in custody.alterations(self, [row["transfer_id"]], now).values():
+        state = now.of(transfer_id)
+        for fault in custody.alterations(self, [transfer_id], now).values():
             broken["altered"] = fault
         if state in ("rejected", "recalled", "superseded"):
             broken[state] = f"the plan is {state}"
@@ -102,8 +101,7 @@ class Catalog(Deciding):
             names = ", ".join(f'"{rule}"' for rule in left)
             remedy = f"to look at it: plan() or waypoints(); to fly it all the same: force=[{names}]"
             words = "; ".join(f"{rule}: {reason}" for rule, reason in left.items())
-            what, rule = f"transfer {row['transfer_id']}", "only what may be flown leaves"
-            raise RefusedError(what, words, rule, remedy)
+            raise RefusedError(f"transfer {transfer_id}", words, "only what may be flown leaves", remedy)
         return path
 
     def plan(self, transfer_id: str) -> Plan:
@@ -141,10 +139,9 @@ class Catalog(Deciding):
         if not (sha256 := self._sha256(transfer_id, "photos_sha256")):
             return pd.DataFrame(columns=["t_s", *POSE, *_OF_PHOTO])
         photos = self.contents["photos"].get(sha256)
-        poses = dict(zip(POSE, (*photos.positions.T, *photos.quat_xyzw.T), strict=True))
-        return pd.DataFrame(
-            {"t_s": photos.t_s, **poses, **{name: getattr(photos, name) for name in _OF_PHOTO}}
-        )
+        table = pd.DataFrame(np.column_stack([photos.positions, photos.quat_xyzw]), columns=POSE)
+        table.insert(0, "t_s", photos.t_s)
+        return table.assign(**{name: getattr(photos, name) for name in _OF_PHOTO})
 
     def supposed(self, transfer_id: str) -> SupposedSurface | None:
         """Surface of a plan's target that nobody scanned, where it is supposed to be; None where none is.
@@ -180,9 +177,9 @@ class Catalog(Deciding):
                 nearest[looks.samples_sha256] = int(gap.argmin()), float(gap.min())
             patch, off = nearest[looks.samples_sha256]
             at = int(np.searchsorted(looks.patch, patch))
-            seen = at < len(looks.patch) and looks.patch[at] == patch
+            seen = bool(at < len(looks.patch) and looks.patch[at] == patch)
             values = {name: row[name] for name in _FLIGHT}
-            values |= {"seen": bool(seen), "patch": patch, "patch_off_m": off}
+            values |= {"seen": seen, "patch": patch, "patch_off_m": off}
             values |= {name: float(getattr(looks, name)[at]) if seen else float("nan") for name in _LOOK}
             flights.append(values)
         table = pd.DataFrame(flights, columns=[*_FLIGHT, "seen", *_LOOK, "patch", "patch_off_m"])

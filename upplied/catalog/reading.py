@@ -207,13 +207,9 @@ class Reading:
     def flights(
         self, transfer_id: str | None = None, *, structure: str | None = None, kind: str | None = None
     ) -> pd.DataFrame:
-        """Flights of plans, flown and simulated, in the order they were added.
+        """Flights of a plan, or round a structure, in the order they were added.
 
-        Parameters
-        ----------
-        transfer_id, structure : str, optional
-            Those of one plan, or round one structure.
-        kind : {"flown", "simulated"}, optional
+        `kind` is ``flown`` or ``simulated``; None: both.
         """
         flights = self.by_commit("flights", ["transfer_id"], transfer_id=transfer_id, target_id=structure)
         flights["kind"] = flights["kind"].where(flights["kind"] != "", "simulated")

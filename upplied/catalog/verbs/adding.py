@@ -17,7 +17,6 @@ from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.delta import StepTable, StoredTable
 from upplied.catalog.verbs import ordering
 from upplied.catalog.verbs.maintenance import tidy
-from upplied.catalog.verbs.ordering import DERIVED
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.records import Bools, Demonstration, Plan, Structure, Trajectory
@@ -65,14 +64,11 @@ class Adding(Reading):
     def add_plans(self, plans: Sequence[Planned]) -> int:
         """Add plans in one commit; returns how many rows came of it.
 
-        Parameters
-        ----------
-        plans : sequence of (key, plan, provenance)
-            The key is the hash of everything the plan depends on; one that is known adds nothing,
-            with two exceptions: a failure makes way for a later result and for the failure of another
-            run, and a plan that had been followed by another of its pair becomes current again. For the
-            provenance see `upplied.catalog.schema.plan_rows.transfer_row`; hashes it leaves out are those of
-            the current versions in the catalog.
+        Each is key, plan and provenance. The key is the hash of everything the plan depends on; one that is
+        known adds nothing, with two exceptions: a failure makes way for a later result and for the failure
+        of another run, and a plan that had been followed by another of its pair becomes current again. For
+        the provenance see `upplied.catalog.schema.plan_rows.transfer_row`; hashes it leaves out are those of
+        the current versions in the catalog.
         """
         for key, _, _ in plans:
             check_id(key, "key of a plan")
@@ -135,7 +131,7 @@ class Adding(Reading):
         ]
         owned = [waypoints[row["transfer_id"], row["commit_id"]] for row in new if row["n_waypoints"]]
         commit = self._add_steps("waypoints", *owned)
-        undecided = dict.fromkeys(DERIVED)  # what was decided about them elsewhere is not decided here
+        undecided = dict.fromkeys(ordering.DERIVED)  # here, whatever was decided elsewhere
         return self.add_rows("transfers", [{**row, **undecided, "commit_id": commit} for row in new])
 
     def add_rows(self, name: str, new: list[Row], more: pa.Table | None = None) -> int:

@@ -41,17 +41,14 @@ class OwnSettings(Finding):
         Parameters
         ----------
         scope : {"kind", "structure"}
-        owner : str
-            The kind, or the id of the structure.
-        name : str
-            Of the set.
+        owner, name : str
+            The kind, or the id of the structure; and the name of the set.
         zones : sequence of mapping
             Each with `zone` (its name), `where` (landmarks, part_0, "box X Y Z X Y Z", "ball X Y Z R", m,
             "labels HASH LABEL" of `add_labels`), `on`, and what is asked: `looks`, `gsd_mm`,
             `incidence_deg`, `max_age_days`. None takes the set back.
-        by : str
-            Who asks.
-        note : str
+        by, note : str
+            Who asks, and why.
         """
         check_id(name, "name of requirements")
         about = self._owned(f"requirements {name}", scope, owner, by, note)
@@ -157,10 +154,8 @@ def _zone(name: str, zone: Mapping[str, Any]) -> Row:
             raise SettingsError(what, f"has no {key}", f"a text of {_LONGEST} letters at most")
     for key, (low, high) in _NUMBERS.items():
         value = zone.get(key)
-        if value is None:
-            continue
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not low < value <= high:
+        if value is not None and not (number and low < value <= high):
             raise SettingsError(what, f"{key} is {value!r}", f"above {low:g} and up to {high:g}")
     return {key: value for key, value in zone.items() if value is not None}
 
@@ -226,10 +221,9 @@ def declared(catalog: Reading) -> dict[Owner, Changes]:
     owners: dict[Owner, Changes] = {}
     for row in by_commit(catalog.tables["settings"].read()):
         stage, _, name = row["setting"].rpartition(".")
-        scope = str(row["scope"])
-        if scope in _SCOPES:
+        if row["scope"] in _SCOPES:
             stage, name = "", PRESET
-        owner = _SCOPES.get(scope, scope), str(row["owner"])
+        owner = str(_SCOPES.get(row["scope"], row["scope"])), str(row["owner"])
         values = owners.setdefault(owner, {}).setdefault(stage, {})
         values.pop(name, None)
         if row["value_json"]:
@@ -241,9 +235,9 @@ def changes_for(
     known: Mapping[Owner, Changes], preset: str, kind: str, structure_id: str, of_run: Mapping[str, Any]
 ) -> Changes:
     """The changes to a preset for one structure: its kind's, over them its own, over them those of a run."""
-    parts = [known.get(("kind", kind), {}), known.get(("structure", structure_id), {})]
+    owners = [("kind", kind), ("structure", structure_id)] if preset == FLOWN else []
     changes: Changes = {}
-    for part in [*(parts if preset == FLOWN else []), of_run]:
+    for part in [*(known.get(owner, {}) for owner in owners), of_run]:
         for stage, values in part.items():
             if stage:  # else the preset, which is the one that is flown
                 changes[stage] = {**changes.get(stage, {}), **values}

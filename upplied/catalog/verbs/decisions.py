@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import pandas as pd
 
 from upplied.catalog.schema.rows import Row
-from upplied.catalog.verbs import custody, ordering
+from upplied.catalog.verbs import custody
 from upplied.catalog.verbs.belonging import OwnSettings
 from upplied.catalog.verbs.findings import check_text
-from upplied.catalog.verbs.ordering import Standing, standing_of, unit_of
+from upplied.catalog.verbs.ordering import PAIR, Standing, by_commit, standing_of, unit_of
 from upplied.catalog.verbs.roster import Roster, author, signature
 from upplied.errors import RefusedError, SettingsError
 from upplied.provenance import code_version
@@ -38,7 +38,7 @@ class Deciding(OwnSettings):
 
     def standing(self) -> Standing:
         """What follows from all decisions."""
-        return standing_of(ordering.by_commit(self.tables["decisions"].read()))
+        return standing_of(by_commit(self.tables["decisions"].read()))
 
     def in_force(self, *, structure: str | None = None, kind: str | None = None) -> pd.DataFrame:
         """The plans in force, as `transfers` has them, with two columns more.
@@ -47,14 +47,12 @@ class Deciding(OwnSettings):
         `target_changed` tells that the structure is not as it was when the plan was last judged.
         """
         plans = self.transfers(in_force=True, structure=structure, kind=kind)
-        names = ["transfer_id", *ordering.PAIR, "status"]
-        newest = self.transfers(columns=names, structure=structure, kind=kind)
+        newest = self.transfers(columns=["transfer_id", *PAIR, "status"], structure=structure, kind=kind)
         newest = newest[newest["status"] == "ok"].rename(columns={"transfer_id": "newer_draft"})
-        plans = plans.merge(newest.drop(columns="status"), how="left", on=ordering.PAIR)
+        plans = plans.merge(newest.drop(columns="status"), how="left", on=PAIR)
         same = (plans["newer_draft"] == plans["transfer_id"]) | (plans["purpose"] != "")
         plans["newer_draft"] = plans["newer_draft"].where(~same).fillna("")
-        hashes = self.structures().set_index("structure_id")["sha256"]
-        standing = self.standing()
+        standing, hashes = self.standing(), self.structures().set_index("structure_id")["sha256"]
         plans["target_changed"] = [
             standing.judged.get(unit_of(row)) != hashes.get(row["target_id"])
             for row in plans.to_dict("records")
@@ -80,13 +78,13 @@ class Deciding(OwnSettings):
 
         A plan in force whose demonstration is retired stays. `ids`: of these plans alone.
         """
-        read = list(dict.fromkeys([*columns, *ordering.PAIR, "purpose"]))
+        read = list(dict.fromkeys([*columns, *PAIR, "purpose"]))
         newest = self.transfers(columns=read, ids=ids)
         if not self.standing().in_force:  # else every plan would be read once more to find none
             return newest
         force = self.transfers(in_force=True, columns=read, ids=ids)
-        every = pd.concat([force[force["purpose"] == ""], newest]).drop_duplicates(ordering.PAIR)
-        return every.sort_values(ordering.PAIR, kind="stable", ignore_index=True)
+        every = pd.concat([force[force["purpose"] == ""], newest]).drop_duplicates(PAIR)
+        return every.sort_values(PAIR, kind="stable", ignore_index=True)
 
     def review(self, transfer_id: str, by: str, note: str = "") -> str:
         """Say that somebody looked at a plan and found nothing against it; the name of the decision."""
@@ -99,23 +97,16 @@ class Deciding(OwnSettings):
     def release(
         self, transfer_id: str, by: str, note: str = "", force: Sequence[str] = (), after: str | None = None
     ) -> str:
-        """Put a plan in force for its demonstration and target, until a person releases another.
+        """Put a plan in force for its pair until a person releases another; the name of the decision.
 
         Parameters
         ----------
-        transfer_id : str
-        by : str
-            Who releases it.
-        note : str
+        transfer_id, by, note : str
+            Which plan, who releases it, and why.
         force : sequence of str
             Rules that are overruled: preset, verdict, rejected, recalled, changed.
         after : str, optional
             The last decision about the pair that the person knew of; none: the last there is now.
-
-        Returns
-        -------
-        str
-            The name of the decision.
 
         Raises
         ------
@@ -162,8 +153,7 @@ class Deciding(OwnSettings):
         unknown = sorted(set(force) - set(RELEASE_RULES))
         if unknown:
             raise SettingsError(f"rule {unknown[0]!r}", "is unknown", f"one of {', '.join(RELEASE_RULES)}")
-        what = f"release of {row['transfer_id']}"
-        purpose = row["purpose"] or ""
+        what, purpose = f"release of {row['transfer_id']}", row["purpose"] or ""
         if purpose.startswith("experiment "):
             rule, remedy = "an experiment is never in force", "plan it without --experiment"
             raise RefusedError(what, f"it is of the {purpose}", rule, remedy)
@@ -190,16 +180,10 @@ class Deciding(OwnSettings):
         check_text("a decision", "note", note)
         who, name, plan = author(by, "a decision"), self.new_commit_id(), row["transfer_id"]
         of_plan = ("transfer_id", "demonstration_id", "target_id", "purpose")
-        decision = {key: row[key] or "" for key in of_plan} | {
-            "decision_id": name,
-            "state": state,
-            "by": who,
-            "note": note,
-            "plan_sha256": row["waypoints_sha256"],
-            "plan_row_sha256": custody.stored_plans(self, [plan])[1][plan],
-            "code_version": code_version(),
-            **about,
-        }
+        decision = {key: row[key] or "" for key in of_plan}
+        decision |= {"decision_id": name, "state": state, "by": who, "note": note, **about}
+        decision |= {"plan_sha256": row["waypoints_sha256"], "code_version": code_version()}
+        decision["plan_row_sha256"] = custody.stored_plans(self, [plan])[1][plan]
         decision["signature"] = signature(Roster(self.location), decision)
         self.add_rows("decisions", [decision])
         return name

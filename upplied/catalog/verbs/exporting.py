@@ -48,7 +48,7 @@ def export_dataset(
     licence: str,
     attribution: str = "",
 ) -> dict[str, int]:
-    """Write some plans, with all they refer to, as a folder that stands for itself.
+    """Write some plans, with all they refer to, as a folder that stands for itself; rows written, by table.
 
     Parameters
     ----------
@@ -58,11 +58,6 @@ def export_dataset(
         Rows of `Catalog.transfers`, or names of plans.
     licence, attribution : str
         Under which the data may be used, as an SPDX name (``CC-BY-4.0``) or in words; whom to name.
-
-    Returns
-    -------
-    dict
-        Rows written, by table.
     """
     place = new_folder(folder)
     if not _NAME.fullmatch(name):

@@ -50,11 +50,9 @@ class Finding(Adding):
 
         Parameters
         ----------
-        structure, kind : str, optional
-            That they are on.
+        structure, kind, class_name : str, optional
+            That they are on, and what they are, as `class` has it.
         state : {"open", "watched", "repaired", "dismissed"}, optional
-        class_name : str, optional
-            What they are, as `class` has it.
         since : datetime or str, optional
             First added at this moment or later.
         history : bool
@@ -69,9 +67,8 @@ class Finding(Adding):
         if class_name is not None:
             newest = newest[newest["class"] == class_name]
         if since is not None:
-            late = first["finding_id"][first["added_at"] >= moment(since)]
-            newest = newest[newest.index.isin(set(late))]
-        entries = rows[rows["finding_id"].isin(set(newest.index))] if history else newest
+            newest = newest[newest.index.isin(first["finding_id"][first["added_at"] >= moment(since)])]
+        entries = rows[rows["finding_id"].isin(newest.index)] if history else newest
         return entries.reset_index(drop=True)
 
     def finding(self, start: str) -> Row:
@@ -117,6 +114,6 @@ class Finding(Adding):
     def _entry(self, row: Mapping[str, Any], by: str) -> Row:
         for name in ("class", "severity", "note", "file"):
             check_text(f"finding {row['finding_id']}", name, str(row.get(name) or ""))
-        drop = {*ADDED, BEFORE_SHA256}
+        drop = (*ADDED, BEFORE_SHA256)
         values = {name: value for name, value in row.items() if name not in drop and value == value}
         return values | {"entry_id": self.new_commit_id(), "by": by, "code_version": code_version()}

@@ -36,7 +36,7 @@ def import_dataset(
     replace: bool = False,
     measured: Callable[[Recipe, Plan], Measures] | None = None,
 ) -> dict[str, int]:
-    """Take the content of an exported folder into a catalog, after checking all of it.
+    """Take the content of an exported folder into a catalog, after checking all; rows added, by table.
 
     Parameters
     ----------
@@ -47,11 +47,6 @@ def import_dataset(
     measured : callable
         Computes the measures of a plan anew, from what it was made from; one that says other ones is an
         error. Without it nothing proves the measures of a dataset, and `imported_from` tells so.
-
-    Returns
-    -------
-    dict
-        Rows added, by table; zeros where everything was known.
 
     Raises
     ------

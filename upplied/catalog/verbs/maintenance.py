@@ -72,11 +72,9 @@ def vacuum(catalog: Reading, keep_days: float = KEEP_DAYS, cache_bytes: int = CA
 
     Parameters
     ----------
-    catalog : Catalog
     keep_days : float
         Versions younger than this can still be asked for; at least an hour, so that the files of
         writers at work are left alone.
-    cache_bytes : int
     """
     hours = keep_days * 24
     if not hours >= SHORTEST_KEEP_HOURS:
@@ -167,11 +165,7 @@ def tidy(table: StoredTable, version: int) -> None:
 
 
 def _merged(table: StoredTable, delta: DeltaTable, chosen: list[File]) -> int:
-    """Merge some files; how many.
-
-    Delta-rs does not see that two removals contradict each other, but that both advance one transaction:
-    one fails.
-    """
+    """Merge some files; how many."""
     if len(chosen) < 2:
         return 0
     # One file after the other, with texts that repeat once: a row's settings alone take kilobytes.
@@ -183,6 +177,7 @@ def _merged(table: StoredTable, delta: DeltaTable, chosen: list[File]) -> int:
     now = int(time.time() * 1000)
     added = replace(new_file(FileStore(table.uri), rows, table.declared.sought), data_change=False)
     removed = [RemoveAction(file["path"], False, now, file["size_bytes"], {}) for file in chosen]
+    # Delta-rs does not see that two removals contradict each other, but that both advance one transaction.
     turns, schema = [Transaction("upplied.maintenance", time.time_ns())], decoded(rows[:0]).schema
     commit = CommitProperties({"doing": "maintenance"}, max_commit_retries=30, app_transactions=turns)
     delta.create_write_transaction([added, *removed], "append", schema, commit_properties=commit)
@@ -215,7 +210,6 @@ def _of_a_size(table: StoredTable, delta: DeltaTable) -> list[File]:
 
 
 def _files(delta: DeltaTable) -> list[File]:
-    """The data files, oldest first."""
     names = ["path", "size_bytes", "modification_time", "num_records"]
     files = pa.table(delta.get_add_actions()).select(names).to_pylist()
     return sorted(files, key=lambda file: (file["modification_time"], file["path"]))

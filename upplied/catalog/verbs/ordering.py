@@ -216,10 +216,9 @@ def with_states(plans: pd.DataFrame, now: Standing) -> pd.DataFrame:
     values |= {f"state_{name}": ("", [row[name] for row in why]) for name in ("by", "note")}
     values["state_at"] = (pd.NaT, [row["added_at"] for row in why])
     known = {}
-    for name, (usual, of_decided) in values.items():
-        if name in plans or name == "state":
-            known[name] = pd.Series(usual, plans.index, dtype=object)
-            known[name].loc[decided.index] = of_decided
+    for name in [name for name in values if name in plans or name == "state"]:
+        known[name] = pd.Series(values[name][0], plans.index, dtype=object)
+        known[name].loc[decided.index] = values[name][1]
     known["state"] = known["state"].where(plans["status"] == "ok", "")
     if "state_at" in known:
         known["state_at"] = pd.to_datetime(known["state_at"], utc=True)

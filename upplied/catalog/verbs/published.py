@@ -37,7 +37,7 @@ _ABOUT = "published.json"
 
 
 def export_tables(catalog: Catalog, folder: str | os.PathLike[str], force: bool = False) -> dict[str, int]:
-    """Publish the current rows of every table as Parquet: ``transfers.parquet`` and so on.
+    """Publish the current rows of every table as Parquet (``transfers.parquet``, ...); how many, by table.
 
     Parameters
     ----------
@@ -45,11 +45,6 @@ def export_tables(catalog: Catalog, folder: str | os.PathLike[str], force: bool 
         The folder is made where it does not exist.
     force : bool
         Also replace a publication that is newer, of another catalog, or would shrink to nothing.
-
-    Returns
-    -------
-    dict
-        Rows published, by table.
 
     Raises
     ------
@@ -82,10 +77,7 @@ def local_folder(folder: str | os.PathLike[str]) -> Path:
 def published_tables(folder: str | os.PathLike[str]) -> dict[str, Path]:
     """Where the tables of the current generation lie: paths that stay as they are while others publish.
 
-    Raises
-    ------
-    CatalogError
-        If nothing is published there.
+    Where nothing is published that is a `CatalogError`.
     """
     place = Path(folder) / "tables" / "current"
     if not place.exists():

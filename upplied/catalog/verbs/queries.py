@@ -208,7 +208,6 @@ def diff(catalog: Catalog, before: When | int, after: When | int | None = None) 
 
     Parameters
     ----------
-    catalog : Catalog
     before, after : datetime, str or int
         A moment, or a version of `transfers`; `after` is now where it is not said.
 

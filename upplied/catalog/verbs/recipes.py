@@ -60,18 +60,15 @@ def recipe(catalog: Catalog, transfer_id: str) -> Recipe:
     """
     row = catalog.transfer(transfer_id)
     flown = _version(catalog, "demonstrations", row["demonstration_id"], row["demonstration_sha256"])
-    structures = [
-        _version(catalog, "structures", row[f"{role}_id"], row[f"{role}_sha256"])
-        for role in ("source", "target")
+    named = [(row[f"{role}_id"], row[f"{role}_sha256"]) for role in ("source", "target")]
+    named += [
+        one
+        for one in siblings_of(row)
+        if one[0] == row["parts_told_by"] or _versions(catalog, "structures", *one)
     ]
-    siblings = [
-        _version(catalog, "structures", name, sha256)
-        for name, sha256 in siblings_of(row)
-        if name == row["parts_told_by"] or _versions(catalog, "structures", name, sha256)
-    ]
-    source, target, *others = map(catalog.structure_of, [*structures, *siblings])
+    source, target, *siblings = (catalog.structure_of(_version(catalog, "structures", *one)) for one in named)
     settings = settings_of(row["settings_json"])
-    return Recipe(row, catalog.demonstration_of(flown), source, target, settings, tuple(others))
+    return Recipe(row, catalog.demonstration_of(flown), source, target, settings, tuple(siblings))
 
 
 def siblings_of(row: Row) -> list[tuple[str, str]]:

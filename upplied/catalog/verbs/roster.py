@@ -53,10 +53,9 @@ class Roster:
         folder, self._name = os.path.split(elsewhere or f"{location.rstrip('/')}/roster.json")
         self._files = FileStore(folder or ".")
         self.path = self._files.path(self._name)
-        self.people = self._read(required=bool(elsewhere))
+        self.people = self._read(required=bool(elsewhere))  # everybody; None where there is no roster
 
     def _read(self, required: bool) -> list[Person] | None:
-        """Everybody on the roster; None where there is none."""
         try:
             if not self._files.has(self._name):
                 if required:
@@ -68,7 +67,7 @@ class Roster:
             document = json.loads(self._files.read(self._name))
             people = [Person(**one) for one in document["people"]]
             for one in people:
-                if not all(isinstance(value, str) for value in asdict(one).values()):
+                if not all(isinstance(value, str) for value in vars(one).values()):
                     raise ValueError("its people are not texts")
                 bytes.fromhex(one.key)
                 check_name(one.name)
@@ -150,13 +149,9 @@ def check_name(name: str) -> str:
 
 
 def _skeleton(name: str) -> str:
-    """What a name looks like."""
     plain = unicodedata.normalize("NFKD", name.casefold()).translate(_LIKE)
     plain = plain.replace("0", "o").replace("1", "l").replace("i", "l").replace("rn", "m")
     return "".join(letter for letter in plain if letter.isalnum())
-
-
-# --- keys ----------------------------------------------------------------------------------------
 
 
 def _signing() -> tuple[Any, Any, type[Exception]]:

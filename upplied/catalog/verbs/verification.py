@@ -68,7 +68,6 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
 
     Parameters
     ----------
-    catalog : Catalog
     heads : collection of str
         Hashes of rows as they were noted earlier (`custody.chain_heads`), or how these begin: a row that was
         taken away since is a finding.
@@ -78,9 +77,7 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
     if short:
         raise SettingsError(f"head {short[0]!r}", "is too short", f"at least {_LEAST_DIGITS} digits")
     findings = list(_readable(custody.changed_files(catalog)))
-    held: dict[str, pa.Table] = {}
-    unreadable: list[Finding] = []
-    of_rows: list[Finding] = []
+    held, unreadable, of_rows = dict[str, pa.Table](), list[Finding](), list[Finding]()
     for name in [table for table in TABLES if table not in STEPS]:
         try:
             held[name], of_table = _every_row(catalog.tables[name], _held_columns(name))
@@ -145,8 +142,7 @@ def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[F
     findings = [*values.findings(), *changed]
     findings += [Finding(f"{name} {row}", "has no hash: it was changed after it was written") for row in bare]
     if count < added:
-        lost = f"has {count} rows, and {added} were added: some were taken away"
-        findings.append(Finding(name, lost))
+        findings.append(Finding(name, f"has {count} rows, and {added} were added: some were taken away"))
     return pa.concat_tables(held).unify_dictionaries(), findings
 
 
@@ -231,7 +227,6 @@ def _references(held: dict[str, pa.Table]) -> Iterator[Finding]:
 
 
 def _texts(column: pa.ChunkedArray) -> pa.Array:
-    """The different texts of a column."""
     texts = pc.unique(column)
     return texts.dictionary if pa.types.is_dictionary(texts.type) else texts
 
@@ -261,11 +256,8 @@ def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, F
     place, named = catalog.location.rstrip("/"), set()
     for name, table, column in NAMED_CONTENTS:
         rows = held[table]
-        faults = {
-            sha256: custody.fault_of(contents, name, sha256)
-            for sha256 in _texts(rows[column]).to_pylist()
-            if sha256
-        }
+        hashes = filter(None, _texts(rows[column]).to_pylist())
+        faults = {sha256: custody.fault_of(contents, name, sha256) for sha256 in hashes}
         wrong = {sha256: fault for sha256, fault in faults.items() if fault[1]}
         owner = "structure_id" if table == "structures" else "transfer_id"
         for sha256, owners in _owners(rows, column, list(wrong), owner).items():
