@@ -21,7 +21,6 @@ from upplied.catalog.schema.steps import POSE
 from upplied.catalog.store.contents import Samples, StoredLooks
 from upplied.catalog.verbs import custody, ordering, queries
 from upplied.catalog.verbs.decisions import Deciding
-from upplied.catalog.verbs.queries import PlannedTrajectory
 from upplied.errors import RefusedError, SettingsError
 from upplied.records import Bools, Floats, Ints, Plan, Structure, SupposedSurface, SurfaceStates, Trajectory
 
@@ -60,7 +59,7 @@ class Catalog(Deciding):
     is said); `as_of` asks how the catalog stood then.
     """
 
-    def trajectory(self, transfer_id: str, force: Collection[str] = ()) -> PlannedTrajectory:
+    def trajectory(self, transfer_id: str, force: Collection[str] = ()) -> queries.PlannedTrajectory:
         """One planned trajectory, to be flown; it can be asked for its pose at any time.
 
         Plans that may not be flown are looked at through `plan` and `waypoints`.

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import pyarrow as pa
-from deltalake import DeltaTable
-from deltalake import Schema as DeltaSchema
+from deltalake import DeltaTable, Schema
 from deltalake.exceptions import CommitFailedError, TableNotFoundError
 
 from upplied.catalog.schema.tables import SCHEMA_VERSION, Table
@@ -95,7 +94,7 @@ class OpenTable:
             columns = {field.name for field in delta.schema().fields}
             new = [field for field in self.declared.schema if field.name not in columns]
             if new:
-                delta.alter.add_columns(list(DeltaSchema.from_arrow(pa.schema(new)).fields))
+                delta.alter.add_columns(list(Schema.from_arrow(pa.schema(new)).fields))
             known, changed = delta.metadata().configuration, dict(self._skipping)
             if int(known[VERSION_KEY]) < SCHEMA_VERSION:
                 changed |= {VERSION_KEY: str(SCHEMA_VERSION), HASHED_KEY: str(delta.version() + 1)}

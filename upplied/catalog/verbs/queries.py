@@ -17,8 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
-from upplied.catalog.schema import rows
-from upplied.catalog.schema.rows import Row
+from upplied.catalog.schema.rows import ADDED, Row
 from upplied.catalog.schema.steps import checked
 from upplied.catalog.schema.tables import MOMENT
 from upplied.catalog.store.delta import StoredTable
@@ -157,7 +156,7 @@ def _repeated(ordered: pd.DataFrame) -> Bools:
     again = np.flatnonzero(names == names.shift())  # versions of one id, which are few
     repeated = np.zeros(len(ordered), bool)
     if len(again):
-        pairs = (ordered.iloc[at].drop(columns=list(rows.ADDED)) for at in (again, again - 1))
+        pairs = (ordered.iloc[at].drop(columns=list(ADDED)) for at in (again, again - 1))
         now, before = (each.reset_index(drop=True) for each in pairs)
         repeated[again] = ((now == before) | (now.isna() & before.isna())).all(axis=1)
     return repeated

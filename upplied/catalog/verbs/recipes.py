@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import pyarrow.compute as pc
 
 from upplied.catalog.database import Catalog
-from upplied.catalog.schema import rows
 from upplied.catalog.schema.plan_rows import fields_in, transfer_row, tuples
-from upplied.catalog.schema.rows import Row
+from upplied.catalog.schema.rows import Row, same_named, table_of
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.verbs import ordering
 from upplied.config import Settings, settings_for
@@ -44,9 +43,9 @@ class Recipe:
         again = transfer_row(self.row["key"], plan, {"settings": self.settings})
         names = [
             "status", "reason", "n_viewpoints", "n_waypoints", "waypoints_sha256", "registration_json",
-            "counterpart_summary", "parts_told_by", "warnings", *rows.same_named(Measures, "transfers"),
+            "counterpart_summary", "parts_told_by", "warnings", *same_named(Measures, "transfers"),
         ]  # fmt: skip
-        stored, given = rows.table_of(TABLES["transfers"], [self.row, again]).to_pylist()
+        stored, given = table_of(TABLES["transfers"], [self.row, again]).to_pylist()
         return [name for name in names if stored[name] != given[name]]
 
 
