@@ -143,10 +143,7 @@ class Catalog(Deciding):
         return table.assign(**{name: getattr(photos, name) for name in _OF_PHOTO})
 
     def supposed(self, transfer_id: str) -> SupposedSurface | None:
-        """Surface of a plan's target that nobody scanned, where it is supposed to be; None where none is.
-
-        As the plan was made, or of the target as it is since, where the plan was judged again on that.
-        """
+        """What nobody scanned of a plan's target, where it was supposed when last judged; None where none is."""
         where = (pc.field("transfer_id") == transfer_id) & (pc.field("state") == "rechecked")
         again = ordering.by_commit(self.tables["decisions"].read(where))
         sha256 = again[-1]["supposed_sha256"] if again else self._sha256(transfer_id, "supposed_sha256")

@@ -23,10 +23,7 @@ def step_table(
     paths: Sequence[tuple[str, Trajectory | Demonstration]],
     columns: Mapping[str, Sequence[Any]],
 ) -> pa.Table:
-    """Rows of a table of steps without their commit: paths with their owners' ids, and more columns of each.
-
-    Fields of view are those of a camera that zooms, else null.
-    """
+    """Rows of a table of steps, but for their commit: paths with their owners' ids, and more columns."""
     if not paths:
         return table.schema.empty_table()
     names, flown = zip(*paths, strict=True)
@@ -98,10 +95,7 @@ def _bytes(values: Any) -> tuple[memoryview, int]:
 def unlike(
     name: str, steps: pa.Table, stated: Mapping[tuple[str, str], tuple[int, str]]
 ) -> Iterator[tuple[str, str]]:
-    """Owners whose ordered steps (`poses` or `waypoints`) are not those their rows say, and what is wrong.
-
-    `stated` is how many the row of each owner (id and commit) says, and their hash.
-    """
+    """Owners whose ordered steps (`poses` or `waypoints`) are not of the count and hash `stated`, and why."""
     key = [TABLES[name].names[0], "commit_id"]
     starts = run_starts(steps, key)
     firsts = steps.select(key).take(pa.array(starts))

@@ -3,10 +3,8 @@
 Stored tables, published Parquet, checks and ``catalog/README.md`` (by ``python -m`` with this module) follow
 from there. A row without a type is the column of that name as the last table above has it.
 
-A table's schema version is one of its properties. Columns may be added without raising it: an older program
-keeps what it does not know, and reads past it. It is raised where an older program would go wrong, which
-then refuses in words. A newer program reads older tables as they are and raises their version with its
-first row.
+A table's schema version is one of its properties, raised with the first row of a program whose rows an older
+one would misread, which then refuses; newer ones read older tables as they are. Columns may be added alike.
 
 - 1 (0.1.0): rows stood in the order of their writers' clocks.
 - 2: rows stand in the order of commits (`commit_version`; -1 in a row of version 1, and among those the
@@ -53,10 +51,8 @@ class Column:
         parts = ["required"] if self.required else []
         if self.allowed:
             parts.append("one of " + ", ".join(self.allowed))
-        if self.low is not None and self.high is not None:
-            parts.append(f"{self.low:g} to {self.high:g}")
-        elif self.low is not None:
-            parts.append(f"at least {self.low:g}")
+        if self.low is not None:
+            parts.append(f"at least {self.low:g}" if self.high is None else f"{self.low:g} to {self.high:g}")
         return ", ".join(parts)
 
 

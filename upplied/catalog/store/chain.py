@@ -119,10 +119,8 @@ def content_hashes(rows: pa.Table) -> list[str]:
 
 
 def _texts(rows: pa.Table) -> tuple[Ints, memoryview]:
-    """What is hashed of each row, in one buffer: where each begins, with a line's end, and the last ends.
-
-    It is the fields by name, each with its length, so that none runs on. What all rows say alike is one text.
-    """
+    """What is hashed of each row, in one buffer: where each begins, with a line's end, and the last ends."""
+    # The fields by name, each with its length, so that none runs on; what all rows say alike is one text.
     parts, alike = list[Any](), ""
     for name in rows.column_names:
         column = rows[name].combine_chunks()
@@ -251,10 +249,8 @@ def new_file(files: FileStore, rows: pa.Table, sought: Sequence[str]) -> AddActi
 
 
 def statistics(rows: pa.Table) -> str:
-    """What readers may skip a file by: the range of each column, and its nulls; long texts have no range.
-
-    A column that is filtered by must have one: pyarrow takes a missing range for nulls.
-    """
+    """What readers may skip a file by: the range of each column, and its nulls; long texts have no range."""
+    # A column that is filtered by must have one: pyarrow takes a missing range for nulls.
     low, high = {}, {}
     for name in rows.column_names:
         ends = pc.min_max(rows[name]).as_py()

@@ -28,11 +28,7 @@ class Adding(Reading):
     """A catalog that takes records in; see `upplied.catalog.Catalog`."""
 
     def add_structures(self, structures: Sequence[Structure]) -> int:
-        """Add structures in one commit; returns how many were new or changed.
-
-        One that says the same as its current version adds nothing. The mesh is kept before the row
-        that names it.
-        """
+        """Add structures in one commit, meshes first; returns how many were new or changed."""
         current = ordering.newest_rows(self.create().tables["structures"])
         new: dict[str, Row] = {}
         for structure in structures:

@@ -77,17 +77,11 @@ class OwnSettings(Finding):
         return {"scope": scope, "owner": owner, "by": who, "note": note}
 
     def add_labels(self, structure_id: str, labels: Sequence[str]) -> str:
-        """Keep the label of each face of a structure's mesh, in their order; returns the hash.
-
-        A zone is then ``labels HASH LABEL``: the faces that have it.
-        """
+        """Keep the label of each face of a structure's mesh, in their order; the HASH in zones of them."""
         return self.contents["labels"].put(labelled(self.structure(structure_id), labels))
 
     def requirements(self, every: bool = False, version: int | None = None) -> pd.DataFrame:
-        """Sets of requirements, the newest version of each; with `every`, older and taken back ones too.
-
-        With a `version` of the table `requirements`, those of until then.
-        """
+        """Sets of requirements until a `version` of their table, the newest of each or `every` one."""
         sets, owners = self.by_commit("requirements"), ["scope", "owner", "name"]
         if version is not None:
             sets = sets[sets["commit_version"] <= version].copy()

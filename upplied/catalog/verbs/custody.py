@@ -102,15 +102,15 @@ def alterations(catalog: Reading, transfer_ids: Collection[str], now: ordering.S
     if not released:
         return {}
     rows, hashes = stored_plans(catalog, released)
-    roster, order = Roster(catalog.location), now.order
-    table, names = catalog.tables["decisions"], [row["decision_id"] for row in released.values()]
+    roster, table = Roster(catalog.location), catalog.tables["decisions"]
+    names = [row["decision_id"] for row in released.values()]
     changed = dict(changed_rows(table.declared, table.whole(pc.field("decision_id").isin(names))))
     faults = dict(step_faults(catalog, "waypoints", rows))
     for row in rows.select(["transfer_id", "waypoints_sha256"]).to_pylist():
         plan, decision = row["transfer_id"], released[row["transfer_id"]]
         if decision["decision_id"] in changed:
             faults[plan] = f"its release {changed[decision['decision_id']]}"
-        elif wrong := roster.fault(decision, order):
+        elif wrong := roster.fault(decision, now.order):
             faults[plan] = f"its release does not count: {wrong}"
         elif decision["plan_sha256"] != row["waypoints_sha256"]:
             faults[plan] = "its waypoints are not those that were released"
@@ -141,8 +141,8 @@ def chain_heads(catalog: Reading) -> dict[str, str]:
 
 def foreign_plans(catalog: Reading) -> list[str]:
     """The plans that were imported and not measured here."""
-    columns = [*ordering.ORDERED, "imported_from"]
-    rows = ordering.in_order(catalog.tables["transfers"].read(None, columns), newest=False)
+    rows = catalog.tables["transfers"].read(None, [*ordering.ORDERED, "imported_from"])
+    rows = ordering.in_order(rows, newest=False)
     return [row["transfer_id"] for row in rows.to_pylist() if plan_rows.is_foreign(row)]
 
 
@@ -208,10 +208,7 @@ def stored_contents(store: ContentStore[Any]) -> Folder:
 
 
 def changed_files(catalog: Reading) -> Iterator[Fault]:
-    """Files of the tables and their logs, and the catalog's identity, that are not as they were written.
-
-    Of data files the hash is in the name; retired ones count too, while they are there.
-    """
+    """Files of the tables, retired ones too, of their logs and the identity, that are not as written."""
     if not catalog.identity.is_as_written():
         yield f"{catalog.location}/catalog.json", _CHANGED
     for table in catalog.tables.values():

@@ -76,10 +76,7 @@ class Finding(Adding):
         return queries.beginning(self.findings(), "finding", start)
 
     def add_findings(self, findings: Sequence[Mapping[str, Any]], by: str) -> list[str]:
-        """Add findings in one commit; the ids of those that are new, since one that is known adds nothing.
-
-        They are rows of `findings` without their entry, author and commit.
-        """
+        """Add rows of `findings` without entry, author and commit; the ids of those that were not known."""
         who = author(by, "a finding")
         known = set(self.findings()["finding_id"])
         new = {str(row["finding_id"]): row for row in findings if row["finding_id"] not in known}

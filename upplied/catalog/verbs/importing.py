@@ -83,8 +83,7 @@ def import_dataset(
         row["imported_from"] = f"{dataset}, {plan_rows.AS_IT_SAYS}"
     if measured is not None:
         anew = _measured_anew(place, plans, steps["waypoints"], structures, demonstrations, measured)
-        for row, left in anew:
-            but_for = f", but for {', '.join(left)}" if left else ""
+        for row, but_for in anew:
             row["imported_from"] = f"{dataset}, measures computed again{but_for}"
     new_structures = _unknown(catalog.create(), "structures", structures, replace)
     new_demonstrations = _unknown(catalog, "demonstrations", demonstrations, replace)
@@ -106,7 +105,7 @@ def _measured_anew(
     structures: list[Structure],
     demonstrations: list[Demonstration],
     measured: Callable[[Recipe, Plan], Measures],
-) -> Iterator[tuple[Row, list[str]]]:
+) -> Iterator[tuple[Row, str]]:
     """Compare the measures of every plan with what its trajectory gives; each with those it does not tell."""
     known = {item.structure_id: item for item in structures}
     flights = {item.demonstration_id: item for item in demonstrations}
@@ -121,9 +120,8 @@ def _measured_anew(
             raise CatalogError(what, "cannot be measured again: the dataset has other versions of its inputs")
         settings = settings_of(row["settings_json"])
         plan = plan_rows.plan_of(row, waypoints[row["transfer_id"], row["commit_id"]])
-        siblings = tuple(
-            known[name] for name, sha256 in siblings_of(row) if name in known and known[name].sha256 == sha256
-        )
+        told_by = [(name, sha256) for name, sha256 in siblings_of(row) if name in known]
+        siblings = tuple(known[name] for name, sha256 in told_by if known[name].sha256 == sha256)
         if plan.parts_told_by and plan.parts_told_by not in {one.structure_id for one in siblings}:
             lacking = f"the dataset has no {plan.parts_told_by} as it labelled its parts"
             raise CatalogError(what, f"cannot be measured again: {lacking}")
@@ -135,7 +133,7 @@ def _measured_anew(
                 left.append(item.name)
             elif not np.isclose(says, is_so, _SAME, _SAME, equal_nan=True):
                 raise CatalogError(what, f"{item.name} is stated as {says:g}, and is {is_so:g}")
-        yield row, left
+        yield row, f", but for {', '.join(left)}" if left else ""
 
 
 def _read(place: Path, name: str) -> pa.Table:
@@ -152,7 +150,6 @@ def _read(place: Path, name: str) -> pa.Table:
 
 
 def _by_owner(steps: pa.Table) -> dict[tuple[str, str], pa.Table]:
-    """Steps by owner and commit, in order."""
     owner = [steps.schema.names[0], "commit_id"]
     ordered = steps.sort_by([(name, "ascending") for name in (*owner, "seq")])
     starts = run_starts(ordered, owner)

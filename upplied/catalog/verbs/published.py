@@ -255,12 +255,11 @@ def clean(tables: Path) -> None:
     """Remove what stopped publishers left, and all generations but the current one and the one before."""
     for path in [*tables.glob(".*.draft"), *tables.parent.glob(".*.parquet.*.draft")]:
         shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
-    current = (tables / "current").resolve()
     names = _generations(tables)
-    lasting = names[max(0, names.index(current) - 1) :] if current in names else names
-    for path in names:
-        if path not in lasting or (current in names and names.index(path) > names.index(current)):
-            shutil.rmtree(path)  # older, or never switched to
+    if (kept := (tables / "current").resolve()) in names:
+        at = names.index(kept)
+        for path in [*names[: max(0, at - 1)], *names[at + 1 :]]:  # older, or never switched to
+            shutil.rmtree(path)
 
 
 def current(place: Path) -> Generation:
