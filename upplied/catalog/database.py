@@ -143,7 +143,7 @@ class Catalog(Deciding):
         return table.assign(**{name: getattr(photos, name) for name in _OF_PHOTO})
 
     def supposed(self, transfer_id: str) -> SupposedSurface | None:
-        """What nobody scanned of a plan's target, where it was supposed when last judged; None where none is."""
+        """What nobody scanned of a plan's target, where it was supposed when last judged; None: none."""
         where = (pc.field("transfer_id") == transfer_id) & (pc.field("state") == "rechecked")
         again = ordering.by_commit(self.tables["decisions"].read(where))
         sha256 = again[-1]["supposed_sha256"] if again else self._sha256(transfer_id, "supposed_sha256")
