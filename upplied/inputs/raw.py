@@ -243,19 +243,3 @@ def whole(values: Floats) -> Ints:
     if not (np.abs(values) < 2**53).all() or (values != np.rint(values)).any():
         raise ValueError("not a whole number")
     return values.astype(np.int64)
-
-
-def widths(text: bytes) -> Ints:
-    """How many words stand on each line; every line ends with a line feed.
-
-    Examples
-    --------
-    >>> widths(b"1 2\\n\\n3\\n")
-    array([2, 0, 1])
-    """
-    characters = np.frombuffer(text, np.uint8)
-    inside = characters > ord(" ")
-    begins = inside.copy()
-    begins[1:] &= ~inside[:-1]
-    ends = np.flatnonzero(characters == ord("\n"))
-    return np.diff(np.searchsorted(np.flatnonzero(begins), ends), prepend=0)

@@ -8,12 +8,12 @@ import numpy as np
 
 from upplied.errors import UppliedError
 from upplied.inputs.files import table
-from upplied.inputs.formats import clouds, gltf, obj, ply, scenes, stl
+from upplied.inputs.formats import clouds, gltf, obj, ply, scenes
 from upplied.inputs.raw import RawMesh, Source
 from upplied.inputs.repair import used_vertices
 
 READERS: dict[str, Callable[[Source], RawMesh]] = {
-    "ply": ply.read_ply, "stl": stl.read_stl, "obj": obj.read_obj, "off": obj.read_off,
+    "ply": ply.read_ply, "stl": obj.read_stl, "obj": obj.read_obj, "off": obj.read_off,
     "glb": gltf.read_gltf, "gltf": gltf.read_gltf, "dae": scenes.read_collada, "3mf": scenes.read_threemf,
     "pcd": clouds.read_pcd, "las": clouds.read_las, "laz": clouds.read_las, "e57": clouds.read_e57,
 }  # fmt: skip
@@ -80,7 +80,7 @@ def content_of(data: bytes) -> str:
             if name == "las" and data[104:105] >= b"\x40":  # bits of its point format say that it is packed
                 return "laz"
             return "3mf" if name == "zip" and re.search(rb"(?i)3D/[^\0]{1,200}\.model", data) else name
-    if stl.is_text_stl(data) or (
+    if obj.is_text_stl(data) or (
         len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
     ):
         return "stl"

@@ -52,10 +52,6 @@ class FileKind:
 _TABLES = table("kinds.toml")["flight"]
 #: Each kind of file that holds a flight: in words, and its reader in `upplied.inputs.sources`.
 KINDS: dict[str, tuple[str, str]] = {kind: tuple(row) for kind, row in _TABLES["kinds"].items()}
-_BYTES, _UNREAD = (
-    {name: re.compile(pattern.encode("ascii")) for name, pattern in _TABLES[key].items()}
-    for key in ("bytes", "unread")
-)
 _LOGS = (".mcap", ".ulg", ".bag", ".db3", ".tlog", ".srt", ".plan", ".waypoints", ".kmz")  # by name a flight
 
 
@@ -72,11 +68,13 @@ def kind_of(path: Path) -> str:
     except OSError as error:
         raise InputError(str(path), error.strerror or "cannot be read", "a readable file") from None
     tar = head[:1] == b"\x1f" and ".tar" in path.name
-    unread = [reason for reason, pattern in _UNREAD.items() if pattern.match(head) and not tar]
-    unread += [reason for reason, name in _TABLES["unread_names"].items() if re.fullmatch(name, path.name)]
+    unread = (
+        [] if tar else [why for why, begins in _TABLES["unread"].items() if re.match(begins.encode(), head)]
+    )
+    unread += [why for why, name in _TABLES["unread_names"].items() if re.fullmatch(name, path.name)]
     if unread:
         raise InputError(str(path), unread[0])
-    kind = next((kind for kind, pattern in _BYTES.items() if pattern.match(head)), "")
+    kind = next((kind for kind, begins in _TABLES["bytes"].items() if re.match(begins.encode(), head)), "")
     kind = kind or _binary(path, head) or ("" if b"\0" in head[:4096] else _text(path, head))
     if not kind and path.suffix.lower() in _LOGS:
         finding = f"does not begin as a {path.suffix} file does" if head.strip() else "is empty"
