@@ -18,11 +18,7 @@ from upplied.errors import InputError
 
 
 def open_regular(path: Path | str) -> BufferedReader:
-    """A regular file, opened to be read.
-
-    Raises OSError where it cannot be opened, or is a pipe, a device, a socket or a folder: reading those
-    hangs or has no end.
-    """
+    """A regular file, opened to be read; OSError where it is a pipe, a device or a folder, which may hang."""
     _check_regular(os.stat(path).st_mode, path)  # before it is opened: opening a device may do something
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from upplied.checks import check_finite, check_id
+from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import InputError
 from upplied.geometry.reconstruction import looks_scanned
@@ -60,13 +60,8 @@ def read_structure(entry: StructureEntry, judge: bool = True) -> Structure:
 def fingerprint(entry: StructureEntry) -> str:
     """The hash that `read_structure` would give, from the bytes of the file alone; nothing is parsed.
 
-    It differs where a file refers to others beside it (glTF), whose bytes only a reader finds: such
-    a file is read to be known.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
+    It differs where a file refers to others beside it (glTF): such a file is read to be known.
+    Raises OSError if the file cannot be read.
     """
     with open_regular(entry.path) as stream:
         return _sha256(hashlib.file_digest(stream, "sha256").hexdigest(), entry)
@@ -74,15 +69,15 @@ def fingerprint(entry: StructureEntry) -> str:
 
 def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structure, Findings]:
     """The structure that a file holds by its entry, with all that was found on the way."""
-    vertices = structure_frame(raw, entry)
+    vertices, unit_m = structure_frame(raw, entry)
     made = _mesh if len(raw.triangles) else _cloud
     vertices, triangles, normals, findings = made(vertices, raw, entry)
     nominal = nominal_problems(vertices, entry, findings.outliers)
     verdicts = (*nominal, *findings.verdicts, *concerns(vertices, raw, entry, turn(entry.up, entry.forward)))
     verdicts = decided(verdicts, entry.allow, entry.strict)
-    unit_m, unit_from = (raw.unit_m, "file") if entry.unit_m is None else (entry.unit_m, "manifest")
     findings = replace(
-        findings, unit_m=unit_m, unit_from=unit_from, up=entry.up, forward=entry.forward,
+        findings, unit_m=unit_m, unit_from="file" if entry.unit_m is None else "manifest",
+        up=entry.up, forward=entry.forward,
         done=(*raw.remarks, *findings.done), verdicts=verdicts,
     )  # fmt: skip
     declared: dict[str, Any] = {name: getattr(entry, name) for name in _AS_DECLARED}
@@ -106,8 +101,8 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
     return structure, findings
 
 
-def structure_frame(raw: RawMesh, entry: StructureEntry) -> Floats:
-    """The vertices (V, 3) in metres in the structure frame, in double precision throughout."""
+def structure_frame(raw: RawMesh, entry: StructureEntry) -> tuple[Floats, float]:
+    """The vertices (V, 3) in metres in the structure frame, double precision throughout; metres per unit."""
     unit = raw.unit_m if entry.unit_m is None else entry.unit_m
     if unit is None or not 0 < unit < np.inf:
         problem = "does not declare its units" if unit is None else f"declares a unit of {unit} m"
@@ -121,7 +116,7 @@ def structure_frame(raw: RawMesh, entry: StructureEntry) -> Floats:
         finding, rule = f"has a coordinate of {far[0]:.3g} units", f"at most {_FARTHEST_M:g} m"
         raise InputError(str(entry.path), finding, rule, "check the units, or export it again")
     local = np.where(near, raw.vertices, np.nan) - np.asarray(entry.local_origin)
-    return (local @ turn(entry.up, entry.forward).T) * (unit * entry.scale)
+    return (local @ turn(entry.up, entry.forward).T) * (unit * entry.scale), unit
 
 
 def turn(up: str, forward: str) -> Floats:
@@ -134,8 +129,6 @@ def turn(up: str, forward: str) -> Floats:
 
 
 def _mesh(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
-    used = used_vertices(raw.triangles, len(vertices))
-    check_finite(vertices[used], (None, 3), f"{entry.path}, vertices")
     vertices, triangles, _, repairs = clean(vertices, raw.triangles)
     done = list(repairs)
     ground = entry.surroundings.ground_z_m

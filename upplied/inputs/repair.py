@@ -93,10 +93,7 @@ def compact(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints]:
 
 
 def clip_below(vertices: Floats, triangles: Ints, z_m: float) -> tuple[Floats, Ints, Ints]:
-    """What of a mesh lies above a height: vertices, triangles (U, 3), and from which each of them is cut.
-
-    The cut stays open.
-    """
+    """What of a mesh lies above a height, left open: vertices, triangles (U, 3), and from which each is."""
     height = vertices[:, 2] - z_m
     above = height[triangles] >= 0
     count = above.sum(axis=1)

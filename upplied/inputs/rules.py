@@ -65,10 +65,7 @@ def broken(rule: Rule, finding: str, allowed: str = "", remedy: str = "") -> Ver
 
 
 def check_allowed(names: Iterable[str], rules: Mapping[str, Rule]) -> tuple[str, ...]:
-    """The names of rules to overrule, each once.
-
-    Raises SettingsError if there is no rule of that name.
-    """
+    """The names of rules to overrule, each once; SettingsError if there is no rule of that name."""
     wanted = tuple(sorted(set(names)))
     for name in wanted:
         if name not in rules:
@@ -91,11 +88,7 @@ def refusals(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
 
 
 def refuse(what: str, verdicts: Iterable[Verdict]) -> None:
-    """Raise what a file is refused for, if anything.
-
-    Raises InputError naming each rule, what was found, what is allowed, the remedy, and how it is
-    overruled.
-    """
+    """Raise InputError if a file is refused: rules, what was found, what is allowed, how to overrule it."""
     if broken_rules := refusals(verdicts):
         remedy = "; ".join(dict.fromkeys(it.remedy for it in broken_rules if it.remedy))
         names = " ".join(dict.fromkeys(f"--allow {it.rule}" for it in broken_rules))

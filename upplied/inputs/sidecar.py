@@ -1,8 +1,7 @@
 """Facts about a flight besides its messages: side-car, metadata record and options.
 
-A recorder does not know the structure or the mount. They stand in a metadata record ``inspection``, or in a
-side-car (``flight.toml``, table ``[inspection]``), which wins over it, as it over the options. What to read
-is the options'.
+A metadata record ``inspection`` wins over the options, and a side-car (``flight.toml``, table
+``[inspection]``) over both; what to read is the options'.
 """
 
 from __future__ import annotations
@@ -38,11 +37,7 @@ Turn = Annotated[Vector | None, array((4,), "a unit quaternion x y z w")]
 
 @dataclass(frozen=True)
 class LogOptions:
-    """Facts about a log; None or "" where nothing is declared.
-
-    The same names are the keys of the metadata record and of the side-car's ``[inspection]``,
-    except for the last block, which belongs to the reader. All lengths in m, angles in degrees.
-    """
+    """Facts about a log, by the keys of record and side-car; None or "" where nothing is declared."""
 
     structure_id: Annotated[str, check_id] = ""
     demonstration_id: Annotated[str, check_id] = ""  # default: the file's name

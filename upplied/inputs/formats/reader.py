@@ -30,11 +30,8 @@ _OBJ = re.compile(rb"^[ \t]*(v|f|vn|vt|o|g|mtllib|usemtl)[ \t]+\S", re.MULTILINE
 def read_raw(path: Path | str) -> tuple[RawMesh, str]:
     """What a mesh or point cloud file holds, and the SHA-256 of all bytes read.
 
-    Raises
-    ------
-    InputError
-        Where the file is missing, empty, truncated, of another content than its suffix says, of a
-        format that is not read (with what to do), or where anything in it is not as its format wants.
+    Raises InputError where the file is missing, truncated, of another content than its suffix says or of a
+    format that is not read (with what to do), or where anything in it is not as its format wants.
     """
     source = Source(path)
     suffix = source.path.suffix.lower().removeprefix(".")
@@ -52,7 +49,7 @@ def read_raw(path: Path | str) -> tuple[RawMesh, str]:
     used = used_vertices(raw.triangles, len(raw.vertices))  # points of clouds without a position are dropped
     if not np.isfinite(raw.vertices[used]).all():
         raise source.error("has vertices that are not finite", "finite coordinates")
-    return raw, source.sha256
+    return raw, source.sha256.hexdigest()
 
 
 def _check_content(source: Source, suffix: str) -> None:

@@ -30,15 +30,15 @@ _LINES = ("lines", "linestrips")
 
 def read_collada(source: Source) -> RawMesh:
     """The scene of a COLLADA file, flattened; each instance of a geometry is a part."""
-    with source.as_xml():
-        root = plain_xml(source.data)
-    if root.tag != "COLLADA":
-        raise source.error(f"is XML of {root.tag[:40]!r}", "COLLADA")
-    return _Reader(source, root).read()
+    return _Reader(source).read()
 
 
 class _Reader:
-    def __init__(self, source: Source, root: Any) -> None:
+    def __init__(self, source: Source) -> None:
+        with source.as_xml():
+            root = plain_xml(source.data)
+        if root.tag != "COLLADA":
+            raise source.error(f"is XML of {root.tag[:40]!r}", "COLLADA")
         self._source, self._root = source, root
         self._by_id = {element.get("id"): element for element in root.iter() if element.get("id")}
         self._geometries: dict[int, tuple[Floats, Ints]] = {}

@@ -21,7 +21,7 @@ from defusedxml.common import DefusedXmlException
 from upplied.errors import InputError
 from upplied.inputs.files import open_regular, table
 from upplied.inputs.sidecar import sidecar_of
-from upplied.inputs.sources import bags, photos, records, trajectories
+from upplied.inputs.sources import bags, photos, records
 from upplied.inputs.sources.source import Fields, Source
 
 MAX_FILES = 200_000
@@ -108,9 +108,9 @@ def _text(path: Path, head: bytes) -> str:
     if records.is_record(text[:8192]):
         return "record"
     data = [line for line in text.splitlines()[:200] if line.strip() and not line.startswith("#")]
-    widths = [trajectories.width_of(line.encode()) for line in data[:20]]
+    widths = [records.width_of(line.encode()) for line in data[:20]]
     same = len(widths) >= 2 and len(set(widths[:-1])) == 1
-    return "poses" if same and widths[0] in trajectories.WIDTHS else ""
+    return "poses" if same and widths[0] in records.WIDTHS else ""
 
 
 def read(path: Path, fields: Fields) -> Source:
@@ -144,7 +144,7 @@ def parts_of(path: Path, kind: str) -> list[Path]:
     elif kind == "colmap":
         names = [path.with_name(f"{name}{path.suffix}") for name in ("cameras", "points3D", "frames", "rigs")]
     elif kind == "poses":
-        names = trajectories.times_beside(path)
+        names = records.times_beside(path)
     return [path, *(name for name in names if name != path and name.is_file())]
 
 
