@@ -234,8 +234,7 @@ class Findings(Record):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a person should look at, in words."""
-        odd = (verdict for verdict in self.verdicts if verdict.severity == "warn")
-        return (*self.assumed, *(verdict.found for verdict in odd))
+        return (*self.assumed, *(it.found for it in self.verdicts if it.severity == "warn"))
 
     @property
     def problems(self) -> tuple[Verdict, ...]:

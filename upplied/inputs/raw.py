@@ -221,11 +221,6 @@ def numbers(text: bytes) -> Floats:
             raise ValueError(str(error)) from None
 
 
-def integers(text: bytes) -> Ints:
-    """All whole numbers of a text that white space separates."""
-    return whole(numbers(text))
-
-
 def whole(values: Floats) -> Ints:
     """Numbers that must be whole as integers."""
     if not (np.abs(values) < 2**53).all() or (values != np.rint(values)).any():

@@ -9,7 +9,7 @@ import re
 
 import numpy as np
 
-from upplied.inputs.raw import RawMesh, Source, counted, integers, numbers
+from upplied.inputs.raw import RawMesh, Source, counted, numbers, whole
 from upplied.records import Floats, Ints
 
 _REST = re.compile(rb"/[^\s]*")  # texture and normal indices
@@ -23,7 +23,7 @@ def read_obj(source: Source) -> RawMesh:
     vertices = _first_three(source, _lines(data, b"v"), "v x y z")
     faces = [_REST.sub(b"", line) for line in _lines(data, b"f")]
     try:
-        corners, sizes = integers(b" ".join(faces)), _widths(faces)
+        corners, sizes = whole(numbers(b" ".join(faces))), _widths(faces)
     except ValueError:
         raise source.error("holds a face that is no list of vertices", "f v1 v2 v3 ...") from None
     if len(corners) != sizes.sum() or (corners == 0).any():
@@ -102,7 +102,7 @@ def read_off(source: Source) -> RawMesh:
         faces = [line.split() for line in lines[1 + n_vertices : 1 + n_vertices + n_faces]]
         sizes = np.array([int(words[0]) for words in faces], np.int64)
         listed = [words[1 : 1 + size] for words, size in zip(faces, sizes.tolist(), strict=True)]
-        corners = integers(b" ".join(word for words in listed for word in words))
+        corners = whole(numbers(b" ".join(word for words in listed for word in words)))
         if len(corners) != sizes.sum() or (sizes < 0).any():
             raise ValueError("a face is shorter than it says")
     except (ValueError, IndexError):

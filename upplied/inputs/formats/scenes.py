@@ -20,7 +20,7 @@ from defusedxml import sax
 from scipy.spatial.transform import Rotation
 
 from upplied.inputs.files import plain_xml
-from upplied.inputs.raw import NO_TRIANGLES, Assembly, RawMesh, Source, counted, flatten, integers, numbers
+from upplied.inputs.raw import NO_TRIANGLES, Assembly, RawMesh, Source, counted, flatten, numbers, whole
 from upplied.records import Floats, Ints
 
 _UP = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
@@ -142,12 +142,12 @@ class _Reader:
             raise ValueError("offsets out of all proportion")
         rings = group.findall("p") + group.findall("ph/p")
         self._counts["holes in polygons closed"] += len(group.findall("ph/h"))
-        lists = [integers((ring.text or "").encode()).reshape(-1, stride)[:, offset] for ring in rings]
+        lists = [whole(numbers((ring.text or "").encode())).reshape(-1, stride)[:, offset] for ring in rings]
         corners = np.concatenate([np.empty(0, np.int64), *lists])
         if group.tag == "triangles":
             sizes = np.full(len(corners) // 3, 3)
         elif group.tag == "polylist":
-            sizes = integers((group.findtext("vcount") or "").encode())
+            sizes = whole(numbers((group.findtext("vcount") or "").encode()))
         else:
             sizes = np.array([len(ring) for ring in lists], np.int64)
         stated = int(group.get("count", len(sizes)))
