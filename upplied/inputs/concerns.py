@@ -136,10 +136,7 @@ def _box(vertices: Floats, triangles: Ints) -> tuple[Floats, Floats]:
 
 
 def concerns(vertices: Floats, raw: RawMesh, entry: StructureEntry, turn: Floats) -> Iterator[Verdict]:
-    """The rules that a structure (V, 3), m, breaks by itself, whatever others there are.
-
-    `turn` (3, 3) took it there from the axes of its file.
-    """
+    """The rules that a structure (V, 3), m, breaks by itself; `turn` (3, 3) took it from its file's axes."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     own, declared, ground = raw.unit_m, entry.unit_m, entry.surroundings.ground_z_m
     longest, bounds, centre = float((high - low).max()), entry.bounds, (low + high) / 2

@@ -37,10 +37,7 @@ def _check_regular(mode: int, path: Path | str) -> None:
 
 
 def read_regular(path: Path | str, most: int, what: str = "", remedy: str = "check the path") -> bytes:
-    """The bytes of a regular file, at most so many; `what` is its name in messages, its path where empty.
-
-    Raises InputError where it is larger, or cannot be read.
-    """
+    """The bytes of a regular file, at most so many; InputError otherwise, naming it by `what` or its path."""
     what = what or str(path)
     try:
         with open_regular(path) as stream:

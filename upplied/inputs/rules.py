@@ -1,7 +1,4 @@
-"""Rules for imported files, their bounds, verdicts on those that are broken, and how one is overruled.
-
-A rule is data (`rules.toml`). `decided` marks verdicts that are overruled, `refuse` raises the others.
-"""
+"""Rules for imported files (`rules.toml`), their bounds, and verdicts on those that are broken."""
 
 import json
 import math
@@ -114,10 +111,7 @@ class Bounds:
 
     @classmethod
     def changed(cls, assignments: Iterable[str]) -> Self:
-        """The defaults, with bounds that are given as ``name=value``, or with their group before a dot.
-
-        Raises SettingsError if a name is unknown, or a value no number from 0 to 1e9.
-        """
+        """The defaults, with bounds given as ``[group.]name=value``; SettingsError if one is wrong."""
         known = [item.name for item in fields(cls)]
         values: dict[str, float] = {}
         for text in assignments:

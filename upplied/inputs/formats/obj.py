@@ -1,8 +1,4 @@
-"""STL, OBJ and OFF. A material library is never opened.
-
-STL by trimesh, with the checks that it lacks. The others not: it counts negative indices from the end of the
-file, and cuts concave polygons as fans.
-"""
+"""STL by trimesh, with the checks that it lacks; OBJ and OFF without it (docs/making/libraries.md)."""
 
 import io
 import re

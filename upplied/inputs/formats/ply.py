@@ -1,8 +1,4 @@
-"""PLY: elements of declared properties, in text or binary of either byte order.
-
-Not by trimesh, which refuses binary files with polygons of several sizes (Blender, CloudCompare), drops what
-follows a damaged number, and cuts concave polygons as fans. Open3D returns no faces of such files.
-"""
+"""PLY in text or binary of either byte order, without a library (docs/making/libraries.md)."""
 
 from typing import Any
 

@@ -1,9 +1,6 @@
 """Scenes in XML: COLLADA (.dae), and 3MF, a zip archive that is read as a stream so that a bomb stays small.
 
-COLLADA not by pycollada, which reads positions in single precision, NaN as 0 and a damaged number as the end,
-needs optional parameters, and cuts polygons as fans; nor by trimesh, which drops skinned meshes in silence.
-3MF not by trimesh, which adds every mesh of a part once for each reference to it, unpacks the whole archive
-whatever its size, and follows every path through components, however many there are.
+Why neither is read by a library: docs/making/libraries.md.
 """
 
 import io

@@ -1,5 +1,4 @@
-"""Logs of autopilots: PX4's (ULog) by `pyulog`, whose topics are those of `px4_msgs`, a message an array;
-ArduPilot's (DataFlash, binary and text) and telemetry of ground stations by `pymavlink`.
+"""Logs of autopilots: PX4's (ULog) by `pyulog`; ArduPilot's (DataFlash) and telemetry by `pymavlink`.
 
 Where both the filter's origin and satellites are logged, the place of the structure decides.
 """

@@ -56,10 +56,7 @@ _LOGS = (".mcap", ".ulg", ".bag", ".db3", ".tlog", ".srt", ".plan", ".waypoints"
 
 
 def kind_of(path: Path) -> str:
-    """The key in `KINDS` of a file or a folder of photos; empty where it is none.
-
-    Raises InputError if it looks like a flight and cannot be read.
-    """
+    """The key in `KINDS` of a file or folder, empty where it is none; InputError if it cannot be read."""
     if path.is_dir():
         return "photos" if photos.members(path) else ""
     try:
@@ -114,10 +111,7 @@ def _text(path: Path, head: bytes) -> str:
 
 
 def read(path: Path, fields: Fields) -> Source:
-    """The tables of a file, or of a folder of photos, whatever it is.
-
-    Raises InputError if it is no flight, or damaged beyond use.
-    """
+    """The tables of a file or a folder of photos; InputError if it is no flight, or damaged beyond use."""
     kind = kind_of(path)
     if not kind:
         rule = f"one of: {', '.join(dict.fromkeys(words for words, _ in KINDS.values()))}"
@@ -149,10 +143,7 @@ def parts_of(path: Path, kind: str) -> list[Path]:
 
 
 def survey(paths: Iterable[str | Path]) -> list[FileKind]:
-    """What the named files are, or those in the named folders: each of them, in order.
-
-    Raises InputError if a name does not exist, or there are too many files.
-    """
+    """What the named files are, or those in named folders; InputError if one is missing, or they are many."""
     files: list[FileKind] = []
     for name in map(Path, paths):
         if not name.exists():

@@ -1,6 +1,4 @@
-"""Flight records (.csv) of DJI and Airdata, and captions of DJI's videos (.srt): columns by name; poses as
-research writes them (TUM, EuRoC and KITTI), a pose a line.
-"""
+"""Records (.csv) of DJI and Airdata, captions of DJI's videos (.srt), poses of TUM, EuRoC and KITTI."""
 
 import csv
 import io
