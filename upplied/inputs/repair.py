@@ -1,4 +1,4 @@
-"""How triangles hang together, and repair: weld, drop what has no area, stands twice or is used by nothing."""
+"""How triangles hang together, and repair: weld, drop what has no area, stands twice or is not used."""
 
 from dataclasses import dataclass
 
