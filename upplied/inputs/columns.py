@@ -80,10 +80,7 @@ def _label(value: Any) -> str:
 
 
 def photo_times(path: str | Path) -> Ints:
-    """Times of photos, ns of the log's clock, rising: one a line, or in a column ``t_ns``.
-
-    Raises InputError if the file cannot be read, or holds none.
-    """
+    """Times of photos, ns of the log's clock, rising, of a file of one a line, or with a column ``t_ns``."""
     rule = "whole numbers, ns of the log's clock, one a line or in a column t_ns"
     text = read_regular(path, MAX_BYTES).decode("utf-8", "replace")
     try:

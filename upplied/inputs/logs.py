@@ -109,12 +109,12 @@ def _demonstration(
     tree = tf.tree_of(tables, facts)
     # One source of poses: a topic, or the transforms.
     table, chosen = choose(tables, facts, what)
-    if table is None and not tree.moving:
-        raise nothing(tables, what)
-    if table is None:
+    if table is not None:
+        track, topic = READERS[table.schema](table, tables, facts), table.channel.topic
+    elif tree.moving:
         track, topic = tf.transformed(tree, facts, camera_frame, what), tree.topic
     else:
-        track, topic = READERS[table.schema](table, tables, facts), table.channel.topic
+        raise nothing(tables, what)
     where = f"{what}, {topic}"
     # The inspection alone; samples that are no pose are dropped and counted.
     track, cut, given = inspections.inspected(steady(timed(track)), tables, facts, what)
@@ -212,7 +212,8 @@ def _in_context(error: InputError, path: Path, source: Source) -> InputError:
     what = error.what if str(path) in error.what else f"{path}, {error.what}"
     finding = "; ".join([error.finding, *source.losses])
     if error.finding.startswith(NOTHING):
-        finding += f"; its topics: {source.topics or 'none'}"
+        topics = source.listed or ", ".join(f"{it.channel.topic} ({it.schema})" for it in source.tables[:12])
+        finding += f"; its topics: {topics or 'none'}"
     return InputError(what, finding, error.rule, error.remedy)
 
 
@@ -250,13 +251,8 @@ def fingerprint(
 ) -> tuple[str, str]:
     """The id and the hash that `read_demonstration` would give; no message is read.
 
-    The hash differs where facts about the flight stand among the messages of a damaged log: such a log is
-    read to be known.
-
-    Raises
-    ------
-    InputError, OSError
-        If the file cannot be read or is no log.
+    The hash differs where facts stand among the messages of a damaged log: such a log is read to be known.
+    Raises InputError or OSError if the file cannot be read or is no log.
     """
     path = Path(path)
     kind = door.kind_of(path)

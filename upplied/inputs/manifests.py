@@ -123,7 +123,15 @@ def _csv_rows(path: Path, text: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 def _entry(row: Mapping[str, Any], what: str, folder: Path, allow_outside: bool) -> StructureEntry:
     given = keys.parse(row, what)
-    up, forward = keys.axes(given, what)
+    up, forward = given["up"], given.get("forward")
+    if forward is None and given.get("symmetric"):
+        forward = next(axis for axis in keys.AXES if axis[-1] != up[-1])
+    if forward is None:
+        rule = "the axis of the file that points to the nose, bow, rotor hub or along the structure"
+        remedy = "declare it, or symmetric = true where there is none"
+        raise InputError(what, "has no 'forward'", rule, remedy)
+    if forward[-1] == up[-1]:
+        raise InputError(what, f"forward {forward!r} and up {up!r} lie on one axis", "two different axes")
     if given.get("clip_ground") and "ground_z" not in given:
         raise InputError(what, "has clip_ground but no ground_z", "the height of the ground to clip at")
     missing = [key for key in _PLACE if key not in given]

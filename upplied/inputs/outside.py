@@ -29,7 +29,7 @@ _CLEAR = 0.2  # least difference of the two sides' votes, over their sum
 
 
 def look(
-    vertices: Floats, triangles: Ints, topology: Topology, ground_z_m: float | None = None, seed: int = 0
+    vertices: Floats, triangles: Ints, topology: Topology, ground_z_m: float | None
 ) -> tuple[Bools, Bools, float]:
     """Cast rays from both sides of samples on every patch of triangles (T, 3) and see which escape.
 
@@ -44,7 +44,7 @@ def look(
     wanted = _LEAST + np.floor(_SPREAD * patch_area / patch_area.sum()).astype(np.int64)
     fragments = np.argsort(-patch_area, kind="stable")[_MOST_PATCHES:]
     wanted[fragments] = 0
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     sample = _chosen(patch, area, wanted, rng)
     root, along = np.sqrt(rng.random(len(sample)))[:, None], rng.random(len(sample))[:, None]
     a, b, c = corners[sample].swapaxes(0, 1)
@@ -103,21 +103,20 @@ def _around(normals: Floats) -> Floats:
     return (local @ np.stack([*across(normals), normals], axis=1)).reshape(-1, 3)
 
 
-def outward_normals(points: Floats, given: Floats | None = None, seed: int = 0) -> tuple[Floats, str]:
+def outward_normals(points: Floats, given: Floats | None = None) -> tuple[Floats, str]:
     """Unit normals (N, 3) that point to where rays from outside come from, and what was done, in words.
 
     Given normals are kept, but turned as a whole where most of them point inwards. Others come from the
     plane of the nearest of the points (N, 3), m, N >= 4, each turned by the side from which more rays escape.
     """
     if given is None:
-        normals = planes(points)
+        normals = _planes(points)
     else:  # those without a direction come from the plane of their neighbours
         length = np.linalg.norm(given, axis=1)
         bad: Bools = ~(np.isfinite(length) & (length > 1e-9))
         normals = np.where(bad[:, None], 0.0, given) / np.where(bad, 1.0, length)[:, None]
-        normals[bad] = planes(points)[bad] if bad.any() else 0.0
-    rng = np.random.default_rng(seed)
-    judged = np.sort(rng.permutation(len(points))[:_JUDGED])
+        normals[bad] = _planes(points)[bad] if bad.any() else 0.0
+    judged = np.sort(np.random.default_rng(0).permutation(len(points))[:_JUDGED])
     vote = _votes(points[judged], normals[judged])
     clear = np.abs(vote) > _CLEAR
     if given is not None:
@@ -129,7 +128,7 @@ def outward_normals(points: Floats, given: Floats | None = None, seed: int = 0) 
     return _follow(points, normals, judged[clear], sign), "normals estimated and turned outwards"
 
 
-def planes(points: Floats) -> Floats:
+def _planes(points: Floats) -> Floats:
     """Normals (N, 3) of the planes through the nearest points, their sign arbitrary."""
     tree, normals = cKDTree(points), np.empty_like(points)
     for rows in _chunks(len(points)):

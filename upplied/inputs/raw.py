@@ -41,12 +41,7 @@ class Source:
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.data = read_regular(path, MAX_BYTES, remedy="decimate the mesh")
-        self._hash = hashlib.sha256(self.data)
-
-    @property
-    def sha256(self) -> str:
-        """Of all bytes that were read."""
-        return self._hash.hexdigest()
+        self.sha256 = hashlib.sha256(self.data)  # of all bytes that were read
 
     def sibling(self, uri: str) -> bytes:
         """The bytes of a file in the same folder; nothing else is opened."""
@@ -56,7 +51,7 @@ class Source:
             finding, remedy = f"refers to {name[:120]!r}, outside its folder", "export it as one file (.glb)"
             raise self.error(finding, "buffers in the file itself or in its folder", remedy)
         data = read_regular(folder / name, MAX_BYTES, f"{self.path}, its buffer {name[:120]!r}")
-        self._hash.update(data)
+        self.sha256.update(data)
         return data
 
     def error(self, finding: str, rule: str = "", remedy: str = "export the file again") -> InputError:
@@ -91,11 +86,7 @@ class Source:
 
 
 class Assembly:
-    """The pieces of a scene, put together with the transforms of their nodes.
-
-    A few bytes can place one piece a million times (nested instances), so the total is bounded by
-    the size of the file.
-    """
+    """The pieces of a scene, placed by their nodes; no more than a file of that size has in honesty."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -133,8 +124,7 @@ def flatten(
 ) -> Iterator[tuple[Node, Floats]]:
     """Every node of a tree with its transform (4, 4) to the scene, depth first, in order.
 
-    `children` gives those of a node, each with its transform to that node. What refers to itself, or
-    explodes, is refused.
+    `children` gives those of a node, each with its transform to it. What refers to itself is refused.
     """
     most = max(10_000, len(source.data) // 10)  # nodes, each placed as often as it is named
     stack = [(node, matrix, 0) for node, matrix in reversed(roots)]
@@ -211,9 +201,7 @@ def _ears(points: Floats) -> Ints:
 
 
 def numbers(text: bytes) -> Floats:
-    """All numbers of a text that white space separates.
-
-    Raises ValueError where something else stands among them.
+    """All numbers of a text that white space separates; ValueError where something else is among them.
 
     Examples
     --------
@@ -233,29 +221,8 @@ def numbers(text: bytes) -> Floats:
             raise ValueError(str(error)) from None
 
 
-def integers(text: bytes) -> Ints:
-    """All whole numbers of a text that white space separates."""
-    return whole(numbers(text))
-
-
 def whole(values: Floats) -> Ints:
     """Numbers that must be whole as integers."""
     if not (np.abs(values) < 2**53).all() or (values != np.rint(values)).any():
         raise ValueError("not a whole number")
     return values.astype(np.int64)
-
-
-def widths(text: bytes) -> Ints:
-    """How many words stand on each line; every line ends with a line feed.
-
-    Examples
-    --------
-    >>> widths(b"1 2\\n\\n3\\n")
-    array([2, 0, 1])
-    """
-    characters = np.frombuffer(text, np.uint8)
-    inside = characters > ord(" ")
-    begins = inside.copy()
-    begins[1:] &= ~inside[:-1]
-    ends = np.flatnonzero(characters == ord("\n"))
-    return np.diff(np.searchsorted(np.flatnonzero(begins), ends), prepend=0)

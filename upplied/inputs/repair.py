@@ -1,6 +1,4 @@
-"""How the triangles of a mesh hang together, and repair without judgement: weld, drop what has no area,
-stands twice or is used by nothing.
-"""
+"""How triangles hang together, and repair: weld, drop what has no area, stands twice or is not used."""
 
 from dataclasses import dataclass
 
@@ -41,10 +39,7 @@ def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, tuple[
 
 
 def weld(vertices: Floats) -> Ints:
-    """For each vertex the first kept one that it lies on, (V,); itself where it stands alone.
-
-    Kept ones lie farther than `WELD_M` from each other, so doing it twice changes nothing.
-    """
+    """For each vertex the first kept one within `WELD_M`, (V,); kept ones lie farther from each other."""
     alike = pd.DataFrame(vertices).groupby([0, 1, 2], sort=False).ngroup().to_numpy()
     once = np.unique(alike, return_index=True)[1]
     first = np.arange(len(once))
@@ -93,10 +88,7 @@ def compact(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints]:
 
 
 def clip_below(vertices: Floats, triangles: Ints, z_m: float) -> tuple[Floats, Ints, Ints]:
-    """What of a mesh lies above a height: vertices, triangles (U, 3), and from which each of them is cut.
-
-    The cut stays open.
-    """
+    """What of a mesh lies above a height, left open: vertices, triangles (U, 3), and from which each is."""
     height = vertices[:, 2] - z_m
     above = height[triangles] >= 0
     count = above.sum(axis=1)

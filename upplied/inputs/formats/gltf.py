@@ -150,8 +150,11 @@ def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
     """Leave triangles only; what the positions of each are divided by, and how many were left out."""
     scales, skipped, total, accessors = [], 0, 0, document.get("accessors", [])
     used: set[int] = set()
-    placements = np.bincount([node["mesh"] for node in document["nodes"] if "mesh" in node], minlength=1)
-    for index, mesh in enumerate(document.get("meshes", [])):
+    meshes = document.get("meshes", [])
+    placements = np.bincount(
+        [node["mesh"] for node in document["nodes"] if "mesh" in node], None, len(meshes)
+    )
+    for mesh, copies in zip(meshes, placements.tolist(), strict=True):
         surfaces = [p for p in mesh["primitives"] if p.get("mode", _TRIANGLES) in (_TRIANGLES, _STRIP)]
         skipped += len(mesh["primitives"]) - len(surfaces)
         for primitive in mesh["primitives"]:
@@ -169,7 +172,6 @@ def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
                 raise source.error("uses sparse accessors", "plain accessors", "export it without sparse")
             used.update(named)
             corners = sum(accessors[number]["count"] for number in named)
-            copies = int(placements[index]) if index < len(placements) else 0
             total += corners * max(copies, 1)
             source.most(total, "corners", 1.0, 3_000_000)
             positions = accessors[named[0]]

@@ -1,9 +1,6 @@
 """Scenes in XML: COLLADA (.dae), and 3MF, a zip archive that is read as a stream so that a bomb stays small.
 
-COLLADA not by pycollada, which reads positions in single precision, NaN as 0 and a damaged number as the end,
-needs optional parameters, and cuts polygons as fans; nor by trimesh, which drops skinned meshes in silence.
-3MF not by trimesh, which adds every mesh of a part once for each reference to it, unpacks the whole archive
-whatever its size, and follows every path through components, however many there are.
+Why neither is read by a library: docs/making/libraries.md.
 """
 
 import io
@@ -20,7 +17,7 @@ from defusedxml import sax
 from scipy.spatial.transform import Rotation
 
 from upplied.inputs.files import plain_xml
-from upplied.inputs.raw import NO_TRIANGLES, Assembly, RawMesh, Source, counted, flatten, integers, numbers
+from upplied.inputs.raw import NO_TRIANGLES, Assembly, RawMesh, Source, counted, flatten, numbers, whole
 from upplied.records import Floats, Ints
 
 _UP = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
@@ -30,15 +27,15 @@ _LINES = ("lines", "linestrips")
 
 def read_collada(source: Source) -> RawMesh:
     """The scene of a COLLADA file, flattened; each instance of a geometry is a part."""
-    with source.as_xml():
-        root = plain_xml(source.data)
-    if root.tag != "COLLADA":
-        raise source.error(f"is XML of {root.tag[:40]!r}", "COLLADA")
-    return _Reader(source, root).read()
+    return _Reader(source).read()
 
 
 class _Reader:
-    def __init__(self, source: Source, root: Any) -> None:
+    def __init__(self, source: Source) -> None:
+        with source.as_xml():
+            root = plain_xml(source.data)
+        if root.tag != "COLLADA":
+            raise source.error(f"is XML of {root.tag[:40]!r}", "COLLADA")
         self._source, self._root = source, root
         self._by_id = {element.get("id"): element for element in root.iter() if element.get("id")}
         self._geometries: dict[int, tuple[Floats, Ints]] = {}
@@ -142,12 +139,12 @@ class _Reader:
             raise ValueError("offsets out of all proportion")
         rings = group.findall("p") + group.findall("ph/p")
         self._counts["holes in polygons closed"] += len(group.findall("ph/h"))
-        lists = [integers((ring.text or "").encode()).reshape(-1, stride)[:, offset] for ring in rings]
+        lists = [whole(numbers((ring.text or "").encode())).reshape(-1, stride)[:, offset] for ring in rings]
         corners = np.concatenate([np.empty(0, np.int64), *lists])
         if group.tag == "triangles":
             sizes = np.full(len(corners) // 3, 3)
         elif group.tag == "polylist":
-            sizes = integers((group.findtext("vcount") or "").encode())
+            sizes = whole(numbers((group.findtext("vcount") or "").encode()))
         else:
             sizes = np.array([len(ring) for ring in lists], np.int64)
         stated = int(group.get("count", len(sizes)))

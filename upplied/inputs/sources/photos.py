@@ -67,8 +67,7 @@ def read(path: Path, fields: Fields) -> Source:
         t_ns = fill.numbered(len(placed))
     order = np.argsort(t_ns, kind="stable")
     at, t_ns = {name: column[order] for name, column in at.items()}, t_ns[order]
-    facts = _lens(at, models[0])
-    lost = [finding] if len(placed) < len(heads) else []
+    facts, lost = _lens(at, models[0]), [finding] if len(placed) < len(heads) else []
     tables = [*_tables(at, t_ns, notes)]
     return Source(tables, [], lost, notes=notes, stills=True, defaults=facts, timed=timed)
 

@@ -53,8 +53,7 @@ def project_at(cameras: Path, options: LogOptions) -> Project | None:
     surfaces = surfaces[:1] or [(each, roots[0]) for each in beside]
     if declared.structure_id or len(surfaces) != 1:
         return None
-    surface = surfaces[0]
-    what = str(cameras)
+    (surface, folder), what = surfaces[0], str(cameras)
     if not declared.kind:
         rule = "a structure is planned for among its kind alone"
         finding = "does not state the kind of its structure"
@@ -66,18 +65,18 @@ def project_at(cameras: Path, options: LogOptions) -> Project | None:
         raise InputError(what, "is a reconstruction without scale", rule, remedy)
     up = "z" if source.place is not None else _up(source, what)
     forward = "x" if up[-1] != "x" else "y"
-    name = safe_id(surface[1].name)
+    name = safe_id(folder.name)
     entry = StructureEntry(
-        name, declared.kind, surface[0], facts.unit_m or 1.0, up, forward,
+        name, declared.kind, surface, facts.unit_m or 1.0, up, forward,
         site=declared.site, placement=source.place, surface="scanned",
         notes=f"reconstructed by the project of {cameras.name}",
     )  # fmt: skip
-    name_of_flight = options.demonstration_id or f"{name}-flight"
-    flight = replace(options, structure_id=name, demonstration_id=name_of_flight)
+    demonstration_id = options.demonstration_id or f"{name}-flight"
+    flight = replace(options, structure_id=name, demonstration_id=demonstration_id)
     axes = turn(up, forward)
     if source.place is None and not np.array_equal(axes, np.eye(3)):
         flight = replace(flight, structure_quat_xyzw=tuple(Rotation.from_matrix(axes.T).as_quat().tolist()))
-    return Project(entry, flight, surface[1])
+    return Project(entry, flight, folder)
 
 
 def _up(source: Source, what: str) -> str:

@@ -30,7 +30,7 @@ class Source:
     tables: list[Table]
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
     losses: list[str] = field(default_factory=list)
-    listed: str = ""  # topics and schemas in words; of the tables where empty
+    listed: str = ""  # topics and schemas in words; those of the tables where empty
     read_pct: float = 100.0
     notes: list[str] = field(default_factory=list)
     defaults: dict[str, Any] = field(default_factory=dict)  # facts that hold where nothing else is declared
@@ -38,11 +38,6 @@ class Source:
     place: Placement | None = None  # of the project's frame, where that is east, north and up of a place
     planned: bool = False  # a mission that was written, not a flight that was flown
     timed: bool = True  # False: it holds no times, and its poses are numbered
-
-    @property
-    def topics(self) -> str:
-        """Topics and schemas in words."""
-        return self.listed or ", ".join(f"{it.channel.topic} ({it.schema})" for it in self.tables[:12])
 
 
 def refusal(finding: str, rule: str = "", remedy: str = "") -> InputError:
