@@ -21,16 +21,7 @@ _COLUMNS = (  # by `attention`, and of each plan
 def first_pairs(
     catalog: Catalog, most: int, demonstration: str | None = None, target: str | None = None
 ) -> tuple[list[Pair], int]:
-    """The pairs that need a person most, as `pairs_of` orders all, and how many there are.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    most : int
-        Of the pairs.
-    demonstration, target : str, optional
-        Only pairs of these.
-    """
+    """The `most` pairs that need a person first, as `pairs_of` orders all, and how many there are."""
     rows_of = partial(catalog.transfers, demonstration=demonstration, structure=target)
     every = rows_of(every=True, columns=_COLUMNS)
     decided = every[(every["purpose"] == "") & every["state"].isin(["released", RECALLED])]

@@ -16,7 +16,9 @@ from upplied.outputs.labels import LABELS
 PRESETS = ("recommended", "paper", "baseline")
 ATTENTION = {"recalled": -1, "failed": 0, "refused": 1, "not flyable": 1.5, "ok": 2}
 NOT_FLYABLE, RECALLED = "not flyable", "recalled"
+COVERAGES = ("coverage_inspected_pct", "coverage_seen_pct", "coverage_paper_pct")  # the strictest first
 _ADVICE: dict[str, str] = LABELS["advice"]
+_KEY = ["demonstration_id", "target_id", "preset"]
 
 
 def shown_status(row: Mapping[str, Any]) -> str:
@@ -69,12 +71,8 @@ class Pair:
 def pairs_of(current: pd.DataFrame, history: pd.DataFrame) -> list[Pair]:
     """The pairs of a table of transfers, those that need attention first.
 
-    Parameters
-    ----------
-    current : DataFrame
-        One row for each demonstration, target and preset.
-    history : DataFrame
-        Older plans as well, of each pair in the order they were added; the last is the one before.
+    `current` has one row for each demonstration, target and preset; `history` older plans as well, of each
+    pair in the order they were added: the last is the one before.
     """
     if not len(current):
         return []
@@ -90,7 +88,12 @@ def pairs_of(current: pd.DataFrame, history: pd.DataFrame) -> list[Pair]:
     for row in _decided(history):
         key = _key(row)
         pair = pairs.get(key[:2]) or _pair_of(row)  # a plan in force outlives its demonstration
-        pairs[key[:2]] = _with_decided(pair, key[2], row)
+        newest = pair.plans.get(key[2])
+        if newest is not None and newest["transfer_id"] == row["transfer_id"]:
+            pairs[key[:2]] = replace(pair, decided=key[2])
+        else:  # it takes the place of the newest of its preset, which becomes its draft
+            plans = {**pair.plans, key[2]: row}
+            pairs[key[:2]] = replace(pair, plans=plans, earlier={}, draft=newest, decided=key[2])
     return sorted(pairs.values(), key=attention)
 
 
@@ -108,17 +111,6 @@ def _decided(history: pd.DataFrame) -> list[dict[str, Any]]:
     return list((decided | {_key(row)[:2]: _row(row) for row in released.to_dict("records")}).values())
 
 
-def _with_decided(pair: Pair, preset: str, row: dict[str, Any]) -> Pair:
-    """A pair whose plan in force takes the place of the newest of its preset, which becomes its draft."""
-    newest = pair.plans.get(preset)
-    if newest is not None and newest["transfer_id"] == row["transfer_id"]:
-        return replace(pair, decided=preset)
-    return replace(pair, plans={**pair.plans, preset: row}, earlier={}, draft=newest, decided=preset)
-
-
-_KEY = ["demonstration_id", "target_id", "preset"]
-
-
 def _key(row: Mapping[Any, Any]) -> tuple[str, str, str]:
     demonstration_id, target_id, preset = (str(row[name]) for name in _KEY)
     return demonstration_id, target_id, preset
@@ -131,17 +123,10 @@ def _row(row: Mapping[Any, Any]) -> dict[str, Any]:
 def attention(pair: Pair) -> tuple[float, float, float, str]:
     """Sort key, attention first: failed, refused, then by coverage, then by clearance."""
     row = pair.main
-    seen = coverage(row)
-    clearance = number(row, "min_clearance_m")
-    return (
-        ATTENTION.get(shown_status(row), 0),
-        -1.0 if seen is None else seen,
-        -1.0 if clearance is None else clearance,
-        pair.name,
+    seen, clearance = (
+        -1.0 if value is None else value for value in (coverage(row), number(row, "min_clearance_m"))
     )
-
-
-COVERAGES = ("coverage_inspected_pct", "coverage_seen_pct", "coverage_paper_pct")  # the strictest first
+    return ATTENTION.get(shown_status(row), 0), seen, clearance, pair.name
 
 
 def coverage(row: Mapping[str, Any]) -> float | None:
@@ -152,10 +137,10 @@ def coverage(row: Mapping[str, Any]) -> float | None:
 
 def attainable(row: Mapping[str, Any]) -> float | None:
     """The attainable share of the inspected surface, or else of the demonstrated surface, percent."""
-    lost = [number(row, name) for name in ("inspected_without_counterpart_pct", "inspected_unattainable_pct")]
-    if lost[0] is None or lost[1] is None:
+    lost, hidden = (number(row, f"inspected_{name}_pct") for name in ("without_counterpart", "unattainable"))
+    if lost is None or hidden is None:
         return number(row, "coverage_attainable_pct")
-    return 100 - lost[0] - lost[1]
+    return 100 - lost - hidden
 
 
 def battery_pct(row: Mapping[str, Any]) -> float | None:
@@ -171,8 +156,6 @@ def battery_pct(row: Mapping[str, Any]) -> float | None:
 def number(row: Mapping[str, Any], name: str) -> float | None:
     """A finite number of a row, or None; a share, whose name ends in ``_pct``, is 0 to 100.
 
-    Examples
-    --------
     >>> number({"coverage_seen_pct": 100.00000000000001}, "coverage_seen_pct")
     100.0
     """
@@ -198,12 +181,9 @@ def _changed(row: Mapping[str, Any], before: Mapping[str, Any]) -> str:
     if before["status"] != row["status"]:
         return f"{before['status']} → {row['status']}"
     parts = []
-    for name, label, unit, least in (
-        ("coverage", "coverage", "%", 0.05),
-        ("min_clearance_m", "clearance", " m", 0.05),
-    ):
-        now, then = (coverage(each) if name == "coverage" else number(each, name) for each in (row, before))
-        if now is not None and then is not None and abs(now - then) >= least:
+    seen, clear = ([coverage(each), number(each, "min_clearance_m")] for each in (row, before))
+    for label, unit, now, then in zip(("coverage", "clearance"), ("%", " m"), seen, clear, strict=True):
+        if now is not None and then is not None and abs(now - then) >= 0.05:
             parts.append(f"{label} {now - then:+.1f}{unit}")
     return ", ".join(parts)
 
@@ -213,9 +193,8 @@ def decision_words(row: Mapping[str, Any]) -> str:
     state = str(row.get("state") or "")
     if not state or state == "draft":
         return "Draft, not released yet" if state else ""
-    word = state.capitalize()
     note = f": {row['state_note']}" if row.get("state_note") else ""
-    return f"{word} by {row.get('state_by')}, {stamp(row.get('state_at'))} UTC{note}"
+    return f"{state.capitalize()} by {row.get('state_by')}, {stamp(row.get('state_at'))} UTC{note}"
 
 
 def reason_of(row: Mapping[str, Any]) -> str:
@@ -237,8 +216,6 @@ def warnings_of(row: Mapping[str, Any]) -> list[str]:
 def sentence(text: str) -> str:
     """A message as a sentence; a name at its start is not capitalised.
 
-    Examples
-    --------
     >>> sentence("the scan is open"), sentence("part_0 is missing.")
     ('The scan is open.', 'part_0 is missing.')
     """

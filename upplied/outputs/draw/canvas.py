@@ -96,12 +96,12 @@ def picture(body: Solid, lines: Tubes, frame: Frame) -> np.ndarray:
 
 def _edges(image: Floats) -> Bools:
     """Pixels (H, W) of an image (H, W, 3) that differ from a neighbour."""
+    down, right = ((np.abs(np.diff(image, axis=axis)) > _CONTRAST).any(axis=2) for axis in (0, 1))
     edge = np.zeros(image.shape[:2], bool)
-    for axis in (0, 1):
-        red, green, blue = np.moveaxis(np.abs(np.diff(image, axis=axis)) > _CONTRAST, 2, 0)
-        step = red | green | blue
-        edge |= np.pad(step, [(1, 0) if axis == 0 else (0, 0), (1, 0) if axis == 1 else (0, 0)])
-        edge |= np.pad(step, [(0, 1) if axis == 0 else (0, 0), (0, 1) if axis == 1 else (0, 0)])
+    edge[1:] |= down
+    edge[:-1] |= down
+    edge[:, 1:] |= right
+    edge[:, :-1] |= right
     return edge
 
 
@@ -154,11 +154,10 @@ class _Painter:
 
     def _ambient_of_grid(self) -> Floats:
         """Open sky (rows, columns) at every second picture point; all of it where nothing is hit."""
-        columns, rows = -(-self.frame.width // _COARSE), -(-self.frame.height // _COARSE)
         x, y = np.meshgrid(
-            np.arange(columns) * _COARSE + _COARSE / 2, np.arange(rows) * _COARSE + _COARSE / 2
+            *(np.arange(0, side, _COARSE) + _COARSE / 2 for side in (self.frame.width, self.frame.height))
         )
         _, points, normals, hit = self._surface(*self.frame.rays(x.ravel(), y.ravel()))
         sky, size = np.ones(len(hit)), self.body.size_m
         sky[hit] = open_sky(self.body.scene, points[hit], normals[hit], 0.25 * size, 2e-3 * size)
-        return sky.reshape(rows, columns)
+        return sky.reshape(x.shape)

@@ -70,17 +70,9 @@ def smooth_normals(vertices: Floats, triangles: Ints, normals: Floats, hit: Ints
 def lit(colours: Floats, normals: Floats, towards_eye: Floats, up: Floats, ambient: Floats) -> Floats:
     """Colours (N, 3) under a sun above the viewer's left shoulder and a bright sky.
 
-    Parameters
-    ----------
-    colours, normals : array, shape (N, 3)
-        Normals point to the viewer's side.
-    towards_eye, up : array, shape (3,)
-        The view's own directions, in the structure frame.
-    ambient : array, shape (N,)
-        Share of the sky that is open, 0 .. 1.
+    Normals (N, 3) point to the viewer's side; `ambient` (N,) is the share of the sky that is open, 0 .. 1.
     """
-    left = np.cross(towards_eye, up)
-    sun = towards_eye + 0.9 * up + 0.7 * left
+    sun = towards_eye + 0.9 * up + 0.7 * np.cross(towards_eye, up)
     sun /= np.linalg.norm(sun)
     direct = np.clip(normals @ sun, 0, 1)
     sky = 0.5 + 0.5 * normals[:, 2]
@@ -93,10 +85,8 @@ def open_sky(scene: Scene, points: Floats, normals: Floats, reach_m: float, lift
 
     The same directions serve every point, so that the result carries no noise.
     """
-    directions = sphere(2 * _AMBIENT_RAYS)
-    blocked = np.zeros(len(points))
-    weight = np.zeros(len(points))
-    for direction in directions:
+    blocked, weight = np.zeros(len(points)), np.zeros(len(points))
+    for direction in sphere(2 * _AMBIENT_RAYS):
         cosine = normals @ direction
         above = np.flatnonzero(cosine > 0.1)
         starts = points[above] + lift_m * normals[above]

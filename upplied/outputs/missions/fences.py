@@ -1,7 +1,8 @@
 """The fence and the rally points of a manifest, for the autopilot.
 
 A fence consists of polygons on the ground without a top. A keep-out box has a top: a box under the mission's
-path is omitted, with a note. A vehicle that lost its link may fly to a rally point instead of home."""
+path is omitted, with a note. A vehicle that lost its link may fly to a rally point instead of home.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +14,6 @@ import numpy as np
 
 from upplied.errors import RefusedError
 from upplied.geometry.supposed_scene import scene_for
-from upplied.outputs.missions.mavlink import EXCLUSION, INCLUSION, RALLY, RELATIVE_FRAME, Item, wpl_text
 from upplied.outputs.missions.records import Fence, Mission, to_geodetic
 from upplied.planning.airspace.rules import Airspace
 from upplied.records import Floats, Structure, SupposedSurface
@@ -23,7 +23,7 @@ _STEP_M = 0.5  # spacing of the points of the path that are tested against a box
 
 
 def fenced(
-    missions: Sequence[Mission], structure: Structure, supposed: SupposedSurface | None = None
+    missions: Sequence[Mission], structure: Structure, supposed: SupposedSurface | None
 ) -> list[Mission]:
     """The sorties of a plan with the fence of their structure's surroundings."""
     around = structure.surroundings
@@ -37,16 +37,11 @@ def fenced(
             box = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
             fences.append(Fence(False, _corners(box, missions[0])))
     note = f"{passed} keep-out boxes are not in the fence, because the mission flies over them"
-    notes = (note,) if passed else ()
-    return [
-        replace(
-            one, fences=tuple(fences), rally=rally_of(one, structure, supposed), notes=(*one.notes, *notes)
-        )
-        for one in missions
-    ]
+    rally, notes = _rally(missions[0], structure, supposed), (note,) if passed else ()
+    return [replace(one, fences=tuple(fences), rally=rally, notes=(*one.notes, *notes)) for one in missions]
 
 
-def rally_of(mission: Mission, structure: Structure, supposed: SupposedSurface | None = None) -> Floats:
+def _rally(mission: Mission, structure: Structure, supposed: SupposedSurface | None) -> Floats:
     """The rally points (R, 3) of a structure: latitude and longitude, deg, and height above home, m.
 
     Raises
@@ -77,23 +72,7 @@ def _passes_over(mission: Mission, low: Floats, high: Floats) -> bool:
     """Whether a leg, from home and back to it, has a point over the box."""
     path = np.vstack([mission.home_local, mission.local, mission.home_local])[:, :2]
     for start, end in pairwise(path):
-        count = int(np.linalg.norm(end - start) / _STEP_M) + 2
-        points = np.linspace(start, end, count)
+        points = np.linspace(start, end, int(np.linalg.norm(end - start) / _STEP_M) + 2)
         if ((points >= low[:2]) & (points <= high[:2])).all(axis=1).any():
             return True
     return False
-
-
-def fence_text(mission: Mission) -> str:
-    """The fence as QGC WPL 110 for Mission Planner and MAVProxy: a row for each corner."""
-    commands = {True: INCLUSION, False: EXCLUSION}
-    return wpl_text(
-        Item(commands[fence.inside], RELATIVE_FRAME, (len(fence.corners), 0, 0, 0, *corner, 0))
-        for fence in mission.fences
-        for corner in fence.corners.tolist()
-    )
-
-
-def rally_text(mission: Mission) -> str:
-    """The rally points as QGC WPL 110: a row for each, with its height above home."""
-    return wpl_text(Item(RALLY, RELATIVE_FRAME, (0, 0, 0, 0, *point)) for point in mission.rally.tolist())
