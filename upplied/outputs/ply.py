@@ -8,7 +8,7 @@ from upplied.records import Floats, Ints
 
 
 def ply_bytes(vertices: Floats, triangles: Ints, normals: Floats | None = None) -> bytes:
-    """A binary PLY, little-endian, in double precision: vertices (V, 3), m, triangles (T, 3), normals (V, 3)."""
+    """A binary PLY in double precision: vertices (V, 3), m, triangles (T, 3), and normals (V, 3)."""
     names = ("x", "y", "z") if normals is None else ("x", "y", "z", "nx", "ny", "nz")
     head = [
         "ply",

@@ -18,10 +18,9 @@ from upplied.config import digest
 from upplied.errors import CatalogError, RefusedError, SettingsError, UppliedError
 from upplied.files import replace_file
 from upplied.outputs import pages
-from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
 from upplied.outputs.page_data import fleet_data, marks, places
-from upplied.outputs.pairs import Pair
+from upplied.outputs.pairs import Pair, first_pairs
 from upplied.outputs.render import ZONES, mission_files
 from upplied.outputs.reports import Reader
 from upplied.outputs.site import ENDINGS, TITLE, MapOf, Site, findings_html

@@ -13,9 +13,8 @@ from upplied.catalog import Catalog
 from upplied.errors import CatalogError
 from upplied.files import replace_file
 from upplied.outputs import pages
-from upplied.outputs.foremost import first_pairs
 from upplied.outputs.page_data import fleet_data, fleet_findings, mark, places
-from upplied.outputs.pairs import Pair
+from upplied.outputs.pairs import Pair, first_pairs
 from upplied.outputs.reports import Reader
 
 TITLE = "Inspection fleet"

@@ -44,11 +44,7 @@ def fenced(
 def _rally(mission: Mission, structure: Structure, supposed: SupposedSurface | None) -> Floats:
     """The rally points (R, 3) of a structure: latitude and longitude, deg, and height above home, m.
 
-    Raises
-    ------
-    RefusedError
-        If a vehicle could not land there: under or beside the structure (or its inferred surface), in the
-        ground or a keep-out box, above the ceiling, or outside the geofence.
+    One where a vehicle could not land, by the rules or under the structure, is refused.
     """
     points = np.asarray(structure.surroundings.rally_m, float)
     if not len(points):

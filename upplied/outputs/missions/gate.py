@@ -142,15 +142,7 @@ def overlap_breaches(across: float, required: tuple[float, float] | None) -> lis
 
 
 def pass_or_refuse(what: str, objections: Iterable[Breach], force: tuple[str, ...]) -> tuple[Breach, ...]:
-    """The breaches that were overruled; refuses where others are left.
-
-    Raises
-    ------
-    RefusedError
-        Naming the first rule that is broken, the place and the remedy, and the others by name.
-    SettingsError
-        If a rule to be overruled is not known.
-    """
+    """The breaches that were overruled; refuses where others are left, or a rule to overrule is unknown."""
     if unknown := sorted(set(force) - set(RULES)):
         raise SettingsError(f"rule {unknown[0]!r}", "is unknown", f"one of {', '.join(RULES)}")
     objections = list(objections)

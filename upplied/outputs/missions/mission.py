@@ -38,9 +38,8 @@ def missions_of(
     Raises
     ------
     RefusedError
-        If the plan is not ok, the structure's place is unknown, the altitude reference does not fit
-        its datum, no safe transit leads to the inspection and back, or the plan breaks a rule of the gate
-        that is not overruled.
+        If the plan is not ok, the structure's place is unknown or in another datum than the altitudes, no
+        safe transit leads there and back, or the plan breaks a rule of the gate that is not overruled.
     """
     path, name = _path_of(plan, structure)
     supposed, seen = plan.supposed, (plan.surface, camera or Camera())

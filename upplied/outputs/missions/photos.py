@@ -48,12 +48,7 @@ def shots_of(name: str, plan: Plan, scene: Scene, camera: Camera, options: Missi
     """Where a mission of this name takes photos, and its path in the times that they need.
 
     A plan's own photos stay where the camera has time for them; a plan without viewpoints is photographed by
-    distance.
-
-    Raises
-    ------
-    RefusedError
-        If photos by distance ask for a flight that is slower than any vehicle flies.
+    distance. What asks for a flight that is slower than any vehicle flies is refused.
     """
     path, viewpoints, states = plan.trajectory, plan.is_viewpoint, plan.surface
     assert path is not None

@@ -35,13 +35,7 @@ _PASSES = "toPointAndPassWithContinuityCurvature"
 
 
 def read_mission(format: str, content: bytes, mission: Mission) -> Reading:
-    """The path that a mission file states, from take-off to landing; of the mission only its place counts.
-
-    Raises
-    ------
-    RefusedError
-        If the file does not state a path.
-    """
+    """The path that a mission file states, from take-off to landing; of the mission only its place counts."""
     try:
         file = _READERS[format](content)
         places = np.array([stop.place for stop in file.stops], float).reshape(-1, 3)

@@ -31,20 +31,9 @@ def thinned(
 ) -> tuple[Ints, str, float]:
     """The waypoints that remain, the checks in words, and the retained share of the planned view.
 
-    Parameters
-    ----------
-    path : Trajectory
-    fixed : array, shape (N,)
-        Waypoints that stay: viewpoints.
-    tolerances : (m, deg)
-        Largest deviation of the path and of the camera from the plan. Halved until the thinned path breaks no
-        rule and retains 99 % of the planned view.
-    airspace, turning : Airspace, Turning
-        The rules for every leg, and how the camera turns on it.
-    seen : (SurfaceStates or None, Camera)
-        The surface that the plan sees, if known.
-    zooms : bool
-        Whether the camera zooms like the path; else its own field of view counts.
+    Those that are `fixed` (N,) stay. The tolerances of the path, m, and of the camera, deg, are halved until
+    the thinned path breaks no rule and retains 99 % of the planned view of the surface, if that is known.
+    Where the camera does not zoom like the path, its own field of view counts.
     """
     scene = airspace.scene
     planned = path_clearance(scene, path.positions).distance_m
