@@ -35,7 +35,7 @@ class Flights:
     def _last(self) -> dict[str, Row]:
         rows = self.catalog.flights().to_dict("records")
         rows.sort(key=lambda row: row["kind"] == "flown")  # stable: the order they were added in
-        return {str(row["transfer_id"]): {str(name): value for name, value in row.items()} for row in rows}
+        return {str(row["transfer_id"]): row for row in rows}
 
     def of(self, row: Mapping[str, Any]) -> Row | None:
         """The last flight of the plan of this row; None if the stored version was not flown."""

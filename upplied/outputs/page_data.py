@@ -109,7 +109,8 @@ def _plan(pair: Pair, preset: str, row: Any) -> dict[str, Any]:
 def _rows(frame: pd.DataFrame, structure_id: str) -> list[dict[str, Any]]:
     """Rows of a table about a structure, the newest first."""
     own = frame[frame["target_id"] == structure_id].iloc[::-1].head(_MOST)
-    return [{str(key): value for key, value in row.items()} for row in own.to_dict("records")]
+    rows: list[dict[str, Any]] = own.to_dict("records")
+    return rows
 
 
 def rows_of(passport: Mapping[str, Any]) -> list[tuple[str, str]]:

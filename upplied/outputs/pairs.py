@@ -137,10 +137,10 @@ def pairs_of(current: pd.DataFrame, history: pd.DataFrame) -> list[Pair]:
     if not len(current):
         return []
     older = history[~history["transfer_id"].isin(current["transfer_id"])]
-    before = {_key(row): _row(row) for row in older.to_dict("records")}
+    before = {_key(row): row for row in older.to_dict("records")}
     pairs: dict[tuple[str, str], Pair] = {}
-    for raw in current.sort_values(_KEY, kind="stable").to_dict("records"):
-        key, row = _key(raw), _row(raw)
+    for row in current.sort_values(_KEY, kind="stable").to_dict("records"):
+        key = _key(row)
         pair = pairs.setdefault(key[:2], _pair_of(row))
         pair.plans[key[2]] = row
         if key in before:
@@ -167,17 +167,13 @@ def _decided(history: pd.DataFrame) -> list[dict[str, Any]]:
     flown = history[history["purpose"] == ""]
     released = flown[flown["state"] == "released"]
     recalled = flown[flown["state"] == RECALLED].sort_values("state_at", kind="stable")
-    decided = {_key(row)[:2]: _row(row) for row in recalled.to_dict("records")}
-    return list((decided | {_key(row)[:2]: _row(row) for row in released.to_dict("records")}).values())
+    rows = [*recalled.to_dict("records"), *released.to_dict("records")]
+    return list({_key(row)[:2]: row for row in rows}.values())
 
 
 def _key(row: Mapping[Any, Any]) -> tuple[str, str, str]:
     demonstration_id, target_id, preset = (str(row[name]) for name in _KEY)
     return demonstration_id, target_id, preset
-
-
-def _row(row: Mapping[Any, Any]) -> dict[str, Any]:
-    return {str(name): value for name, value in row.items()}
 
 
 def attention(pair: Pair) -> tuple[float, float, float, str]:

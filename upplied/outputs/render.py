@@ -157,4 +157,4 @@ def _row(catalog: Catalog, transfer_id: str) -> dict[str, Any]:
     if not len(rows):
         remedy = "see: upplied catalog transfers"
         raise CatalogError(f"transfer {transfer_id}", "is not in the catalog", "", remedy)
-    return {str(name): value for name, value in rows.iloc[0].items()}
+    return dict(rows.iloc[0].items())

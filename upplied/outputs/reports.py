@@ -152,8 +152,7 @@ class Reader:
         limit_m = pair_page.safety_m(row.get("settings_json"))
         limits = gate.Limits() if limit_m is None else gate.Limits(clearance_m=limit_m)
         steps = gate.planned(plan.trajectory.positions, plan.trajectory.t_s)
-        breaches = gate.breaches(steps, self.structure(plan.target_id), limits, plan.supposed)
-        return [str(breach) for breach in breaches]
+        return [*map(str, gate.breaches(steps, self.structure(plan.target_id), limits, plan.supposed))]
 
     def flown(self, row: Any) -> str:
         """The result of the last flight of a plan, in words; empty without a flight."""
@@ -216,9 +215,8 @@ class Reader:
 
     def _flown_of(self, demonstration_id: str) -> dict[str, Any]:
         flown = self.demonstration(demonstration_id)
-        origin = self._origin(flown.structure_id)
-        scene = scene_of(self.structure(flown.structure_id))
-        return pair_page.demonstration_data(flown, profile(flown.trajectory, scene, flown.camera), origin)
+        along = profile(flown.trajectory, scene_of(self.structure(flown.structure_id)), flown.camera)
+        return pair_page.demonstration_data(flown, along, self._origin(flown.structure_id))
 
 
 def plan_of(catalog: Catalog, row: Any) -> Plan:

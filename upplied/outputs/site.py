@@ -122,7 +122,7 @@ def findings_html(structure_id: str, rows: pd.DataFrame, root: str = "", live: b
     for row in rows.to_dict("records"):
         place = {axis: float(row[f"reference_{axis}"]) for axis in ("x_m", "y_m", "z_m")}
         known = place["x_m"] == place["x_m"]
-        one = mark({str(key): value for key, value in row.items()} | place)
+        one = mark(row | place)
         doubt = ", doubtful" if row["reference_doubtful"] else ""
         where = f"{one['place']}{doubt}" if known else "none"
         error = math.hypot(float(row["reference_error_m"]), one["error"] or 0.0)

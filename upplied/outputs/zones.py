@@ -68,8 +68,8 @@ def _result(what: str, row: Row) -> dict[str, Any]:
 
 def flown_rows(catalog: Catalog, structure_id: str) -> list[Row]:
     """The real flights of a structure."""
-    flights = catalog.flights(structure=structure_id, kind="flown").to_dict("records")
-    return [{str(name): value for name, value in row.items()} for row in flights]
+    rows: list[Row] = catalog.flights(structure=structure_id, kind="flown").to_dict("records")
+    return rows
 
 
 def looked(catalog: Catalog, flights: Sequence[Row], surface: Cloud) -> list[Looked]:

@@ -13,10 +13,9 @@ from upplied.files import replace_file
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import gate, maps, mavlink
 from upplied.outputs.missions.dji_wpml import dji_kmz
-from upplied.outputs.missions.fences import fenced
 from upplied.outputs.missions.flying import FORMATS, Flying
 from upplied.outputs.missions.mcap import mcap_bytes
-from upplied.outputs.missions.mission import missions_of
+from upplied.outputs.missions.mission import fenced, missions_of
 from upplied.outputs.missions.photos import interval_of
 from upplied.outputs.missions.read_back import read_mcap, read_mission
 from upplied.outputs.missions.records import SHORTEST_HOLD_S, Mission
