@@ -97,9 +97,8 @@ def transfer_png(
 ) -> bytes:
     """Two panels: the demonstration on its structure, and the plan on the target.
 
-    The source is coloured by ``plan.inspected`` and the target by ``plan.surface``, if known. For a refused
-    plan only the target is drawn, with the reason. Both panels have the same view, each fitted to its own
-    content; by default it is from the side of the flight.
+    They are coloured by ``plan.inspected`` and ``plan.surface``, if known; of a refused plan only the target
+    is drawn, with the reason. Both have the same view, by default from the side of the flight.
     """
     chosen, half = _chosen(view, source, demonstration), width // 2
     left = _demonstrated(source, demonstration, plan.inspected, chosen, half)

@@ -157,8 +157,8 @@ def fleet_data(
 ) -> dict[str, Any]:
     """The columns of the page by name, and the rows in order of attention.
 
-    `without_page` names the pairs whose own page failed: no link leads there. `known` is the number of all
-    pairs if these are only the first. `more` has the place and the last flight of each structure.
+    No link leads to pairs `without_page`; `known` is the number of all pairs if these are only the first;
+    `more` has the place and the last flight of each structure.
     """
     structures = more or {}
     rows = [_fleet_row(pair) | {"page": pair.name not in without_page} for pair in pairs]

@@ -28,9 +28,8 @@ _ON_THE_SPOT_S = 0.1  # assumed duration of a turn on the spot; no result depend
 def zones(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
     """Every required zone of a structure with its result.
 
-    Planned is the result of the plans in force together (or of the newest ok plan of `recommended`), flown
-    that of the stored looks of all flights; ``last_seen`` is the time of the newest one that saw any of it. A
-    zone that names no surface of the structure is ``not judged``.
+    Planned is that of the plans in force together (or of the newest ok plan of `recommended`), flown that of
+    all stored looks, ``last_seen`` the time of the newest. A zone without surface is ``not judged``.
     """
     target = catalog.structure(structure_id)
     required_zones = Zones(catalog).of(target.kind, structure_id)

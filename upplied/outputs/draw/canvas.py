@@ -73,21 +73,18 @@ def solid(structure: Structure, states: SurfaceStates | None = None, label: Ints
 def picture(body: Solid, lines: Tubes, frame: Frame) -> np.ndarray:
     """The picture, uint8 (height, width, 3): one ray a pixel, and more where neighbours differ.
 
-    Surface and tubes look for edges each in their own colours: where only a tube ends, the surface
-    behind it needs no more rays.
+    Where only a tube ends, the surface behind it needs no more rays: each has its own edges.
     """
-    painter = _Painter(body, lines, frame)
-    columns, rows = np.meshgrid(np.arange(frame.width) + 0.5, np.arange(frame.height) + 0.5)
-    size = frame.height, frame.width
-    surface, reach = painter.surface(columns.ravel(), rows.ravel())
+    painter, size = _Painter(body, lines, frame), (frame.height, frame.width)
+    rows, columns = (each.ravel() + 0.5 for each in np.indices(size))
+    surface, reach = painter.surface(columns, rows)
     rough = _edges(surface.reshape(*size, 3)).ravel()
-    image = painter.with_lines(surface, reach, columns.ravel(), rows.ravel())
+    image = painter.with_lines(surface, reach, columns, rows)
     edge = _edges(image.reshape(*size, 3)).ravel() | rough
-    total = np.zeros((np.count_nonzero(edge), 3))
+    total, fine = np.zeros((np.count_nonzero(edge), 3)), rough[edge]
     for right, down in _FINE:
-        x, y = columns.ravel()[edge] + right, rows.ravel()[edge] + down
+        x, y = columns[edge] + right, rows[edge] + down
         behind, far = surface[edge], reach[edge]
-        fine = rough[edge]
         behind[fine], far[fine] = painter.surface(x[fine], y[fine])
         total += painter.with_lines(behind, far, x, y)
     image[edge] = total / len(_FINE)

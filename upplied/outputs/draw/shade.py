@@ -31,9 +31,8 @@ def corner_normals(vertices: Floats, triangles: Ints) -> Floats:
     smooth = np.abs(agree) > _CREASE_COS
     first, second, sign = first[smooth], second[smooth], np.sign(agree[smooth])
     contribution = weighted[second // 3] * sign[:, None]
-    total = np.stack(
-        [np.bincount(first, contribution[:, axis], minlength=3 * len(triangles)) for axis in range(3)], axis=1
-    )
+    count = 3 * len(triangles)
+    total = np.stack([np.bincount(first, part, minlength=count) for part in contribution.T], axis=1)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     own = np.repeat(face, 3, axis=0)
     return np.where(length > 1e-300, total / np.maximum(length, 1e-300), own).reshape(-1, 3, 3)

@@ -1,9 +1,8 @@
 """Demonstrations and plans in the layout of LeRobot's datasets, version 3.
 
-An episode is a trajectory, a frame is a pose at a steady rate. State and action are the pose of the
-camera in the structure frame (x y z, m; quaternion x y z w, continuous); the action is the pose of the
-next frame. What the layout has no place for (structure, operator, measures, hashes) stands beside each
-episode in ``meta/episodes``, and what a person should know in ``README.md``.
+An episode is a trajectory, a frame a pose of the camera at a steady rate in the structure frame (x y z, m;
+quaternion x y z w, continuous); the action is the pose of the next frame. What the layout has no place for
+stands beside each episode in ``meta/episodes``, and what a person should know in ``README.md``.
 """
 
 from __future__ import annotations

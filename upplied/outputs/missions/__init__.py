@@ -69,10 +69,9 @@ def export(
         Of the demonstration, to check that thinning loses no view.
     objections : sequence of Breach, optional
         Known breaches of rules, for instance that the plan is superseded.
-    keep : callable, optional
-        Receives the rules that were overruled, before the first file is written.
-    zones : callable, optional
-        Results of the required zones, as notes; those of the plan itself without sorties.
+    keep, zones : callable, optional
+        The first receives the rules that were overruled, before the first file is written; the second gives
+        the results of the required zones, as notes; those of the plan itself without sorties.
 
     Raises
     ------

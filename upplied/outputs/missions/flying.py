@@ -1,8 +1,7 @@
 """The behaviour of the software of each format, for which a mission must allow.
 
-A vehicle that passes a waypoint at speed leaves the straight leg some metres before it and joins the next leg
-equally far behind it. The curve lies in the triangle of these two points and the waypoint, so the
-whole triangle must obey the rules.
+A vehicle that passes a waypoint at speed leaves its leg some metres before it and joins the next equally far
+behind it. The curve lies in the triangle of these points, so the whole triangle must obey the rules.
 """
 
 from __future__ import annotations

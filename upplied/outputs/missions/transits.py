@@ -1,8 +1,7 @@
 """The sorties of a mission, and their legs outside of the inspection: short, low, under the plan's rules.
 
-From home the vehicle climbs straight up, flies to the inspection the shortest way that breaks no rule,
-and comes back alike. Where the straight leg is not free, the way leads round the structure along the
-roadmap that plans are made safe with (`planning.airspace.roadmap`). An inspection is cut where a free way
+From home the vehicle climbs straight up, flies to the inspection the shortest way that breaks no rule, if
+need be along the roadmap of `planning.airspace`, and comes back alike. An inspection is cut where a free way
 home exists, the cut waypoint in both sorties.
 """
 
