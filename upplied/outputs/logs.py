@@ -1,7 +1,7 @@
 """A demonstration as an MCAP log, as a drone's ROS 2 recorder leaves it: its bytes depend on that alone.
 
-The structure is moved in the log's fixed frame; a record ``inspection`` states its place, its ID and the
-mount.
+The structure is moved and turned in the log's fixed frame; a metadata record ``inspection`` states its place,
+its ID and the mount of the camera.
 """
 
 from __future__ import annotations

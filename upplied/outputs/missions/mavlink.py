@@ -47,17 +47,12 @@ def mavlink_text(mission: Mission, options: MissionOptions) -> str:
 
 def fence_text(mission: Mission) -> str:
     """The fence, likewise, for Mission Planner and MAVProxy: a row for each corner; empty without one."""
-    return _wpl_text(
-        [
-            Item(
-                INCLUSION if fence.inside else EXCLUSION,
-                _RELATIVE_FRAME,
-                (len(fence.corners), 0, 0, 0, *corner, 0),
-            )
-            for fence in mission.fences
-            for corner in fence.corners.tolist()
-        ]
-    )
+    rows = []
+    for fence in mission.fences:
+        command, count = INCLUSION if fence.inside else EXCLUSION, len(fence.corners)
+        places = [(count, 0, 0, 0, *corner, 0) for corner in fence.corners.tolist()]
+        rows += [Item(command, _RELATIVE_FRAME, place) for place in places]
+    return _wpl_text(rows)
 
 
 def rally_text(mission: Mission) -> str:

@@ -191,13 +191,11 @@ class Cutter:
                 return Sortie(first, last, there[:0:-1], back[1:], float(spent))
         if farthest == len(self.path) - 1 and self._leg_home(farthest) is None:
             raise self._no_leg(farthest)
-        given = self.options.endurance_s
-        limits = (
-            []
-            if given is None
-            else [f"an endurance of {given:g} s, {self.options.reserve_pct:g} % in reserve"]
-        )
-        limits += [f"at most {self.most} waypoints"] if self.most < 10**9 else []
+        given, limits = self.options.endurance_s, []
+        if given is not None:
+            limits.append(f"an endurance of {given:g} s, {self.options.reserve_pct:g} % in reserve")
+        if self.most < 10**9:
+            limits.append(f"at most {self.most} waypoints")
         raise RefusedError(
             f"mission from {self.path.positions[first].round(1).tolist()} m",
             "no part of the inspection fits into one flight with its transit legs",
