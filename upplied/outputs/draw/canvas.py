@@ -76,7 +76,7 @@ def picture(body: Solid, lines: Tubes, frame: Frame) -> np.ndarray:
     Where only a tube ends, the surface behind it needs no more rays: each has its own edges.
     """
     painter, size = _Painter(body, lines, frame), (frame.height, frame.width)
-    rows, columns = (each.ravel() + 0.5 for each in np.indices(size))
+    rows, columns = (each.ravel() for each in np.indices(size, np.float64) + 0.5)
     surface, reach = painter.surface(columns, rows)
     rough = _edges(surface.reshape(*size, 3)).ravel()
     image = painter.with_lines(surface, reach, columns, rows)
