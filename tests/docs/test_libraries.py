@@ -44,7 +44,7 @@ EXTRA_FILES = {
     "export": {
         "upplied/outputs/pages.py",
         "upplied/outputs/draw/sheet.py",
-        "upplied/outputs/camera_pictures.py",
+        "upplied/outputs/logs.py",
         "upplied/outputs/mission_drawing.py",
         "upplied/outputs/pictures.py",
         "upplied/web/guard.py",

@@ -37,17 +37,12 @@ def brief_html(
     ----------
     row : mapping
         The plan's row of `transfers`.
-    missions : sequence of Mission
-        Its sorties; they passed the gate, or their notes list the overruled rules.
-    structure : Structure
-    camera : Camera
-        Its picture is drawn for each photo.
-    options : MissionOptions
-        Options of the missions.
-    warnings : sequence of str
-        Warnings of the plan.
-    zones : sequence of str
-        Result for each required zone.
+    missions, options : sequence of Mission, MissionOptions
+        Its sorties, with their options; they passed the gate, or their notes list the overruled rules.
+    structure, camera : Structure, Camera
+        What a photo shows is drawn.
+    warnings, zones : sequence of str
+        Warnings of the plan, and the result for each required zone.
     photos : sequence of (str, bytes)
         Captions and PNGs of findings to inspect again.
     custody : sequence of str
@@ -56,13 +51,16 @@ def brief_html(
     notes = [*missions[0].notes, *custody]
     overruled = [note for note in notes if note.startswith(("OVERRULED", DRAFT))]
     title = f"{row['demonstration_id']} on {row['target_id']}"
+    drawing = MissionDrawing.of_missions(missions, structure, camera)
+    north = "Map, north up. H: take-off; dots: photos; yellow: their footprints; grey: transit legs."
+    heights = _figure(drawing.heights(), "Heights above take-off, by distance flown.")
     body = [
         f"<h1>{_text(title)}</h1>",
         f"<p>Plan {_text(row['transfer_id'])}, preset {_text(row['preset'])}, "
         f"method {_text(row['method_version'])}, planned {_text(row['planned_at'])[:16]} UTC</p>",
         _verdict(overruled),
         f"<p>{_text(headline(row, options.clearance_m))}</p>",
-        _maps(MissionDrawing.of_missions(missions, structure, camera)),
+        f'<div class="maps">{_figure(drawing.map(), north)}{heights}</div>',
         '<div class="columns"><div>',
         _heights(missions, structure, options),
         "</div><div>",
@@ -83,15 +81,6 @@ def _verdict(overruled: Sequence[str]) -> str:
     draft = all(note.startswith(DRAFT) for note in overruled)
     words = "This plan is a draft and is not released" if draft else "Safety rules were overruled"
     return f'<div class="verdict stop">{words}:{_items(overruled)}</div>'
-
-
-def _maps(drawing: MissionDrawing) -> str:
-    north = _figure(
-        drawing.map(),
-        "Map, north up. H: take-off; dots: photos; yellow: their footprints; grey: transit legs.",
-    )
-    heights = _figure(drawing.heights(), "Heights above take-off, by distance flown.")
-    return f'<div class="maps">{north}{heights}</div>'
 
 
 def _photos(photos: Sequence[tuple[str, bytes]]) -> str:
@@ -127,11 +116,11 @@ def _heights(missions: Sequence[Mission], structure: Structure, options: Mission
 
 
 def _measures(row: Mapping[str, Any], by_photos_pct: float) -> str:
-    size = ", relative to size" if row.get("standoff_mode") == "scaled" else ""
-    rows = []
+    scaled, rows = row.get("standoff_mode") == "scaled", []
     for name, (words, form) in LABELS["brief"].items():
         if (value := number(row, name)) is not None:
-            rows.append((words + size * (name == "coverage_inspected_pct"), form.format(value)))
+            size = ", relative to size" if scaled and name == "coverage_inspected_pct" else ""
+            rows.append((words + size, form.format(value)))
     if by_photos_pct == by_photos_pct:
         rows.insert(1, ("inspected surface shown by the photos", f"{by_photos_pct:.1f} %"))
     return _table("Plan", rows)

@@ -15,10 +15,8 @@ from upplied.geometry.vectors import area_vectors, unit
 from upplied.inputs.rules import from_json
 from upplied.records import SURFACE_STATES, Floats, Ints, Record, Structure, SurfaceStates
 
-_MOST_TRIANGLES = 18_000
-_MOST_POINTS = 12_000
-_ROUNDS = 24
-_VOTES = 5
+_MOST_TRIANGLES, _MOST_POINTS = 18_000, 12_000
+_ROUNDS, _VOTES = 24, 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,11 +28,7 @@ class DisplayMesh(Record):
 
 
 def display_mesh(structure: Structure) -> DisplayMesh:
-    """The mesh to show.
-
-    Fine meshes are simplified, large triangles split, so that a colour for each triangle shows
-    where the surface is seen.
-    """
+    """The mesh to show: fine meshes are simplified, and large triangles split, as each has one colour."""
     if not len(structure.triangles):
         chosen = chosen_evenly(len(structure.vertices), _MOST_POINTS)
         return DisplayMesh(structure.vertices[chosen], np.empty((0, 3), np.int64))
@@ -67,8 +61,7 @@ def _split(vertices: Floats, triangles: Ints, longest_m: float) -> tuple[Floats,
 def display_states(mesh: DisplayMesh, states: SurfaceStates, nearest: Ints | None = None) -> np.ndarray:
     """State (T,) of each triangle, or (V,) of each point of a cloud, uint8.
 
-    `nearest` is the result of `nearest_samples` for the same mesh and samples, if known: all plans for a
-    target share it.
+    `nearest` is the result of `nearest_samples`, if known: all plans for a target share it.
     """
     if not len(states.points):
         return np.zeros(len(mesh.triangles) or len(mesh.vertices), np.uint8)

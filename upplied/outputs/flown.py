@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -25,17 +25,17 @@ def wind_words(row: Mapping[str, Any]) -> str:
     return f"wind of {speed:.1f} m/s{upto}" + ("" if towards is None else f", towards {towards:.0f}°")
 
 
+@dataclass
 class Flights:
     """The last flight of each plan; real flights come before simulated ones."""
 
-    def __init__(self, catalog: Catalog) -> None:
-        self._catalog = catalog
+    catalog: Catalog
 
     @cached_property
     def _last(self) -> dict[str, Row]:
-        rows = self._catalog.flights().to_dict("records")
+        rows = self.catalog.flights().to_dict("records")
         rows.sort(key=lambda row: row["kind"] == "flown")  # stable: the order they were added in
-        return {str(row["transfer_id"]): {str(name): value for name, value in row.items()} for row in rows}
+        return {str(row["transfer_id"]): row for row in rows}
 
     def of(self, row: Mapping[str, Any]) -> Row | None:
         """The last flight of the plan of this row; None if the stored version was not flown."""

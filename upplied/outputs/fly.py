@@ -31,22 +31,18 @@ def fly_data(row: Any, plan: Plan, structure: Structure, camera: Camera) -> dict
         missions = missions_for("qgc-plan", plan, structure, options, camera)
     except UppliedError as error:
         return path_drawn(plan, structure, camera, str(error))
-    return mission_data(missions, structure, options, camera)
+    return _mission_data(missions, structure, options, camera)
 
 
 def path_drawn(plan: Plan, structure: Structure, camera: Camera, refused: str = "") -> dict[str, Any]:
-    """The path of a plan alone, as `mission_data` shows a mission; `refused` says why there is none."""
-    drawn = plan.trajectory is not None and plan.is_viewpoint is not None
-    return {"refused": refused} | (
-        _drawings(MissionDrawing.of_plan(plan, structure, camera)) if drawn else {}
-    )
+    """The path of a plan alone, as `fly_data` shows a mission; `refused` says why there is none."""
+    if plan.trajectory is None or plan.is_viewpoint is None:
+        return {"refused": refused}
+    return {"refused": refused, **_drawings(MissionDrawing.of_plan(plan, structure, camera))}
 
 
 def as_settled(row: Any, options: MissionOptions) -> MissionOptions:
-    """The options with the vehicle of the plan's settings, unless an option overrides it.
-
-    The clearance is at least that of the plan, unless an option overrides it.
-    """
+    """The options with the vehicle, and at least the clearance, of the plan's settings where none was set."""
     try:
         settings = settings_of(str(row.get("settings_json") or "{}"))
     except (ValueError, KeyError, UppliedError):  # of a program that knew other settings
@@ -58,12 +54,12 @@ def as_settled(row: Any, options: MissionOptions) -> MissionOptions:
     return replace(options, **more)
 
 
-def mission_data(
+def _mission_data(
     missions: Sequence[Mission], structure: Structure, options: MissionOptions, camera: Camera
 ) -> dict[str, Any]:
     """Drawings, flights, heights, photos and battery of a mission as a page shows them."""
     first, home = missions[0], missions[0].home_local
-    photos = [count_photos(mission) for mission in missions]
+    photos = sum(map(_count_photos, missions))
     usable_s = None if options.endurance_s is None else options.endurance_s * (1 - options.reserve_pct / 100)
     megapixels = camera.width_px * camera.height_px / 1e6 or _USUAL_MEGAPIXELS
     legs = np.concatenate([mission.local[~mission.inspect, 2] for mission in missions])
@@ -76,10 +72,10 @@ def mission_data(
         "highest_m": float(max(mission.height_m.max() for mission in missions)),
         "endurance_s": options.endurance_s,
         "usable_s": usable_s,
-        "photos": sum(photos),
+        "photos": photos,
         "shown_pct": None if np.isnan(first.shown_pct) else first.shown_pct,
         "interval_s": _interval_s(missions),
-        "storage_mb": sum(photos) * (megapixels * _MB_OF_A_MEGAPIXEL),
+        "storage_mb": photos * (megapixels * _MB_OF_A_MEGAPIXEL),
         "assumed_camera": not camera.width_px,
         "flights_s": [mission.duration_s for mission in missions],
     }
@@ -89,8 +85,7 @@ def _drawings(drawing: MissionDrawing) -> dict[str, Any]:
     return {"map": drawing.map(), "heights": drawing.heights(), "legend": drawing.legend()}
 
 
-def count_photos(mission: Mission) -> int:
-    """Number of photos of a sortie."""
+def _count_photos(mission: Mission) -> int:
     if not mission.photo_distance_m:
         return int(mission.photo.sum())
     return 1 + int(leg_lengths(mission.local[mission.inspect]).sum() / mission.photo_distance_m)

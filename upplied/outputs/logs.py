@@ -1,13 +1,13 @@
-"""A demonstration as an MCAP log, as a drone's ROS 2 recorder leaves it.
+"""A demonstration as an MCAP log, as a drone's ROS 2 recorder leaves it: its bytes depend on that alone.
 
-The structure is moved and turned in the log's fixed frame; a metadata record ``inspection``
-states its place, its ID and the mount of the camera. The bytes depend on the demonstration and
-the arguments alone.
+The structure is moved and turned in the log's fixed frame; a metadata record ``inspection`` states its place,
+its ID and the mount of the camera.
 """
 
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -17,11 +17,12 @@ from mcap_ros2.writer import Writer
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import SettingsError
+from upplied.extras import extra
 from upplied.files import replace_file
-from upplied.geometry.poses import interpolate, moved
+from upplied.geometry.poses import interpolate, matrices, moved
+from upplied.geometry.scene import scene_of
 from upplied.outputs import ros2_schemas
-from upplied.outputs.camera_pictures import camera_pictures
-from upplied.records import Demonstration, Structure, Trajectory
+from upplied.records import Camera, Demonstration, Floats, Structure, Trajectory
 
 Encoding = Literal["pose_stamped", "odometry", "tf"]
 
@@ -31,6 +32,19 @@ _LATENCY_NS = 4_000_000  # from measurement to recorder
 _SECOND_NS = 1_000_000_000
 # How the camera sits on the body (x forward, y left, z up): its place, m, and its turn, 10 deg upwards.
 _MOUNT_M, _MOUNT = np.array([0.11, 0.0, -0.06]), Rotation.from_euler("y", -10.0, degrees=True)
+_SCHEMAS = (
+    "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage",
+    ros2_schemas.CAMERA_INFO, "sensor_msgs/msg/CompressedImage",
+)  # fmt: skip
+_TOPICS = {
+    "pose_stamped": ("/drone/camera/pose", "geometry_msgs/msg/PoseStamped"),
+    "odometry": ("/drone/odom", "nav_msgs/msg/Odometry"),
+    "tf": ("/tf", "tf2_msgs/msg/TFMessage"),
+}
+_Message = tuple[int, str, str, dict[str, Any]]  # stamp in ns, topic, schema, fields
+_SIDE_PX = 192  # of a picture
+_SKY, _GROUND, _PAINT = np.array([188, 214, 240]), np.array([168, 184, 150]), np.array([226, 228, 232])
+_SUN = np.array([0.45, -0.35, 0.82])
 
 
 @dataclass(frozen=True)
@@ -56,30 +70,27 @@ def write_log(
     encoding: Encoding = "pose_stamped",
     simulated: bool = False,
 ) -> Path:
-    """Write a demonstration as an MCAP log.
+    """Write a demonstration as an MCAP log; returns its path.
 
     Parameters
     ----------
-    path : path
-    demonstration : Demonstration
+    path, demonstration, frame : path, Demonstration, LogFrame
     structure : Structure, optional
         Subject of the camera's pictures; the log names its kind.
     heavy_topic : bool
         Also write pictures from the camera, or noise without a structure.
-    frame : LogFrame, optional
     encoding : {"pose_stamped", "odometry", "tf"}
         Poses of the camera as PoseStamped; of the body as Odometry, or as transforms.
     simulated : bool
         Mark the log as simulated, so that it never counts as the flight of a plan.
-
-    Returns
-    -------
-    Path
-        The file, complete.
     """
     frame = frame or LogFrame()
     in_log = moved(demonstration.trajectory, frame.rotation.as_matrix(), np.array(frame.position_m))
-    poses = in_log if encoding == "pose_stamped" else _of_body(in_log)
+    poses = in_log
+    if encoding != "pose_stamped":  # of the body that carries the camera
+        body = Rotation.from_quat(in_log.quat_xyzw) * _MOUNT.inv()
+        places = in_log.positions - body.apply(_MOUNT_M)
+        poses = Trajectory(in_log.t_s, places, np.asarray(body.as_quat()))
     messages = _static(demonstration, encoding)
     messages += _poses(demonstration, poses, frame, encoding)
     messages += _calibration(demonstration)
@@ -95,19 +106,6 @@ def write_log(
         writer.write_message(topic, schemas[schema], message, stamp + _LATENCY_NS, sent, number)
     writer.finish()
     return replace_file(path, buffer.getvalue())
-
-
-_SCHEMAS = (
-    "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage",
-    ros2_schemas.CAMERA_INFO, "sensor_msgs/msg/CompressedImage",
-)  # fmt: skip
-_Message = tuple[int, str, str, dict[str, Any]]  # stamp in ns, topic, schema, fields
-
-
-def _of_body(camera: Trajectory) -> Trajectory:
-    """Poses of the body that carries the camera."""
-    body = Rotation.from_quat(camera.quat_xyzw) * _MOUNT.inv()
-    return Trajectory(camera.t_s, camera.positions - body.apply(_MOUNT_M), np.asarray(body.as_quat()))
 
 
 def _facts(
@@ -173,13 +171,6 @@ def _poses(
     return messages
 
 
-_TOPICS = {
-    "pose_stamped": ("/drone/camera/pose", "geometry_msgs/msg/PoseStamped"),
-    "odometry": ("/drone/odom", "nav_msgs/msg/Odometry"),
-    "tf": ("/tf", "tf2_msgs/msg/TFMessage"),
-}
-
-
 def _calibration(demonstration: Demonstration) -> list[_Message]:
     """The calibration every second; where the camera zooms, with every pose."""
     stamps = _stamps(demonstration, 1.0)
@@ -189,13 +180,9 @@ def _calibration(demonstration: Demonstration) -> list[_Message]:
         cameras = demonstration.camera.zoomed(demonstration.fov_deg)
     topic, info = "/camera/camera_info", ros2_schemas.camera_info
     return [
-        (at, topic, ros2_schemas.CAMERA_INFO, info(camera, _camera_header(at)))
+        (at, topic, ros2_schemas.CAMERA_INFO, info(camera, ros2_schemas.header(at, CAMERA_FRAME)))
         for at, camera in zip(stamps, cameras, strict=True)
     ]
-
-
-def _camera_header(stamp: int) -> dict[str, Any]:
-    return ros2_schemas.header(stamp, CAMERA_FRAME)
 
 
 def _stamps(demonstration: Demonstration, every_s: float) -> list[int]:
@@ -205,10 +192,40 @@ def _stamps(demonstration: Demonstration, every_s: float) -> list[int]:
 
 def _pictures(demonstration: Demonstration, structure: Structure | None) -> list[_Message]:
     stamps = _stamps(demonstration, 2.0)
-    t_s = (np.array(stamps) - demonstration.t_ns[0]) * 1e-9
-    pictures = camera_pictures(structure, interpolate(demonstration.trajectory, t_s), demonstration.camera)
+    poses = interpolate(demonstration.trajectory, (np.array(stamps) - demonstration.t_ns[0]) * 1e-9)
+    pictures = _jpegs(structure, poses, demonstration.camera)
     topic, schema = "/camera/image/compressed", "sensor_msgs/msg/CompressedImage"
     return [
-        (at, topic, schema, {"header": _camera_header(at), "format": "jpeg", "data": picture})
-        for at, picture in zip(stamps, pictures, strict=True)
+        (at, topic, schema, {"header": ros2_schemas.header(at, CAMERA_FRAME), "format": "jpeg", "data": jpeg})
+        for at, jpeg in zip(stamps, pictures, strict=True)
     ]
+
+
+def _jpegs(structure: Structure | None, poses: Trajectory, camera: Camera) -> Iterator[bytes]:
+    """A small JPEG of each pose; grey noise where no structure is given."""
+    with extra("export"):
+        from PIL import Image
+    across, down = np.tan(np.radians(np.minimum([camera.hfov_deg, camera.vfov_deg], 150.0)) / 2)
+    y, z = np.meshgrid(np.linspace(across, -across, _SIDE_PX), np.linspace(down, -down, _SIDE_PX))
+    rays = np.stack([np.ones_like(y), y, z], axis=-1).reshape(-1, 3)  # row by row from the upper left
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    rng = np.random.default_rng(len(poses))
+    for position, turn in zip(poses.positions, matrices(poses.quat_xyzw), strict=True):
+        if structure is None:
+            pixels = np.repeat(rng.integers(0, 256, (len(rays), 1)).astype(float), 3, axis=1)
+        else:
+            pixels = _shaded(structure, position, rays @ turn.T)
+        image = np.clip(pixels, 0, 255).astype(np.uint8).reshape(_SIDE_PX, _SIDE_PX, 3)
+        stream = io.BytesIO()
+        Image.fromarray(image).save(stream, "JPEG", quality=80)
+        yield stream.getvalue()
+
+
+def _shaded(structure: Structure, position: Floats, rays: Floats) -> Floats:
+    reach, triangle, normal = scene_of(structure).cast(np.broadcast_to(position, rays.shape), rays)
+    facing = np.einsum("ij,ij->i", normal, rays)
+    normal = np.where(facing[:, None] > 0, -normal, normal)
+    light = 0.35 + 0.4 * np.clip(normal @ _SUN, 0, 1) + 0.25 * np.abs(facing)
+    background = np.where(rays[:, 2:] < 0, _GROUND, _SKY)
+    hazed = light[:, None] * _PAINT * np.exp(-np.where(np.isfinite(reach), reach, 0) / 400)[:, None]
+    return np.where(triangle[:, None] >= 0, hazed, background)

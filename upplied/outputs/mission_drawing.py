@@ -142,11 +142,8 @@ class MissionDrawing:
 
     def legend(self) -> list[tuple[str, str, str]]:
         """What the drawings show: in words, the kind of its mark, and its colour."""
-        words = (
-            [f"flight {at + 1}" for at in range(len(self.flights))]
-            if self.flights[1:]
-            else ["inspection path"]
-        )
+        several = len(self.flights) > 1
+        words = [f"flight {at + 1}" if several else "inspection path" for at in range(len(self.flights))]
         marks = [(word, "line", _colour(at, True)) for at, word in enumerate(words)]
         if self.home is not None:
             marks = [("take-off", "home", ""), *marks, ("transit legs", "line", _TRANSIT)]

@@ -11,21 +11,10 @@ import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.inputs.rules import from_json
+from upplied.outputs import pairs as of_pairs
 from upplied.outputs.labels import LABELS
 from upplied.outputs.pages import image_address
-from upplied.outputs.pairs import (
-    COVERAGES,
-    Pair,
-    attainable,
-    battery_pct,
-    change,
-    coverage,
-    decision_words,
-    number,
-    reason_of,
-    shown_status,
-    stamp,
-)
+from upplied.outputs.pairs import COVERAGES, Pair, coverage, decision_words, number, shown_status, stamp
 from upplied.outputs.verdicts import all_warnings
 from upplied.records import Demonstration, Structure
 
@@ -52,7 +41,12 @@ def structure_facts(
         "findings": [str(finding) for finding in from_json(structure.verdicts_json)],
         "zones": list(zones),
         "marks": marks(catalog, name),
-        "plans": [_plan(pair, preset, row) for pair in pairs for preset, row in _plans(pair)],
+        "plans": [
+            _plan(pair, preset, row)
+            for pair in pairs
+            for preset, row in ((str(pair.main["preset"]), pair.main), ("newer draft", pair.draft))
+            if row is not None
+        ],
         "flights": [
             {
                 "when": stamp(row.get("flown_at")),
@@ -64,7 +58,14 @@ def structure_facts(
             }
             for row in _rows(catalog.flights(kind="flown"), name)
         ],
-        "history": _history(catalog, name),
+        "history": [  # decisions about its plans
+            {
+                "when": stamp(row.get("added_at")),
+                "what": f"Plan {row['transfer_id']} {row['state']} by {row['by']}",
+                "note": str(row.get("note") or ""),
+            }
+            for row in _rows(catalog.decisions(), name)
+        ],
     }
 
 
@@ -90,11 +91,6 @@ def mark(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _plans(pair: Pair) -> list[tuple[str, Any]]:
-    drafts = [] if pair.draft is None else [("newer draft", pair.draft)]
-    return [(str(pair.main["preset"]), pair.main), *drafts]
-
-
 def _plan(pair: Pair, preset: str, row: Any) -> dict[str, Any]:
     return {
         "pair": pair.name,
@@ -113,19 +109,8 @@ def _plan(pair: Pair, preset: str, row: Any) -> dict[str, Any]:
 def _rows(frame: pd.DataFrame, structure_id: str) -> list[dict[str, Any]]:
     """Rows of a table about a structure, the newest first."""
     own = frame[frame["target_id"] == structure_id].iloc[::-1].head(_MOST)
-    return [{str(key): value for key, value in row.items()} for row in own.to_dict("records")]
-
-
-def _history(catalog: Catalog, structure_id: str) -> list[dict[str, str]]:
-    """Decisions about the plans of a structure, the newest first."""
-    return [
-        {
-            "when": stamp(row.get("added_at")),
-            "what": f"Plan {row['transfer_id']} {row['state']} by {row['by']}",
-            "note": str(row.get("note") or ""),
-        }
-        for row in _rows(catalog.decisions(), structure_id)
-    ]
+    rows: list[dict[str, Any]] = own.to_dict("records")
+    return rows
 
 
 def rows_of(passport: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -172,8 +157,8 @@ def fleet_data(
 ) -> dict[str, Any]:
     """The columns of the page by name, and the rows in order of attention.
 
-    `without_page` names the pairs whose own page failed: no link leads there. `known` is the number of all
-    pairs if these are only the first. `more` has the place and the last flight of each structure.
+    No link leads to pairs `without_page`; `known` is the number of all pairs if these are only the first;
+    `more` has the place and the last flight of each structure.
     """
     structures = more or {}
     rows = [_fleet_row(pair) | {"page": pair.name not in without_page} for pair in pairs]
@@ -217,12 +202,12 @@ def _fleet_row(pair: Pair) -> dict[str, Any]:
     name = next((name for name in COVERAGES if number(row, name) is not None), COVERAGES[-1])
     values = {
         "coverage": coverage(row),
-        "attainable": attainable(row),
+        "attainable": of_pairs.attainable(row),
         "gsd": number(row, "gsd_mm_p50"),
         "clearance": number(row, "min_clearance_m"),
         "length": number(row, "path_length_m"),
         "duration": number(row, "duration_s"),
-        "battery_pct": battery_pct(row),
+        "battery_pct": of_pairs.battery_pct(row),
         "paper": number(pair.plans.get("paper", {}), name),
         "baseline": number(pair.plans.get("baseline", {}), name),
         "frechet": number(row, "frechet_z"),
@@ -236,8 +221,8 @@ def _fleet_row(pair: Pair) -> dict[str, Any]:
         "kind": pair.kind,
         "state": str(row.get("state") or ""),
         **{key: None if value is None else round(value, 3) for key, value in values.items()},
-        "change": change(pair),
+        "change": of_pairs.change(pair),
         "planned": stamp(row.get("planned_at")),
-        "reason": reason_of(row),
+        "reason": of_pairs.reason_of(row),
         "warnings": all_warnings(row),
     }

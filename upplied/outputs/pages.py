@@ -154,8 +154,6 @@ def image_address(content: bytes, kind: str = "png") -> str:
 def inert_json(value: Any) -> str:
     """JSON that no HTML parser can mistake for markup and no script for code.
 
-    Examples
-    --------
     >>> inert_json("</script>")
     '"\\\\u003c/script\\\\u003e"'
     """

@@ -8,15 +8,7 @@ from upplied.records import Floats, Ints
 
 
 def ply_bytes(vertices: Floats, triangles: Ints, normals: Floats | None = None) -> bytes:
-    """A binary PLY, little-endian, coordinates in double precision.
-
-    Parameters
-    ----------
-    vertices : array, shape (V, 3), m
-    triangles : array, shape (T, 3)
-        (0, 3) for a cloud.
-    normals : array, shape (V, 3), optional
-    """
+    """A binary PLY in double precision: vertices (V, 3), m, triangles (T, 3), and normals (V, 3)."""
     names = ("x", "y", "z") if normals is None else ("x", "y", "z", "nx", "ny", "nz")
     head = [
         "ply",

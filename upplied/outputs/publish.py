@@ -18,10 +18,9 @@ from upplied.config import digest
 from upplied.errors import CatalogError, RefusedError, SettingsError, UppliedError
 from upplied.files import replace_file
 from upplied.outputs import pages
-from upplied.outputs.foremost import first_pairs
 from upplied.outputs.missions import FORMATS
 from upplied.outputs.page_data import fleet_data, marks, places
-from upplied.outputs.pairs import Pair
+from upplied.outputs.pairs import Pair, first_pairs
 from upplied.outputs.render import ZONES, mission_files
 from upplied.outputs.reports import Reader
 from upplied.outputs.site import ENDINGS, TITLE, MapOf, Site, findings_html
@@ -111,17 +110,14 @@ def publish(
 
     Parameters
     ----------
-    catalog : Catalog
+    catalog, progress : Catalog, callable
+        The latter receives the name of each finished pair.
     folder : path
         People open ``index.html``, pandas reads ``transfers.parquet``. Files of other programs there are
         not changed.
-    pictures : int
-        Number of pairs that get a PNG for documents, those that need attention first.
-    pages : int
-        Number of pairs with a page and a row on the fleet's page, in the same order. The tables hold all, and
-        `publish_file` makes a page of any pair.
-    progress : callable
-        Receives the name of each finished pair.
+    pictures, pages : int
+        Number of pairs that get a PNG for documents, and a page with a row on the fleet's page, those first
+        that need attention. The tables hold all, and `publish_file` makes a page of any pair.
     force : bool
         Also replace a publication that is newer, of another catalog, or would shrink to nothing.
     map_of : callable, optional
@@ -180,13 +176,7 @@ def publish_pages(
 def publish_file(
     catalog: Catalog, path: str | Path, *, demonstration_id: str | None = None, target_id: str | None = None
 ) -> Path:
-    """One HTML file with everything inside, for mail.
-
-    Raises
-    ------
-    SettingsError
-        If nothing matches, or more pairs than a mail can carry.
-    """
+    """One HTML file with everything inside, for mail; a `SettingsError` if nothing or too much matches."""
     chosen, known = first_pairs(catalog, _MAILED, demonstration_id, target_id)
     if not 0 < known <= _MAILED:
         rule = f"1 to {_MAILED}", "choose a demonstration"

@@ -17,10 +17,8 @@ CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 def registered(writer: Writer, names: Iterable[str]) -> dict[str, Schema]:
     """The schema of each message, by its name, with the definitions of ROS 2 Humble."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    return {
-        name: writer.register_msgdef(name, store.generate_msgdef(name, ros_version=2)[0]) for name in names
-    }
+    text_of = get_typestore(Stores.ROS2_HUMBLE).generate_msgdef
+    return {name: writer.register_msgdef(name, text_of(name, ros_version=2)[0]) for name in names}
 
 
 def camera_info(camera: Camera, header: dict[str, Any]) -> dict[str, Any]:

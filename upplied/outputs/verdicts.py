@@ -17,15 +17,7 @@ _SHOWN = (
 
 
 def headline(values: Mapping[str, Any], safety_m: float | None) -> str:
-    """The result of a plan in one sentence: coverage, mm/px, clearance and time.
-
-    Parameters
-    ----------
-    values : mapping
-        Measures by name.
-    safety_m : float or None
-        Required distance from the structure, m.
-    """
+    """The result of a plan, by its measures, in one sentence; `safety_m` is the required distance, m."""
     known = [(number(values, name), words) for name, words in _SHOWN]
     parts = [f"shows {shown:.1f} % {words}" for shown, words in known if shown is not None][:1]
     if parts and known[0][0] is not None and values.get("standoff_mode") == "scaled":
@@ -44,23 +36,12 @@ def headline(values: Mapping[str, Any], safety_m: float | None) -> str:
 
 
 def verdict(row: Mapping[str, Any], safety_m: float | None) -> dict[str, Any]:
-    """The first lines about a plan.
+    """The first lines about a plan of this row of `transfers`; `safety_m` is the required distance, m.
 
-    Parameters
-    ----------
-    row : mapping
-        Of the table of transfers.
-    safety_m : float or None
-        Required distance from the structure, m.
-
-    Returns
-    -------
-    dict
-        ``flyable``; ``headline`` in a sentence; ``look``, what to look at before it is flown, most
-        important first.
+    They are ``flyable``; ``headline`` in a sentence; ``look``, what to look at before it is flown, most
+    important first.
     """
-    status = shown_status(row)
-    reason = reason_of(row)
+    status, reason = shown_status(row), reason_of(row)
     if status != "ok":
         return {"flyable": False, "headline": meaning(status, reason), "look": [reason] if reason else []}
     return {"flyable": True, "headline": headline(row, safety_m), "look": all_warnings(row)}
@@ -74,8 +55,6 @@ def all_warnings(row: Mapping[str, Any]) -> list[str]:
 def resolution(row: Mapping[str, Any]) -> str:
     """The resolution in mm/px, planned and demonstrated; empty if unknown.
 
-    Examples
-    --------
     >>> resolution({"gsd_mm_p50": 14.8, "gsd_demonstrated_mm_p50": 7.9, "gsd_within_pct": 3.2})
     '14.8 mm/px (demonstrated 7.9 mm/px; as fine on 3.2 % of the surface)'
     """
@@ -92,9 +71,8 @@ def _lost(row: Mapping[str, Any]) -> list[str]:
     sentences = []
     shown, most = number(row, "coverage_inspected_pct"), attainable(row)
     if shown is not None and most is not None and most - shown >= _WORTH_A_LOOK_PCT:
-        sentences.append(
-            f"The plan misses {most - shown:.1f} % of the inspected surface that a viewpoint could show."
-        )
+        words = "of the inspected surface that a viewpoint could show."
+        sentences.append(f"The plan misses {most - shown:.1f} % {words}")
     for name, words in (
         ("inspected_without_counterpart_pct", "has no counterpart on this structure."),
         ("inspected_unattainable_pct", "cannot be shown from any safe viewpoint."),

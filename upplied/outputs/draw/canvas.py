@@ -73,21 +73,18 @@ def solid(structure: Structure, states: SurfaceStates | None = None, label: Ints
 def picture(body: Solid, lines: Tubes, frame: Frame) -> np.ndarray:
     """The picture, uint8 (height, width, 3): one ray a pixel, and more where neighbours differ.
 
-    Surface and tubes look for edges each in their own colours: where only a tube ends, the surface
-    behind it needs no more rays.
+    Where only a tube ends, the surface behind it needs no more rays: each has its own edges.
     """
-    painter = _Painter(body, lines, frame)
-    columns, rows = np.meshgrid(np.arange(frame.width) + 0.5, np.arange(frame.height) + 0.5)
-    size = frame.height, frame.width
-    surface, reach = painter.surface(columns.ravel(), rows.ravel())
+    painter, size = _Painter(body, lines, frame), (frame.height, frame.width)
+    rows, columns = (each.ravel() for each in np.indices(size, np.float64) + 0.5)
+    surface, reach = painter.surface(columns, rows)
     rough = _edges(surface.reshape(*size, 3)).ravel()
-    image = painter.with_lines(surface, reach, columns.ravel(), rows.ravel())
+    image = painter.with_lines(surface, reach, columns, rows)
     edge = _edges(image.reshape(*size, 3)).ravel() | rough
-    total = np.zeros((np.count_nonzero(edge), 3))
+    total, fine = np.zeros((np.count_nonzero(edge), 3)), rough[edge]
     for right, down in _FINE:
-        x, y = columns.ravel()[edge] + right, rows.ravel()[edge] + down
+        x, y = columns[edge] + right, rows[edge] + down
         behind, far = surface[edge], reach[edge]
-        fine = rough[edge]
         behind[fine], far[fine] = painter.surface(x[fine], y[fine])
         total += painter.with_lines(behind, far, x, y)
     image[edge] = total / len(_FINE)
@@ -96,12 +93,12 @@ def picture(body: Solid, lines: Tubes, frame: Frame) -> np.ndarray:
 
 def _edges(image: Floats) -> Bools:
     """Pixels (H, W) of an image (H, W, 3) that differ from a neighbour."""
+    down, right = ((np.abs(np.diff(image, axis=axis)) > _CONTRAST).any(axis=2) for axis in (0, 1))
     edge = np.zeros(image.shape[:2], bool)
-    for axis in (0, 1):
-        red, green, blue = np.moveaxis(np.abs(np.diff(image, axis=axis)) > _CONTRAST, 2, 0)
-        step = red | green | blue
-        edge |= np.pad(step, [(1, 0) if axis == 0 else (0, 0), (1, 0) if axis == 1 else (0, 0)])
-        edge |= np.pad(step, [(0, 1) if axis == 0 else (0, 0), (0, 1) if axis == 1 else (0, 0)])
+    edge[1:] |= down
+    edge[:-1] |= down
+    edge[:, 1:] |= right
+    edge[:, :-1] |= right
     return edge
 
 
@@ -154,11 +151,10 @@ class _Painter:
 
     def _ambient_of_grid(self) -> Floats:
         """Open sky (rows, columns) at every second picture point; all of it where nothing is hit."""
-        columns, rows = -(-self.frame.width // _COARSE), -(-self.frame.height // _COARSE)
         x, y = np.meshgrid(
-            np.arange(columns) * _COARSE + _COARSE / 2, np.arange(rows) * _COARSE + _COARSE / 2
+            *(np.arange(0, side, _COARSE) + _COARSE / 2 for side in (self.frame.width, self.frame.height))
         )
         _, points, normals, hit = self._surface(*self.frame.rays(x.ravel(), y.ravel()))
         sky, size = np.ones(len(hit)), self.body.size_m
         sky[hit] = open_sky(self.body.scene, points[hit], normals[hit], 0.25 * size, 2e-3 * size)
-        return sky.reshape(rows, columns)
+        return sky.reshape(x.shape)

@@ -31,9 +31,8 @@ def corner_normals(vertices: Floats, triangles: Ints) -> Floats:
     smooth = np.abs(agree) > _CREASE_COS
     first, second, sign = first[smooth], second[smooth], np.sign(agree[smooth])
     contribution = weighted[second // 3] * sign[:, None]
-    total = np.stack(
-        [np.bincount(first, contribution[:, axis], minlength=3 * len(triangles)) for axis in range(3)], axis=1
-    )
+    count = 3 * len(triangles)
+    total = np.stack([np.bincount(first, part, minlength=count) for part in contribution.T], axis=1)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     own = np.repeat(face, 3, axis=0)
     return np.where(length > 1e-300, total / np.maximum(length, 1e-300), own).reshape(-1, 3, 3)
@@ -70,17 +69,9 @@ def smooth_normals(vertices: Floats, triangles: Ints, normals: Floats, hit: Ints
 def lit(colours: Floats, normals: Floats, towards_eye: Floats, up: Floats, ambient: Floats) -> Floats:
     """Colours (N, 3) under a sun above the viewer's left shoulder and a bright sky.
 
-    Parameters
-    ----------
-    colours, normals : array, shape (N, 3)
-        Normals point to the viewer's side.
-    towards_eye, up : array, shape (3,)
-        The view's own directions, in the structure frame.
-    ambient : array, shape (N,)
-        Share of the sky that is open, 0 .. 1.
+    Normals (N, 3) point to the viewer's side; `ambient` (N,) is the share of the sky that is open, 0 .. 1.
     """
-    left = np.cross(towards_eye, up)
-    sun = towards_eye + 0.9 * up + 0.7 * left
+    sun = towards_eye + 0.9 * up + 0.7 * np.cross(towards_eye, up)
     sun /= np.linalg.norm(sun)
     direct = np.clip(normals @ sun, 0, 1)
     sky = 0.5 + 0.5 * normals[:, 2]
@@ -93,10 +84,8 @@ def open_sky(scene: Scene, points: Floats, normals: Floats, reach_m: float, lift
 
     The same directions serve every point, so that the result carries no noise.
     """
-    directions = sphere(2 * _AMBIENT_RAYS)
-    blocked = np.zeros(len(points))
-    weight = np.zeros(len(points))
-    for direction in directions:
+    blocked, weight = np.zeros(len(points)), np.zeros(len(points))
+    for direction in sphere(2 * _AMBIENT_RAYS):
         cosine = normals @ direction
         above = np.flatnonzero(cosine > 0.1)
         starts = points[above] + lift_m * normals[above]

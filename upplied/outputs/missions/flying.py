@@ -1,8 +1,7 @@
 """The behaviour of the software of each format, for which a mission must allow.
 
-A vehicle that passes a waypoint at speed leaves the straight leg some metres before it and joins the next leg
-equally far behind it. The curve lies in the triangle of these two points and the waypoint, so the
-whole triangle must obey the rules.
+A vehicle that passes a waypoint at speed leaves its leg some metres before it and joins the next equally far
+behind it. The curve lies in the triangle of these points, so the whole triangle must obey the rules.
 """
 
 from __future__ import annotations
@@ -12,11 +11,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from upplied.geometry.polylines import leg_lengths
 from upplied.geometry.poses import from_yaw_pitch, interpolate, yaw_pitch
 from upplied.outputs.labels import table
 from upplied.planning.airspace.rules import Airspace
-from upplied.records import Bools, Floats, Trajectory
+from upplied.records import Floats, Trajectory
 
+SLOWEST_MPS = 0.2  # of a leg of the inspection
+_HOVER_S, _SAME_PLACE_M = 0.05, 0.05  # shorter differences in time are no hovering, and in place no leg
 _SHARE = 0.4  # of the shorter leg: two neighbours together stay below the whole
 _MOST_M = 5.0
 _LEAST_M = 0.2  # below it is a stop
@@ -74,27 +76,23 @@ def as_flown(path: Trajectory, t_s: Floats, turning: Turning) -> Trajectory:
     return replace(evenly, quat_xyzw=from_yaw_pitch(yaw, pitch))
 
 
-def passing_m(positions: Floats, stops: Bools, airspace: Airspace, stray_m: float) -> Floats:
+def passing_m(path: Trajectory, airspace: Airspace, stray_m: float) -> Floats:
     """Distance before and behind each waypoint within which the vehicle may turn, (N,), m; 0: it stops.
 
-    Parameters
-    ----------
-    positions : array, shape (N, 3), m, structure frame
-    stops : array of bool, shape (N,)
-        Waypoints with a stop for other reasons.
-    airspace : Airspace
-        Rules that apply to the curve as well.
-    stray_m : float
-        Largest distance of the curve from the waypoint.
+    The curve obeys the rules of `airspace`, and stays within `stray_m` of the waypoint.
     """
+    positions, lengths = path.positions, leg_lengths(path.positions)
+    pace = np.clip(lengths / np.diff(path.t_s), SLOWEST_MPS, None)
+    still = (np.diff(path.t_s) - lengths / pace > _HOVER_S) | (lengths < _SAME_PLACE_M)
+    stops = np.append(still, False) | np.append(False, still)
     distance = np.zeros(len(positions))
     for at in range(1, len(positions) - 1):
+        if stops[at]:
+            continue
         before, after = positions[at - 1] - positions[at], positions[at + 1] - positions[at]
         legs = [float(np.linalg.norm(leg)) for leg in (before, after)]
-        if stops[at] or min(legs) < 1e-6:
-            continue
         before, after = before / legs[0], after / legs[1]
-        most = min(_SHARE * float(min(legs)), _MOST_M)
+        most = min(_SHARE * min(legs), _MOST_M)
         sagitta = float(np.linalg.norm(before + after)) / 2  # of the chord, over the distance
         if sagitta > 1e-9:
             most = min(most, stray_m / sagitta)

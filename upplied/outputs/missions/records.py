@@ -146,13 +146,9 @@ def from_geodetic(geodetic: Floats, placement: Placement) -> Floats:
 
 
 def heading_and_pitch(quat_xyzw: Floats, heading_deg: float) -> tuple[Floats, Floats]:
-    """Compass heading (0 .. 360, clockwise from true north) and pitch (deg, negative down) of each camera.
+    """Compass heading (0 .. 360, clockwise from true north) and pitch (deg, negative down) of cameras (N, 4).
 
-    Parameters
-    ----------
-    quat_xyzw : array, shape (N, 4)
-    heading_deg : float
-        Of the structure's +X, clockwise from true north.
+    `heading_deg` is that of the structure's +X, clockwise from true north.
     """
     yaw, pitch = yaw_pitch(quat_xyzw)
     return np.mod(heading_deg - np.degrees(yaw), 360.0), np.degrees(pitch)

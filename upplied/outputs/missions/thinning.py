@@ -31,22 +31,9 @@ def thinned(
 ) -> tuple[Ints, str, float]:
     """The waypoints that remain, the checks in words, and the retained share of the planned view.
 
-    Parameters
-    ----------
-    path : Trajectory
-    fixed : array, shape (N,)
-        Waypoints that stay: viewpoints.
-    tolerances : (m, deg)
-        Largest deviation of the path and of the camera from the plan. Halved until the thinned path breaks no
-        rule and retains 99 % of the planned view.
-    airspace : Airspace
-        The rules for every leg.
-    seen : (SurfaceStates or None, Camera)
-        The surface that the plan sees, if known.
-    turning : Turning
-        Camera rotation of the vehicle between the remaining waypoints.
-    zooms : bool
-        Whether it zooms like the path; else the camera's own field of view counts.
+    Those that are `fixed` (N,) stay. The tolerances of the path, m, and of the camera, deg, are halved until
+    the thinned path breaks no rule and retains 99 % of the planned view of the surface, if that is known.
+    Where the camera does not zoom like the path, its own field of view counts.
     """
     scene = airspace.scene
     planned = path_clearance(scene, path.positions).distance_m
@@ -97,33 +84,22 @@ def _essential(path: Trajectory, fixed: Bools, metres: float, degrees: float) ->
     """Douglas and Peucker's rule between fixed waypoints, for position and orientation together."""
     keep = fixed.copy()
     keep[[0, -1]] = True
-    anchors = np.flatnonzero(keep)
-    open_ = list(pairwise(anchors))
-    while open_:
-        first, last = open_.pop()
+    pairs = list(pairwise(np.flatnonzero(keep).tolist()))
+    while pairs:
+        first, last = pairs.pop()
         if last - first < 2:
             continue
-        error = _strays(path, int(first), int(last), metres, degrees)
-        error = np.maximum(error, _zooms_otherwise(path, int(first), int(last)))
+        error = _strays(path, first, last, metres, degrees)
         worst = int(error.argmax())
         if error[worst] > 1:
             middle = first + 1 + worst
             keep[middle] = True
-            open_ += [(first, middle), (middle, last)]
+            pairs += [(first, middle), (middle, last)]
     return keep
 
 
-def _zooms_otherwise(path: Trajectory, first: int, last: int) -> Floats:
-    """Deviation of zoom from an even change between two waypoints, in units of the tolerance."""
-    if path.fov_deg is None:
-        return np.zeros(last - first - 1)
-    angle, at = path.fov_deg[:, 0], path.t_s
-    even = np.interp(at[first + 1 : last], at[[first, last]], angle[[first, last]])
-    return np.asarray(np.abs(angle[first + 1 : last] / even - 1) / SAME_ZOOM)
-
-
 def _strays(path: Trajectory, first: int, last: int, metres: float, degrees: float) -> Floats:
-    """Distance and turn, in units of the tolerances, of the waypoints between two others from an even leg."""
+    """Distance, turn or zoom off an even leg of the waypoints between two others, in tolerances."""
     between = path.positions[first + 1 : last]
     leg = path.positions[last] - path.positions[first]
     along = (between - path.positions[first]) @ leg / max(float(leg @ leg), 1e-12)
@@ -132,4 +108,9 @@ def _strays(path: Trajectory, first: int, last: int, metres: float, degrees: flo
     ends = Rotation.from_quat(path.quat_xyzw[[first, last]])
     turned = Slerp([0.0, 1.0], ends)(share)
     angle = np.degrees((turned.inv() * Rotation.from_quat(path.quat_xyzw[first + 1 : last])).magnitude())
-    return np.maximum(off / max(metres, 1e-9), angle / max(degrees, 1e-9))
+    error = np.maximum(off / max(metres, 1e-9), angle / max(degrees, 1e-9))
+    if path.fov_deg is None:
+        return error
+    zoom, at = path.fov_deg[:, 0], path.t_s
+    even = np.interp(at[first + 1 : last], at[[first, last]], zoom[[first, last]])
+    return np.maximum(error, np.abs(zoom[first + 1 : last] / even - 1) / SAME_ZOOM)
