@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,7 +10,7 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
 from upplied.cli.terminal import complain, say
-from upplied.extras import extra
+from upplied.extras import required
 
 fleet = App(name="fleet", help="The fleet's deployments in Prefect.")
 
@@ -36,7 +35,7 @@ PartOption = Annotated[
 
 def serve(*, port: PortOption = 4200, root: RootOption = (), only: PartOption = None) -> int:
     """Run the fleet service of this folder: Prefect, a worker and the pages, until Ctrl-C."""
-    require_flows()
+    required("prefect", "fleet")
     from upplied.flows import serve as service
     from upplied.flows.server import ServerError
 
@@ -130,16 +129,9 @@ def notify(
     return 0
 
 
-def require_flows() -> None:
-    """Report what to install if the flows are missing."""
-    with extra("fleet"):
-        if find_spec("prefect") is None:
-            raise ModuleNotFoundError(name="prefect")
-
-
 def connected(port: int) -> dict[str, str]:
     """The variables of the server, set for Prefect; empty, after a message, if no server answers."""
-    require_flows()
+    required("prefect", "fleet")
     from upplied.flows import environment
     from upplied.flows.server import answers
 
