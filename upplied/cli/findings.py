@@ -73,9 +73,8 @@ def add(
 
     stated = [value is not None and value != "" for value in (pixel, box, outline, at)]
     if (file is None) != (sum(stated) == 1):
-        raise SettingsError(
-            "a finding", "has no mark, or several", "one of FILE, --pixel, --box, --outline, --at"
-        )
+        rule = "one of FILE, --pixel, --box, --outline, --at"
+        raise SettingsError("a finding", "has no mark, or several", rule)
     if file is not None:
         marks = [replace(mark, flight=mark.flight or flight) for mark in read_marks(file)]
     else:

@@ -14,23 +14,15 @@ from upplied.extras import required
 
 fleet = App(name="fleet", help="The fleet's deployments in Prefect.")
 
-PortOption = Annotated[
-    int,
-    Parameter(
-        name="--port",
-        env_var="UPPLIED_PORT",
-        help="Port of Prefect, 0 for any; the pages use the next one.",
-        validator=Number(gte=0, lte=65534),
-    ),
-]
+_PORT = Number(gte=0, lte=65534)
+_PORT_HELP = "Port of Prefect, 0 for any; the pages use the next one."
+PortOption = Annotated[int, Parameter("--port", env_var="UPPLIED_PORT", help=_PORT_HELP, validator=_PORT)]
 RootOption = Annotated[
     tuple[str, ...], Parameter("--root", help="Further folder or URI for runs; repeatable.")
 ]
 FlightsOption = Annotated[bool, Parameter(help="The logs are flights of plans: start ingest-flights.")]
-PartOption = Annotated[
-    Literal["server", "worker", "reports"] | None,
-    Parameter(name="--only", help="Run one part only, for systemd or compose."),
-]
+Part = Literal["server", "worker", "reports"]
+PartOption = Annotated[Part | None, Parameter("--only", help="Run one part only, for systemd or compose.")]
 
 
 def serve(*, port: PortOption = 4200, root: RootOption = (), only: PartOption = None) -> int:

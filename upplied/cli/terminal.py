@@ -111,9 +111,8 @@ class Results(Where):
 
     def show_facts(self, title: str, facts: Mapping[str, Any]) -> None:
         """Print facts by name, except empty ones, as a table or as JSON."""
-        self.show(
-            title, [{"item": name, "value": facts[name]} for name in facts if facts[name] not in ("", None)]
-        )
+        known = {name: value for name, value in facts.items() if value not in ("", None)}
+        self.show(title, [{"item": name, "value": value} for name, value in known.items()])
 
     def say(self, text: object) -> None:
         """Print a line below a table; not with JSON."""
@@ -192,14 +191,13 @@ def compared(
     titles: Mapping[str, str], rows: Mapping[str, Mapping[Any, Any]], difference: tuple[str, str, str]
 ) -> list[dict[str, Any]]:
     """A row for each measure: its title, its value in each of `rows`, and the difference of two."""
-    title_of_difference, one, other = difference
     lines = []
     for measure, title in titles.items():
         values = {name: number(row[measure]) for name, row in rows.items()}
         line: dict[str, Any] = {"measure": title, **values}
         if len(values) == 2:
-            first, second = values[one], values[other]
-            line[title_of_difference] = None if first is None or second is None else first - second
+            first, second = (values[name] for name in difference[1:])
+            line[difference[0]] = None if first is None or second is None else first - second
         lines.append(line)
     return lines
 
