@@ -156,13 +156,7 @@ def recommend(structure: StructureArgument, /, *, most: MostOption = 10, results
 
 
 def best(store: Catalog, structure: str) -> str:
-    """The demonstration that fits a structure best, other than its own.
-
-    Raises
-    ------
-    InputError
-        If none fits beyond doubt, or the best is of another declared kind.
-    """
+    """The demonstration that fits a structure best, other than its own; one of another kind is refused."""
     from upplied.recommend.ranking import recommend as rank
 
     others = [one for one in rank(store, structure, 100) if one.verdict != "own"]
@@ -172,12 +166,9 @@ def best(store: Catalog, structure: str) -> str:
         raise InputError(f"structure {structure}", f"no demonstration clearly fits{closest}")
     kind = store.newest("structures", structure)["kind"]
     if kind != fitting.kind:
-        raise InputError(
-            f"structure {structure}",
-            f"is declared a {kind}, but {fitting.demonstration_id}, which fits best, was flown on a "
-            f"{fitting.kind}",
-            "demonstrations are transferred within a kind",
-            "if both are of one kind, correct the manifest",
-        )
+        fault = f"is declared a {kind}, but {fitting.demonstration_id}, which fits best, was flown on a "
+        rule = "demonstrations are transferred within a kind"
+        remedy = "if both are of one kind, correct the manifest"
+        raise InputError(f"structure {structure}", fault + fitting.kind, rule, remedy)
     terminal.complain(f"{fitting.demonstration_id}: {fitting.why}")
     return fitting.demonstration_id

@@ -105,9 +105,8 @@ def fly(
     margin = flown["min_clearance_m"] - route.clearance_m
     results.say(f"margin above the limit of {route.clearance_m:g} m: {margin:+.2f} m")
     if margin < 0:
-        errors.print(
-            "Too little clearance in this wind: plan with a larger --clearance, or fly in less wind."
-        )
+        advice = "plan with a larger --clearance, or fly in less wind"
+        errors.print(f"Too little clearance in this wind: {advice}.")
     else:
         results.next_step(f"export {transfer} --to qgc-plan --output mission.plan", "write the mission file")
     return int(margin < 0)

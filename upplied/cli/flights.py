@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from upplied.cli import findings, options, terminal
-from upplied.cli.options import ByOption, FindingArgument, FlightArgument, PointArgument, StructureArgument
+from upplied.cli.options import FindingArgument, FlightArgument, PointArgument, StructureArgument, Texts
 from upplied.cli.terminal import HERE, ID_DIGITS, PRINTED, Results, Where, errors, say
 from upplied.outputs.labels import LABELS
 
@@ -23,9 +23,7 @@ PlanOption = Annotated[str, Parameter(help="ID of the flown plan; by default the
 PhotosOption = Annotated[
     Path | None, Parameter(help="File with the times of photos, in nanoseconds of the log's clock.")
 ]
-ForceOption = Annotated[
-    tuple[str, ...], Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")
-]
+ForceOption = Annotated[Texts, Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")]
 
 
 @app.command
@@ -105,11 +103,8 @@ def history(
 ) -> int:
     """Show when the patch nearest to a point was seen, from which distance and at which angle."""
     looks = results.opened().looks_at(structure, point, kind)
-    results.show(
-        f"views of {terminal.point_text(point)} on {structure}",
-        terminal.rows_of(looks),
-        ("patch", "patch_off_m"),
-    )
+    title = f"views of {terminal.point_text(point)} on {structure}"
+    results.show(title, terminal.rows_of(looks), ("patch", "patch_off_m"))
     if not looks["seen"].any():
         results.say("never seen")
         return 0
@@ -124,7 +119,7 @@ def promote(
     flight: FlightArgument,
     /,
     *,
-    by: ByOption,
+    by: options.ByOption,
     name: Annotated[str, Parameter(help="Name of the demonstration; by default one is generated.")] = "",
     force: ForceOption = (),
     where: Where = HERE,

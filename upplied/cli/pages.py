@@ -16,7 +16,6 @@ from upplied.extras import extra
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
 
-
 FileOption = Annotated[Path | None, Parameter(help="One HTML file with everything inside, for mail.")]
 OneDemonstration = Annotated[str | None, Parameter(help="Only this demonstration in the single file.")]
 PagesOption = Annotated[int, Parameter(help="Maximum number of pages; plans that need attention come first.")]

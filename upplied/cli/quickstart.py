@@ -31,13 +31,17 @@ def write(folder: Path = Path("samples")) -> int:
     folder : Path
         Folder to write to; it is created if it is missing.
     """
+    _write_samples(folder)
+    say(f"{folder / 'structures.toml'} and its logs")
+    HERE.next_step(f"structures add {shlex.quote(str(folder / 'structures.toml'))}", "import the meshes")
+    return 0
+
+
+def _write_samples(folder: Path) -> None:
     from upplied.outputs.sample_fleet import FILES, write_sample_fleet
 
     with progress("files", FILES) as advance:
         write_sample_fleet(folder, lambda _: advance())
-    say(f"{folder / 'structures.toml'} and its logs")
-    HERE.next_step(f"structures add {shlex.quote(str(folder / 'structures.toml'))}", "import the meshes")
-    return 0
 
 
 def quickstart(folder: Path = Path(".")) -> int:
@@ -55,12 +59,10 @@ def quickstart(folder: Path = Path(".")) -> int:
     from upplied.cli.transfer import run
     from upplied.fleet.ingest import find_logs
     from upplied.inputs.manifests import read_manifest
-    from upplied.outputs.sample_fleet import FILES, write_sample_fleet
 
     samples, reports = folder / "samples", folder / "reports"
     say("1/4 Writing a sample fleet: meshes, a manifest and simulated logs")
-    with progress("files", FILES) as advance:
-        write_sample_fleet(samples, lambda _: advance())
+    _write_samples(samples)
     catalog = open_catalog(folder / "catalog")
     say("2/4 Importing structures and demonstrations")
     with progress("structures", len(read_manifest(samples / "structures.toml"))) as advance:
@@ -134,12 +136,10 @@ def _packages() -> str:
     if find_spec("prefect") is None:
         flows = 'no flows (pip install "upplied[fleet]")'
         return f"upplied {version('upplied')}, {_open3d_version()}, {flows}"
-    bounds = {"sqlalchemy": (2, 1), "fastapi": (0, 151)}
-    wrong = [
-        f"{name} {version(name)} (needs < {bound[0]}.{bound[1]})"
-        for name, bound in bounds.items()
-        if tuple(map(int, version(name).split(".")[:2])) >= bound
-    ]
+    wrong = []
+    for name, bound in {"sqlalchemy": (2, 1), "fastapi": (0, 151)}.items():
+        if tuple(map(int, version(name).split(".")[:2])) >= bound:
+            wrong.append(f"{name} {version(name)} (needs < {bound[0]}.{bound[1]})")
     if wrong:
         raise RuntimeError(f"{', '.join(wrong)}: {_INSTALL}")
     return f"upplied {version('upplied')}, prefect {version('prefect')}, {_open3d_version()}"

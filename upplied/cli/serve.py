@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
+from upplied.cli.options import Texts
 from upplied.cli.terminal import complain, say
 from upplied.extras import required
 
@@ -17,9 +18,7 @@ fleet = App(name="fleet", help="The fleet's deployments in Prefect.")
 _PORT = Number(gte=0, lte=65534)
 _PORT_HELP = "Port of Prefect, 0 for any; the pages use the next one."
 PortOption = Annotated[int, Parameter("--port", env_var="UPPLIED_PORT", help=_PORT_HELP, validator=_PORT)]
-RootOption = Annotated[
-    tuple[str, ...], Parameter("--root", help="Further folder or URI for runs; repeatable.")
-]
+RootOption = Annotated[Texts, Parameter("--root", help="Further folder or URI for runs; repeatable.")]
 FlightsOption = Annotated[bool, Parameter(help="The logs are flights of plans: start ingest-flights.")]
 Part = Literal["server", "worker", "reports"]
 PartOption = Annotated[Part | None, Parameter("--only", help="Run one part only, for systemd or compose.")]

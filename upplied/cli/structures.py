@@ -198,9 +198,7 @@ def _cleaned(structure: Structure, png: Path) -> None:
     left = replace(structure, vertices=vertices, triangles=triangles, normals=normals)
     replace_file(mesh, ply_bytes(vertices, triangles, normals))
     replace_file(picture, separation_png(structure, separation.label, CLASSES, left))
-    words = "; ".join(separation.texts)
-    say(f"  separated   {words}; {separation.area_m2[0]:.1f} m² are left")
+    say(f"  separated   {'; '.join(separation.texts)}; {separation.area_m2[0]:.1f} m² are left")
     ground = "" if separation.ground_z_m is None else f", ground_z = {separation.ground_z_m:.2f}"
-    declare = f"units = 'm', up = 'z', forward = 'x'{ground}"
-    say(f"  cleaned     {mesh}: declare {declare}")
+    say(f"  cleaned     {mesh}: declare units = 'm', up = 'z', forward = 'x'{ground}")
     say(f"  picture     {picture} (before and after)")

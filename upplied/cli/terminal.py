@@ -86,9 +86,8 @@ class Results(Where):
 
         cells = {name: [_cell(row[name]) for row in rows] for name in rows[0]}
         left_out = _left_out(cells, spare)
-        table = Table(
-            title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
-        )
+        table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+        table.padding = (0, 1, 0, 0)
         for name in (columns := [name for name in cells if name not in left_out]):
             numbers = any(isinstance(row[name], int | float) for row in rows)
             # A long text may be wrapped.

@@ -80,13 +80,7 @@ def transfer(
 
 
 def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> tuple[str, ...]:
-    """The targets of a demonstration's kind; the others are reported with the reason.
-
-    Raises
-    ------
-    InputError
-        If none is left.
-    """
+    """The targets of a demonstration's kind; the others are reported, or refused where none is left."""
     from upplied.checks import suggested
 
     if not targets:

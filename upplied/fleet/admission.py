@@ -78,9 +78,8 @@ class Admission:
         others = [one for one in self._known if one.structure_id != new.structure_id]
         others += [one for one in together if one.kind not in kinds and one.structure_id != new.structure_id]
         axes, sized = (entry.up, entry.forward), any(side is not None for side in entry.nominal_m)
-        return decided(
-            judged(new, others, entry.bounds, axes, entry.symmetric, sized), entry.allow, entry.strict
-        )
+        broken = judged(new, others, entry.bounds, axes, entry.symmetric, sized)
+        return decided(broken, entry.allow, entry.strict)
 
     def admitted(
         self, reads: Iterator[tuple[str, Any]], entries: Mapping[str, StructureEntry], batch: int
@@ -144,10 +143,19 @@ def check_structures(
         progress(Ingested(name, "good"))
     admission, declared = Admission(catalog), {entry.structure_id: entry for entry in entries}
     together = [one[2] for one in results if isinstance(one, tuple)]
-    return [
-        one if isinstance(one, Ingested) else _admitted(*one, admission, declared[one[0].name], together)
-        for one in results
-    ]
+    checked = []
+    for one in results:
+        if isinstance(one, Ingested):
+            checked.append(one)
+            continue
+        good, alone, member = one
+        verdicts = (*alone, *admission.verdicts(member, declared[good.name], together))
+        if refused := refusals(verdicts):
+            good = replace(good, status="failed", reason="; ".join(f"{v}. {v.remedy}" for v in refused))
+        elif verdicts:
+            good = replace(good, status="odd", findings=tuple(map(str, verdicts)))
+        checked.append(good)
+    return checked
 
 
 def _checked(entry: StructureEntry) -> tuple[Ingested, tuple[Verdict, ...], Member]:
@@ -156,18 +164,3 @@ def _checked(entry: StructureEntry) -> tuple[Ingested, tuple[Verdict, ...], Memb
     size = f"{length:.1f} x {width:.1f} x {height:.1f} m, {len(structure.triangles)} triangles"
     member = Member(entry.structure_id, entry.kind, shape_of(structure))
     return Ingested(entry.structure_id, "good", size), from_json(structure.verdicts_json), member
-
-
-def _admitted(
-    good: Ingested,
-    alone: tuple[Verdict, ...],
-    member: Member,
-    admission: Admission,
-    entry: StructureEntry,
-    together: Sequence[Member],
-) -> Ingested:
-    """What becomes of a structure that was read once it is judged among others."""
-    verdicts = (*alone, *admission.verdicts(member, entry, together))
-    if refused := refusals(verdicts):
-        return replace(good, status="failed", reason="; ".join(f"{v}. {v.remedy}" for v in refused))
-    return replace(good, status="odd" if verdicts else good.status, findings=tuple(map(str, verdicts)))
