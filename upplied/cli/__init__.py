@@ -22,7 +22,6 @@ from upplied.cli import (
     export,
     findings,
     flights,
-    pages,
     quickstart,
     review,
     serve,
@@ -59,7 +58,7 @@ _GROUPS = {  # of the help, in the order in which a newcomer needs them
         *(declared.set_, declared.settings, declared.require, declared.zones),
     ),
     "Review": (
-        *(pages.studio, pages.report, export.render),
+        *(serve.studio, serve.report, export.render),
         *(review.review, review.release, review.reject, review.edit),
     ),
     "Fly": (export.fly, export.export, export.brief, flights.app),

@@ -55,7 +55,7 @@ def quickstart(folder: Path = Path(".")) -> int:
         Folder for samples, catalog and reports.
     """
     from upplied import fleet, open_catalog
-    from upplied.cli.pages import pairs_in
+    from upplied.cli.serve import pairs_in
     from upplied.cli.transfer import run
     from upplied.fleet.ingest import find_logs
     from upplied.inputs.manifests import read_manifest

@@ -16,18 +16,9 @@ from upplied.fleet.members import Member, judged
 from upplied.fleet.reading import Ingested, Progress, each
 from upplied.geometry.scene import scene_of
 from upplied.inputs import meshes
+from upplied.inputs import rules as known_rules
 from upplied.inputs.manifests import StructureEntry, read_manifest
-from upplied.inputs.rules import (
-    RULES,
-    StructureSettings,
-    Verdict,
-    check_allowed,
-    decided,
-    from_json,
-    refusals,
-    refuse,
-    to_json,
-)
+from upplied.inputs.rules import StructureSettings, Verdict, decided, from_json, refusals
 from upplied.planning.surface.samples import surface_samples
 from upplied.recommend.shapes import ShapeFeatures, Shapes, content_of, shape_features
 from upplied.records import Structure
@@ -43,7 +34,7 @@ class RuleOptions:
 
     def of(self, entries: Sequence[StructureEntry]) -> list[StructureEntry]:
         """The entries, with that said of each."""
-        allow = check_allowed(self.allow, RULES)
+        allow = known_rules.check_allowed(self.allow, known_rules.RULES)
         return [
             replace(entry, allow=(*entry.allow, *allow), strict=self.strict, bounds=self.bounds)
             for entry in entries
@@ -102,13 +93,13 @@ class Admission:
         verdicts = self.verdicts(member, entry, list(new.values()))
         every = (*from_json(structure.verdicts_json), *verdicts)
         try:
-            refuse(f"{entry.path} ({entry.structure_id})", every)
+            known_rules.refuse(f"{entry.path} ({entry.structure_id})", every)
         except InputError as error:
             return str(error)
         if not verdicts:
             return structure
         notes = "; ".join(filter(None, (structure.notes, *(verdict.found for verdict in verdicts))))
-        return replace(structure, verdicts_json=to_json(every), notes=notes)
+        return replace(structure, verdicts_json=known_rules.to_json(every), notes=notes)
 
     def _member(self, structure: Structure) -> Member:
         assert self._shapes is not None
