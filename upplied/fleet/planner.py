@@ -60,7 +60,8 @@ def prepare(location: str) -> None:
     open3d()
 
 
-_structure, _demonstration = lru_cache(8)(Catalog.structure), lru_cache(16)(Catalog.demonstration)
+_structure = lru_cache(8)(Catalog.structure)
+_demonstration = lru_cache(16)(Catalog.demonstration)
 
 
 @lru_cache(maxsize=4)
