@@ -86,10 +86,7 @@ def recorded() -> dict[str, str]:
 
 
 def causes(row: Mapping[str, object], method_version: str) -> list[str]:
-    """Why this program may plan otherwise than the one that wrote a row of `transfers`, in words.
-
-    Empty where all that is known is the same.
-    """
+    """Why this program may plan otherwise than the one that wrote a row of `transfers`, in words."""
     now = recorded()
     reasons = []
     if row.get("method_version") != method_version:
@@ -97,45 +94,37 @@ def causes(row: Mapping[str, object], method_version: str) -> list[str]:
     if row.get("sources_sha256") != now["sources_sha256"]:
         was = row.get("code_version") or "unknown code"
         reasons.append(f"the planning sources changed ({was} then, {now['code_version']} now)")
-    reasons += _changed(str(row.get("libraries") or ""), now["libraries"])
+    if before := str(row.get("libraries") or ""):
+        texts = before, now["libraries"]
+        old, new = (dict(item.rsplit(" ", 1) for item in text.split(", ") if item) for text in texts)
+        for name in sorted(old.keys() | new.keys()):
+            if old.get(name) != new.get(name):
+                reasons.append(f"{name} {old.get(name, 'none')} became {new.get(name, 'none')}")
+    else:
+        reasons.append("the versions of its libraries were not recorded")
     if row.get("machine") and row["machine"] != now["machine"]:
         reasons.append(f"another machine ({row['machine']} then, {now['machine']} now)")
     return reasons
 
 
-def _changed(before: str, now: str) -> list[str]:
-    """Libraries whose versions differ, in words."""
-    if not before:
-        return ["the versions of its libraries were not recorded"]
-    old, new = (dict(item.rsplit(" ", 1) for item in text.split(", ") if item) for text in (before, now))
-    return [
-        f"{name} {old.get(name, 'none')} became {new.get(name, 'none')}"
-        for name in sorted(old.keys() | new.keys())
-        if old.get(name) != new.get(name)
-    ]
-
-
 def _commit(git: Path) -> str:
     """The commit that a checkout is at (hex); empty where there is none or it cannot be told."""
+
+    def text(path: Path) -> str:
+        return path.read_text(encoding="utf-8").strip() if path.exists() else ""
+
     try:
         if git.is_file():  # a work tree beside its repository
-            git = (git.parent / git.read_text(encoding="utf-8").removeprefix("gitdir:").strip()).resolve()
-        head = (git / "HEAD").read_text(encoding="utf-8").strip()
+            git = (git.parent / text(git).removeprefix("gitdir:").strip()).resolve()
+        head = text(git / "HEAD")
         if not head.startswith("ref:"):
             return head
         name = head.removeprefix("ref:").strip()
-        common = git / "commondir"
-        places = (
-            [git, (git / common.read_text(encoding="utf-8").strip()).resolve()] if common.exists() else [git]
-        )
-        for place in places:
-            if (place / name).exists():
-                return (place / name).read_text(encoding="utf-8").strip()
-            packed = place / "packed-refs"
-            if packed.exists():
-                for line in packed.read_text(encoding="utf-8").splitlines():
-                    if line.endswith(f" {name}"):
-                        return line.split(" ", 1)[0]
+        for place in (git, (git / text(git / "commondir")).resolve()):
+            packed = (line.split(" ", 1) for line in text(place / "packed-refs").splitlines())
+            known = [commit for commit, *names in packed if names == [name]]
+            if commit := text(place / name) or "".join(known[:1]):
+                return commit
     except (OSError, UnicodeDecodeError):
-        return ""
+        pass
     return ""

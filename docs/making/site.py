@@ -142,7 +142,7 @@ def _by_preset(values: list[Any]) -> str:
 
 def _may_be(stage: type, name: str, wanted: Any) -> str:
     """The values that a setting takes, in words."""
-    from upplied.config.ranges import range_of
+    from upplied.config import range_of
 
     choices = get_args(wanted)
     if get_origin(wanted) is Literal:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from itertools import count
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
@@ -46,14 +46,13 @@ def show_one(id: str, /, *, results: Results = PRINTED) -> int:
     store = results.opened()
     rows = []
     for table, frame in (("structure", store.structures()), ("demonstration", store.demonstrations())):
-        for row in rows_of(frame[frame[f"{table}_id"] == id]):
-            rows.append({"what": table, **row})
+        rows += [{"what": table, **row} for row in rows_of(frame[frame[f"{table}_id"] == id])]
     try:
         name = store.find_transfer(id)
         plans = store.transfers(every=True)
         current = name in set(store.transfers(columns=["transfer_id"])["transfer_id"])
-        for row in rows_of(plans[plans["transfer_id"] == name]):
-            rows.append({"what": "plan", "current": current, **row})
+        same = plans[plans["transfer_id"] == name]
+        rows += [{"what": "plan", "current": current, **row} for row in rows_of(same)]
         rows += [{"what": "overruled for", **row} for row in rows_of(store.overruled(name))]
     except CatalogError:
         if not rows:
@@ -62,14 +61,11 @@ def show_one(id: str, /, *, results: Results = PRINTED) -> int:
         results.show("", rows)
         return 0
     for row in rows:
-        texts = {name: _short(value) for name, value in row.items() if value is not None}
+        known = {name: value for name, value in row.items() if value is not None}
+        texts = {name: f"{v:.6g}" if isinstance(v, float) else str(v) for name, v in known.items()}
+        texts = {name: text if len(text) <= 100 else f"{text[:97]}..." for name, text in texts.items()}
         results.show_facts(f"{row['what']} {id}", texts)
     return 0
-
-
-def _short(value: Any) -> str:
-    text = f"{value:.6g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= 100 else f"{text[:97]}..."
 
 
 @app.command
@@ -146,9 +142,8 @@ def verify(*, head: HeadOption = (), results: Results = PRINTED) -> int:
         say(f"{len(foreign)} imported plans were not measured here: {', '.join(foreign[:5])}")
     for finding in faults:
         say(finding)
-    remedy = "take the damaged files from a backup"
-    count = f"{len(faults)} finding{'s' * (len(faults) > 1)}"
-    say(f"{count}: {remedy}" if faults else "no findings")
+    count = f"{len(faults)} finding{'s' * (len(faults) > 1)}: take the damaged files from a backup"
+    say(count if faults else "no findings")
     return int(bool(faults))
 
 
@@ -232,15 +227,11 @@ def export(
             names = [each for each in flown["demonstration_id"] if demonstration in (None, each)]
             counts = export_lerobot(store, folder, chosen, 10, names, licence, attribution)
         else:
-            name = name or versioned(folder.resolve().name)
+            usual = folder.resolve().name
+            name = name or (usual if re.search(r"-v\d+$", usual) else f"{usual}-v1")
             counts = export_dataset(store, folder, name, chosen, licence, attribution)
     _counted(str(folder), counts)
     return 0
-
-
-def versioned(name: str) -> str:
-    """A name with a version: its own, or the first."""
-    return name if re.search(r"-v\d+$", name) else f"{name}-v1"
 
 
 @app.command(name="import")

@@ -47,11 +47,10 @@ def set_(
     for text in values:
         if text.endswith("="):
             pairs[text[:-1]] = None
-            continue
-        if text.startswith("preset="):
+        elif text.startswith("preset="):
             pairs["preset"] = text.removeprefix("preset=")
-            continue
-        for stage, names in changes((text,)).items():
+        else:
+            ((stage, names),) = changes((text,)).items()
             pairs |= {f"{stage}.{name}": value for name, value in names.items()}
     where.opened().set("kind" if kind else "structure", owner, pairs, by, note)
     say(f"{owner}: {len(pairs)} set")
@@ -99,11 +98,8 @@ def require(
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise InputError(str(file), f"is not TOML: {str(error)[:200]}", rule) from None
     zones = document.get("zone", [])
-    if (
-        set(document) - {"name", "zone", "labels"}
-        or not isinstance(zones, list)
-        or not all(isinstance(z, dict) for z in zones)
-    ):
+    tables = isinstance(zones, list) and all(isinstance(zone, dict) for zone in zones)
+    if set(document) - {"name", "zone", "labels"} or not tables:
         raise InputError(str(file), "has other keys", rule)
     name, store = str(document.get("name", file.stem)), where.opened()
     zones = _with_labels(store, zones, document.get("labels"), file, "" if kind else owner)
@@ -154,23 +150,18 @@ def zones(structure: StructureArgument, /, *, mesh: Path | None = None, results:
         Save the structure's mesh as PLY, for labelling faces.
     """
     if mesh is not None:
-        return _mesh(results.opened(), structure, mesh)
+        from upplied.outputs.ply import ply_bytes
+
+        record = results.opened().structure(structure)
+        replace_file(mesh, ply_bytes(record.vertices, record.triangles, record.normals))
+        say(f"{mesh}: {len(record.triangles)} faces")
+        return 0
     from upplied.outputs.zones import zones as judged
 
     with errors.status("judging"):
         rows = judged(results.opened(), structure)
     titles = {name: name for name in LABELS["zones"]} if results.json else LABELS["zones"]
     shown = [{title: plain(row)[name] for name, title in titles.items()} for row in rows]
-    results.show(
-        f"zones of {structure}", shown, ("required by", "version", "set", "probability", "defined on")
-    )
+    spare = ("required by", "version", "set", "probability", "defined on")
+    results.show(f"zones of {structure}", shown, spare)
     return int(any(row["planned"] != "met" for row in rows))
-
-
-def _mesh(store: Catalog, structure_id: str, path: Path) -> int:
-    from upplied.outputs.ply import ply_bytes
-
-    structure = store.structure(structure_id)
-    replace_file(path, ply_bytes(structure.vertices, structure.triangles, structure.normals))
-    say(f"{path}: {len(structure.triangles)} faces")
-    return 0

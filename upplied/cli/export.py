@@ -1,14 +1,15 @@
-"""`upplied export`, `brief` and `fly`: a plan as a mission file, as a page for the pilot, and in wind."""
+"""`upplied export`, `brief`, `fly` and `render`: a plan as a mission, for the pilot and in wind; pictures."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 
-from upplied.cli.options import PlanArgument
+from upplied.cli.options import DemonstrationArgument, PlanArgument, StructureArgument
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, beside, compared, errors, hint, say
+from upplied.files import replace_file
 from upplied.outputs.labels import LABELS
 from upplied.outputs.mission_options import MissionOptions
 
@@ -16,6 +17,12 @@ Format = Literal["qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", 
 FormatOption = Annotated[Format, Parameter(help="Format of the mission.")]
 OutputOption = Annotated[Path, Parameter(("--output", "-o"))]
 TowardsOption = Annotated[float, Parameter(help="Wind direction in degrees, counter-clockwise from +X.")]
+render = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
+PictureOption = Annotated[Path, Parameter(("--output", "-o"), help="PNG file to write.")]
+ViewOption = Annotated[
+    str | None, Parameter(help="View: three-quarter, other side, perspective, side, front, top or below.")
+]
+
 MissionFlags = Annotated[MissionOptions | None, Parameter("*")]
 
 
@@ -98,9 +105,50 @@ def fly(
     margin = flown["min_clearance_m"] - route.clearance_m
     results.say(f"margin above the limit of {route.clearance_m:g} m: {margin:+.2f} m")
     if margin < 0:
-        errors.print(
-            "Too little clearance in this wind: plan with a larger --clearance, or fly in less wind."
-        )
+        advice = "plan with a larger --clearance, or fly in less wind"
+        errors.print(f"Too little clearance in this wind: {advice}.")
     else:
         results.next_step(f"export {transfer} --to qgc-plan --output mission.plan", "write the mission file")
     return int(margin < 0)
+
+
+@render.command
+def structure(id: StructureArgument, /, *, output: PictureOption, where: Where = HERE) -> int:
+    """Draw a structure from three sides, with its demonstrations."""
+    from upplied.outputs.render import render_structure
+
+    with errors.status("drawing"):
+        return _saved(output, render_structure(where.opened(), id))
+
+
+@render.command
+def transfer(
+    id: PlanArgument, /, *, output: PictureOption, view: ViewOption = None, where: Where = HERE
+) -> int:
+    """Draw a demonstration on its structure, and its plan on the target."""
+    from upplied.outputs.render import render_transfer
+
+    with errors.status("drawing"):
+        return _saved(output, render_transfer(*where.plan(id), view))
+
+
+@render.command
+def comparison(
+    demonstration: DemonstrationArgument,
+    target: StructureArgument,
+    /,
+    *,
+    output: PictureOption,
+    view: ViewOption = None,
+    where: Where = HERE,
+) -> int:
+    """Draw the newest plan of each preset side by side."""
+    from upplied.outputs.render import render_comparison
+
+    with errors.status("drawing"):
+        return _saved(output, render_comparison(where.opened(), demonstration, target, view))
+
+
+def _saved(output: Path, png: bytes) -> int:
+    say(replace_file(beside(output), png))
+    return 0

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import FindingArgument, OnlyKind, OnlyStructure
+from upplied.cli.options import FindingArgument, OnlyKind, OnlyStructure, Point
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, complain_each, errors, say
 from upplied.errors import SettingsError
 from upplied.outputs.labels import LABELS
@@ -25,12 +25,12 @@ PhotoOption = Annotated[str, Parameter(help="Name or path of a registered photo.
 TimeOption = Annotated[float | None, Parameter(help="Seconds from its first pose, in place of a photo.")]
 PixelOption = Annotated[tuple[float, float] | None, Parameter(help="X and Y in pixels from the upper left.")]
 BoxOption = Annotated[tuple[float, float, float, float] | None, Parameter(help="X Y WIDTH HEIGHT in pixels.")]
-AtOption = Annotated[
-    tuple[float, float, float] | None, Parameter(help="X Y Z in metres, in the structure's frame.")
-]
-PoseErrorOption = Annotated[
-    float | None, Parameter(help="Position error in metres (95 %); by default the flight's.")
-]
+AtOption = Annotated[Point | None, Parameter(help="X Y Z in metres, in the structure's frame.")]
+_POSE_ERROR = "Position error in metres (95 %); by default the flight's."
+PoseErrorOption = Annotated[float | None, Parameter(help=_POSE_ERROR)]
+_OF_MARKS = "ID of the flight or demonstration of the marks that name none."
+_TIMES = "CSV with name and t_ns, or t_s from the first pose."
+_REFERENCE = "Structure on which all places are shown: one map for a kind."
 FinenessOption = Annotated[float, Parameter("--mm-px", help="Largest pixel on the surface, in mm.")]
 SinceOption = Annotated[str | None, Parameter("--since", help="First date of looks, such as 2026-03-01.")]
 ToOption = Annotated[str, Parameter("--to", help="IDs separated by commas, or `kind` for all of its kind.")]
@@ -43,9 +43,7 @@ def add(
     *,
     by: ByOption,
     photo: PhotoOption = "",
-    flight: Annotated[
-        str, Parameter(help="ID of the flight or demonstration of the marks that name none.")
-    ] = "",
+    flight: Annotated[str, Parameter(help=_OF_MARKS)] = "",
     time: TimeOption = None,
     pixel: PixelOption = None,
     box: BoxOption = None,
@@ -73,9 +71,8 @@ def add(
 
     stated = [value is not None and value != "" for value in (pixel, box, outline, at)]
     if (file is None) != (sum(stated) == 1):
-        raise SettingsError(
-            "a finding", "has no mark, or several", "one of FILE, --pixel, --box, --outline, --at"
-        )
+        rule = "one of FILE, --pixel, --box, --outline, --at"
+        raise SettingsError("a finding", "has no mark, or several", rule)
     if file is not None:
         marks = [replace(mark, flight=mark.flight or flight) for mark in read_marks(file)]
     else:
@@ -108,9 +105,7 @@ def photos(
     folder: Path,
     /,
     *,
-    times: Annotated[
-        Path | None, Parameter(help="CSV with name and t_ns, or t_s from the first pose.")
-    ] = None,
+    times: Annotated[Path | None, Parameter(help=_TIMES)] = None,
     clock: Annotated[float, Parameter(help="Seconds that the camera's clock is behind the log's.")] = 0.0,
     by: ByOption = "",
     where: Where = HERE,
@@ -139,9 +134,7 @@ def list_findings(
     kind: OnlyKind = None,
     state: Annotated[State | None, Parameter(help="Only findings in this state.")] = None,
     class_name: Annotated[str | None, Parameter("--class", help="Only findings of this class.")] = None,
-    reference: Annotated[
-        str, Parameter(help="Structure on which all places are shown: one map for a kind.")
-    ] = "",
+    reference: Annotated[str, Parameter(help=_REFERENCE)] = "",
     out: Annotated[Path | None, Parameter(help="Folder for a page with that map in 3-D.")] = None,
     results: Results = PRINTED,
 ) -> int:

@@ -8,29 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli import findings
-from upplied.cli.options import (
-    ByOption,
-    FindingArgument,
-    FlightArgument,
-    OnlyStructure,
-    PointArgument,
-    StructureArgument,
-)
-from upplied.cli.terminal import (
-    HERE,
-    ID_DIGITS,
-    PRINTED,
-    Results,
-    Where,
-    complain,
-    complain_each,
-    errors,
-    plain,
-    point_text,
-    rows_of,
-    say,
-)
+from upplied.cli import findings, options, terminal
+from upplied.cli.options import FindingArgument, FlightArgument, PointArgument, StructureArgument, Texts
+from upplied.cli.terminal import HERE, ID_DIGITS, PRINTED, Results, Where, errors, say
 from upplied.outputs.labels import LABELS
 
 if TYPE_CHECKING:
@@ -43,9 +23,7 @@ PlanOption = Annotated[str, Parameter(help="ID of the flown plan; by default the
 PhotosOption = Annotated[
     Path | None, Parameter(help="File with the times of photos, in nanoseconds of the log's clock.")
 ]
-ForceOption = Annotated[
-    tuple[str, ...], Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")
-]
+ForceOption = Annotated[Texts, Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")]
 
 
 @app.command
@@ -80,7 +58,7 @@ def add(
 @app.command(name="list")
 def list_flights(
     *,
-    structure: OnlyStructure = None,
+    structure: options.OnlyStructure = None,
     kind: Annotated[str | None, Parameter(help="Kind of the flight: flown or simulated.")] = None,
     results: Results = PRINTED,
 ) -> int:
@@ -125,12 +103,12 @@ def history(
 ) -> int:
     """Show when the patch nearest to a point was seen, from which distance and at which angle."""
     looks = results.opened().looks_at(structure, point, kind)
-    results.show(f"views of {point_text(point)} on {structure}", rows_of(looks), ("patch", "patch_off_m"))
-    seen = looks[looks["seen"]]
-    if seen.empty:
+    title = f"views of {terminal.point_text(point)} on {structure}"
+    results.show(title, terminal.rows_of(looks), ("patch", "patch_off_m"))
+    if not looks["seen"].any():
         results.say("never seen")
         return 0
-    last = seen.iloc[-1]
+    last = looks[looks["seen"]].iloc[-1]
     place = f"{last['distance_m']:.1f} m at {last['incidence_deg']:.0f} degrees"
     results.say(f"last seen {last['flown_at']:%Y-%m-%d} from {place}")
     return 0
@@ -141,7 +119,7 @@ def promote(
     flight: FlightArgument,
     /,
     *,
-    by: ByOption,
+    by: options.ByOption,
     name: Annotated[str, Parameter(help="Name of the demonstration; by default one is generated.")] = "",
     force: ForceOption = (),
     where: Where = HERE,
@@ -158,7 +136,7 @@ def promote(
 def _show(row: dict[str, Any], results: Results) -> None:
     from upplied.outputs.flown import wind_words
 
-    known = plain(row)
+    known = terminal.plain(row)
     if results.json:
         results.show("", [known])
         return
@@ -192,7 +170,7 @@ class LookResults(Results):
 
         structure = store.structure(spot.structure_id)
         page, missing = write_crops(self.out, title, looks, spot, structure, self.photos)
-        complain_each("missing", missing)
+        terminal.complain_each("missing", missing)
         self.say(page)
         return int(bool(missing))
 
@@ -212,7 +190,7 @@ def looks_of(finding: FindingArgument, /, *, results: LookResults = LOOKED) -> i
     if spot.structure_sha256 != sha256:
         off = float(off_surface(store, [spot], sha256)[0])
         words = f"{spot.structure_id} has changed since the finding was placed"
-        complain(f"{words}; the place is {off:.2f} m off its surface")
+        terminal.complain(f"{words}; the place is {off:.2f} m off its surface")
     return results.show_looks(store, f"finding {row['finding_id']}", spot)
 
 
@@ -228,5 +206,5 @@ def looks(
     from upplied.findings.looks import spot_at
 
     store = results.opened()
-    title = f"{point_text(point)} of {structure}"
+    title = f"{terminal.point_text(point)} of {structure}"
     return results.show_looks(store, title, spot_at(store, structure, point, size / 2))

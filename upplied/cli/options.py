@@ -11,6 +11,7 @@ from upplied.errors import SettingsError
 
 WorkersOption = Annotated[int, Parameter(help="Number of processes; 0 uses one per core.")]
 Point = tuple[float, float, float]
+Texts = tuple[str, ...]
 PointArgument = Annotated[Point, Parameter(help="X Y Z of the point in metres, in the structure's frame.")]
 OnlyStructure = Annotated[str | None, Parameter(help="Only this structure.")]
 OnlyKind = Annotated[str | None, Parameter(help="Only structures of this kind.")]
@@ -25,9 +26,9 @@ NoteOption = Annotated[str, Parameter(help="Reason, shown on the page of the pla
 class RuleFlags:
     """How strictly imports are checked."""
 
-    allow: Annotated[tuple[str, ...], Parameter(help="Name of a rule to overrule; repeatable.")] = ()
+    allow: Annotated[Texts, Parameter(help="Name of a rule to overrule; repeatable.")] = ()
     strict: Annotated[bool, Parameter(help="Treat warnings as refusals.")] = False
-    set_: Annotated[tuple[str, ...], Parameter(name="--set", help="Limit of a rule, as NAME=VALUE.")] = ()
+    set_: Annotated[Texts, Parameter(name="--set", help="Limit of a rule, as NAME=VALUE.")] = ()
 
 
 USUAL_RULES = RuleFlags()
@@ -38,9 +39,7 @@ FlightArgument = Annotated[str, Parameter(help="ID of the flight, or its beginni
 StructureArgument = Annotated[str, Parameter(help="ID of the structure.")]
 OwnerArgument = Annotated[str, Parameter(help="ID of a structure, or a kind with --kind.")]
 KindOption = Annotated[bool, Parameter(help="OWNER is a kind, not a structure.")]
-
-
-Pairs = Annotated[tuple[str, ...], Parameter(name="--counterpart")]
+Pairs = Annotated[Texts, Parameter(name="--counterpart")]
 
 
 @Parameter(name="*")

@@ -86,9 +86,8 @@ class Results(Where):
 
         cells = {name: [_cell(row[name]) for row in rows] for name in rows[0]}
         left_out = _left_out(cells, spare)
-        table = Table(
-            title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
-        )
+        table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+        table.padding = (0, 1, 0, 0)
         for name in (columns := [name for name in cells if name not in left_out]):
             numbers = any(isinstance(row[name], int | float) for row in rows)
             # A long text may be wrapped.
@@ -111,9 +110,8 @@ class Results(Where):
 
     def show_facts(self, title: str, facts: Mapping[str, Any]) -> None:
         """Print facts by name, except empty ones, as a table or as JSON."""
-        self.show(
-            title, [{"item": name, "value": facts[name]} for name in facts if facts[name] not in ("", None)]
-        )
+        known = {name: value for name, value in facts.items() if value not in ("", None)}
+        self.show(title, [{"item": name, "value": value} for name, value in known.items()])
 
     def say(self, text: object) -> None:
         """Print a line below a table; not with JSON."""
@@ -192,14 +190,13 @@ def compared(
     titles: Mapping[str, str], rows: Mapping[str, Mapping[Any, Any]], difference: tuple[str, str, str]
 ) -> list[dict[str, Any]]:
     """A row for each measure: its title, its value in each of `rows`, and the difference of two."""
-    title_of_difference, one, other = difference
     lines = []
     for measure, title in titles.items():
         values = {name: number(row[measure]) for name, row in rows.items()}
         line: dict[str, Any] = {"measure": title, **values}
         if len(values) == 2:
-            first, second = values[one], values[other]
-            line[title_of_difference] = None if first is None or second is None else first - second
+            first, second = (values[name] for name in difference[1:])
+            line[difference[0]] = None if first is None or second is None else first - second
         lines.append(line)
     return lines
 

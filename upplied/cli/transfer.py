@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from upplied import fleet
+from upplied.cli.demonstrations import best as best_for
 from upplied.cli.options import Choices, WorkersOption
-from upplied.cli.recommend import best as best_for
 from upplied.cli.terminal import PRINTED, Results, Where, complain, errors, progress, say
 from upplied.errors import InputError, RefusedError, SettingsError
 from upplied.outputs.labels import LABELS
@@ -80,13 +80,7 @@ def transfer(
 
 
 def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> tuple[str, ...]:
-    """The targets of a demonstration's kind; the others are reported with the reason.
-
-    Raises
-    ------
-    InputError
-        If none is left.
-    """
+    """The targets of a demonstration's kind; the others are reported, or refused where none is left."""
     from upplied.checks import suggested
 
     if not targets:
@@ -99,10 +93,8 @@ def fitting(catalog: Catalog, demonstration: str, targets: tuple[str, ...]) -> t
         if name not in kinds:
             reasons.append(f"structure {name}: is not in the catalog ({suggested(name, kinds)})")
         elif kind and kinds[name] != kind:
-            reasons.append(
-                f"structure {name}: is of kind {kinds[name]}, and {demonstration} was flown on {flown}, "
-                f"of kind {kind}: a demonstration is transferred within its kind"
-            )
+            reason = f"is of kind {kinds[name]}, and {demonstration} was flown on {flown}, of kind {kind}"
+            reasons.append(f"structure {name}: {reason}: a demonstration is transferred within its kind")
         else:
             targets_of_kind.append(name)
     if not targets_of_kind:
@@ -233,24 +225,23 @@ def _reproduced(where: Where, transfer_id: str) -> int:
 
     store, transfer = where.plan(transfer_id)
     basis = recipe(store, transfer)
-    purpose = basis.row["purpose"] or ""
-    if purpose.startswith("gap "):
-        remedy = f"plan it again: upplied flights gap {purpose.removeprefix('gap ')}"
-        raise RefusedError(f"plan {transfer_id}", "was planned from a flight", "", remedy)
-    if purpose.startswith(("reshoot ", "campaign ")):
-        remedy = f"plan it again: upplied reshoot --on {basis.row['target_id']}"
-        raise RefusedError(f"plan {transfer_id}", "was planned from findings", "", remedy)
+    row, what = basis.row, f"plan {transfer_id}"
+    purpose, _, subject = (row["purpose"] or "").partition(" ")
+    if purpose == "gap":
+        remedy = f"plan it again: upplied flights gap {subject}"
+        raise RefusedError(what, "was planned from a flight", "", remedy)
+    if purpose in ("reshoot", "campaign"):
+        remedy = f"plan it again: upplied reshoot --on {row['target_id']}"
+        raise RefusedError(what, "was planned from findings", "", remedy)
     with errors.status("planning again"):
         settings = basis.settings
         zones, unnamed = required_surface(store, store.cache, basis.target, settings.required.zones)
         inputs = (basis.demonstration, basis.source, basis.target)
         plan = plan_transfer(*inputs, settings, no_memo, zones, basis.siblings)
         plan = replace(plan, warnings=(*plan.warnings, *unnamed))
-    different = basis.differences(plan)
-    row = basis.row
     for doubt in basis.doubts:
         say(f"note: {doubt}")
-    if not different:
+    if not (different := basis.differences(plan)):
         what = f"{row['n_waypoints']} waypoints" if row["status"] == "ok" else row["status"]
         say(f"{transfer_id}: the result is the same ({what})")
         return 0

@@ -56,7 +56,9 @@ def add_flight_log(
     photos: str | Path | None = None,
     accuracy_m: float | None = None,
 ) -> Row:
-    """Read the log of a flight, lay it on its plan and keep what came of it; a known log adds nothing.
+    """Read the log of a flight, lay it on its plan and keep what came of it: its row of `flights`.
+
+    A known log adds nothing.
 
     Parameters
     ----------
@@ -71,11 +73,6 @@ def add_flight_log(
         it the camera is taken to see all the time.
     accuracy_m : float, optional
         Of the logged positions, m, as of RTK: the log is corrected by no more.
-
-    Returns
-    -------
-    dict
-        The row of `flights`.
 
     Raises
     ------
@@ -102,11 +99,11 @@ def _added(workers: Workers, catalog: Catalog, log: str | Path, *given: Any) -> 
 
 def keep(catalog: Catalog, judged: Judged) -> Row:
     """Add a judged flight to the catalog, unless it is there; its row."""
-    row = judged.row
-    same = catalog.flights(row["transfer_id"])
-    if row["flight_id"] in set(same["flight_id"]):
-        return {str(k): v for k, v in same[same["flight_id"] == row["flight_id"]].iloc[-1].items()}
-    row = {**row, "looks_sha256": keep_looks(catalog, judged)}
+    same = catalog.flights(judged.row["transfer_id"])
+    same = same[same["flight_id"] == judged.row["flight_id"]]
+    if len(same):
+        return {str(name): value for name, value in same.iloc[-1].items()}
+    row = {**judged.row, "looks_sha256": keep_looks(catalog, judged)}
     catalog.add_flight(row, judged.path)
     return row
 
@@ -227,12 +224,9 @@ def required_of(
 def add_flight_logs(catalog: Catalog, logs: Sequence[str | Path]) -> list[dict[str, str]]:
     """Each log, or those of each folder, into the catalog, on the plan in force that it lies on best.
 
-    Returns
-    -------
-    list of dict
-        Of each log its name, status (added, unchanged, failed), reason and findings; `flight` is its id,
-        `left_out` says in words how much of what its plan shows it did not, and which zones no flight showed
-        as they ask; it is empty where it inspected all as asked.
+    Returns of each its name, status (added, unchanged, failed), reason and findings; `flight` is its id,
+    `left_out` says in words how much of what its plan shows it did not, and which zones no flight showed
+    as they ask; it is empty where it inspected all as asked.
     """
     known = set(catalog.flights(kind="flown")["flight_id"])
     rows = []

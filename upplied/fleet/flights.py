@@ -114,10 +114,8 @@ def _through_gate(catalog: Catalog, row: Row, force: tuple[str, ...]) -> None:
     """Refuse a plan that breaks a rule of the gate; keep which rules were overruled."""
     limit_m = settings_of(row["settings_json"]).route.clearance_m
     target, state = catalog.structure(row["target_id"]), catalog.standing().of(row["transfer_id"])
-    faults = [
-        *gate.broken_by(plan_of(catalog, row), target, limit_m),
-        *undecided(catalog, {**row, "state": state}),
-    ]
+    faults = [*gate.broken_by(plan_of(catalog, row), target, limit_m)]
+    faults += undecided(catalog, {**row, "state": state})
     faults = [one for one in faults if one.rule not in DRAFTS]  # a simulation may be of any
     overruled = gate.pass_or_refuse(f"transfer {row['transfer_id']}", faults, force)
     keep_overruled(catalog, row, "fly", "", overruled)
@@ -126,9 +124,8 @@ def _through_gate(catalog: Catalog, row: Row, force: tuple[str, ...]) -> None:
 def measured(basis: Recipe, plan: Plan) -> Measures:
     """The measures of a plan, computed from its trajectory and its inputs."""
     assert plan.trajectory is not None
-    inputs = (basis.demonstration, basis.source, basis.target)
-    settings, siblings = basis.settings, basis.siblings
-    return measure_flown(plan.trajectory, plan, *inputs, settings, siblings=siblings).measures
+    inputs = (basis.demonstration, basis.source, basis.target, basis.settings)
+    return measure_flown(plan.trajectory, plan, *inputs, siblings=basis.siblings).measures
 
 
 BY = "the check of changed structures"

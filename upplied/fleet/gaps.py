@@ -58,7 +58,6 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     if len(catalog.transfers(every=True, ids=[id_of(key)], columns=["transfer_id"])):
         return id_of(key)
     missing = np.asarray(required & ~inspected, bool)
-    zone_gaps = [zone.gap for zone in zones]
 
     def flight_at(clearance_m: float) -> GapFlight:
         path = flown.trajectory
@@ -66,7 +65,7 @@ def plan_gap(catalog: Catalog, start: str) -> str:
         around = replace(airspace, clearance_m=clearance_m)
         every = max(1, len(path) // _PLACES)
         graph = roadmap(around, obstacle(surface, flown.supposed), path.positions[::every])
-        known = settings.retime, zone_gaps, settings.inspection
+        known = settings.retime, [zone.gap for zone in zones], settings.inspection
         return gap_flight(path, surface, missing, camera, graph, *known)
 
     flight, clearance_words = _as_far(flown, airspace, flight_at)
@@ -218,7 +217,7 @@ def missed_zones(
 
 def key_of(zones: list[Zone]) -> list[str]:
     """What a plan for these zones is named by, beside its flight; nothing where there are none."""
-    parts: list[Any] = []
+    parts = []
     for zone in zones:
         gap, named = zone.gap, [zone.row[name] for name in ("zone", "set", "version")]
         demanded = [zone.demand.looks, gap.farthest_m, gap.incidence_deg]

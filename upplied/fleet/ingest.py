@@ -46,7 +46,7 @@ def ingest_structures(
     ----------
     catalog : Catalog
     manifest : path
-        `structures.toml` or a CSV.
+        `structures.toml` or a CSV; an `InputError` if it cannot be read.
     workers : int
         Processes; 0 takes one per core.
     progress : callable
@@ -55,11 +55,6 @@ def ingest_structures(
         Retire structures that the manifest no longer names, and with them their plans; history stays.
     rules : RuleOptions, optional
         Which rules are overruled, and their bounds.
-
-    Raises
-    ------
-    InputError
-        If the manifest itself cannot be read.
     """
     entries = (rules or RuleOptions()).of(read_manifest(manifest))
     ingested, known = _added(catalog, entries, workers, progress)
@@ -96,6 +91,9 @@ def ingest_demonstrations(
 ) -> list[Ingested]:
     """Read flights of any kind, or folders of them, and keep those that are new or changed.
 
+    Returns what became of every flight, and of what looks like one and cannot be read; the rest tells
+    `passed_over`.
+
     Parameters
     ----------
     catalog, workers, progress
@@ -108,11 +106,6 @@ def ingest_demonstrations(
         Facts about all of them; among them the rules of their passports that are overruled.
     dry_run : bool
         Read and judge, and keep nothing; there need not be a catalog.
-
-    Returns
-    -------
-    list of Ingested
-        Of every flight, and of what looks like one and cannot be read; the rest tells `passed_over`.
 
     Raises
     ------
@@ -245,6 +238,6 @@ class _Stored:
         """The same, each structure with a note of which entry gave its words."""
         for name, read in reads:
             if isinstance(read, Structure):
-                entry = entries[name]
-                self.cache.put(_WORDS, digest(reading.content_of(read)), (entry.site, entry.notes))
+                words = entries[name].site, entries[name].notes
+                self.cache.put(_WORDS, digest(reading.content_of(read)), words)
             yield name, read

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,16 +17,17 @@ from upplied.inputs.rules import RULES, StructureSettings, Verdict, broken
 from upplied.recommend.shapes import ShapeFeatures, library_of, turned, unlikeness
 from upplied.records import Floats
 
-_METRES = {name: metres for name, metres in UNITS.items() if metres is not None and metres != 1.0}
 # What a size is off by where one unit is taken for another, and in words.
-_CONFUSED = tuple(
-    (factor, words)
-    for name, metres in _METRES.items()
-    for factor, words in (
+_CONFUSED = [
+    confused
+    for name, metres in UNITS.items()
+    if metres is not None and metres != 1.0
+    for confused in (
         (1 / metres, f"{name} read as m: units = {name}?"),
         (metres, f"metres read as {name}: units = m?"),
     )
-)
+]
+_TURNS = np.round(Rotation.create_group("O").as_matrix())  # of a cube, (24, 3, 3)
 _MIXED = 3.0  # largest over smallest of a kind from which on feet may pass for metres within it
 _NEARLY_ALIKE = 0.35  # unlikeness of members of one form, nearly all (airliners, turbines, hulls)
 
@@ -137,17 +137,15 @@ def _axes(
     symmetric: bool,
 ) -> Iterator[Verdict]:
     """Whether it fits the others of its kind better when it is turned."""
-    library, turns = library_of([one.shape for one in kin]), quarter_turns()
-    nearest_turn = [float(unlikeness(turned(new.shape, turn), library).min()) for turn in turns]
-    stands = turns[:, 2, 2] > 0.5
-    for rule, tried in (
-        ("up-axis", [index for index in range(len(turns)) if not stands[index]]),
-        ("forward-axis", [index for index in range(len(turns)) if stands[index] and not symmetric]),
-    ):
+    library = library_of([one.shape for one in kin])
+    nearest_turn = [float(unlikeness(turned(new.shape, turn), library).min()) for turn in _TURNS]
+    stands = _TURNS[:, 2, 2] > 0.5
+    headings = [] if symmetric else np.flatnonzero(stands).tolist()
+    for rule, tried in (("up-axis", np.flatnonzero(~stands).tolist()), ("forward-axis", headings)):
         best = min(tried, key=nearest_turn.__getitem__, default=None)
         if best is None or nearest_turn[best] >= min(bounds.alike, bounds.turned_share * declared):
             continue
-        right = turns[best] @ file_turn(*axes)
+        right = _TURNS[best] @ file_turn(*axes)
         names = [("-" if row.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in right[[2, 0]]]
         words = (
             f"as declared (up {axes[0]}, forward {axes[1]}) its form misses that of every {new.kind} here by"
@@ -180,9 +178,3 @@ def _kind(
         words = f"its form is unlike every other {new.kind} here"
         words += f", the most alike ({like}) misses by {best:.2f}"
         yield broken(RULES["kind"], words, f"at most {bounds.odd_unlikeness:g}")
-
-
-@cache
-def quarter_turns() -> Floats:
-    """The 24 turns of a cube, (24, 3, 3)."""
-    return np.round(Rotation.create_group("O").as_matrix())

@@ -30,7 +30,7 @@ from upplied.geometry.scene import open3d
 from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.plan import plan_transfer
 from upplied.proof.required_zones import RequiredZones
-from upplied.records import Camera, Demonstration, Plan, Structure
+from upplied.records import Camera, Plan, Structure
 from upplied.records.required import RequiredSurface
 
 R = TypeVar("R")
@@ -60,14 +60,8 @@ def prepare(location: str) -> None:
     open3d()
 
 
-@lru_cache(maxsize=8)
-def _structure(catalog: Catalog, structure_id: str) -> Structure:
-    return catalog.structure(structure_id)
-
-
-@lru_cache(maxsize=16)
-def _demonstration(catalog: Catalog, demonstration_id: str) -> Demonstration:
-    return catalog.demonstration(demonstration_id)
+_structure = lru_cache(8)(Catalog.structure)
+_demonstration = lru_cache(16)(Catalog.demonstration)
 
 
 @lru_cache(maxsize=4)
@@ -98,8 +92,7 @@ def superseded(job: Job) -> Plan:
 def plan_job(job: Job, plan_of: Callable[[Catalog, Job], Plan] = transferred) -> Outcome:
     """Plan one job in this process, which was prepared; errors become plans with a reason."""
     assert _catalog is not None
-    began = time.monotonic()
-    detail = ""
+    began, detail = time.monotonic(), ""
     try:
         plan = _catalog.keep_surface(plan_of(_catalog, job))
     except MemoryError:
@@ -160,8 +153,7 @@ def required_surface(
 ) -> tuple[RequiredSurface | None, tuple[str, ...]]:
     """What plans of a structure are to show first, and the zones that cannot be planned for, in words.
 
-    The zones are named as `required.zones` of the settings has it (empty: none); unknown ones are a
-    `CatalogError`.
+    The zones are named as `required.zones` has it (empty: none); unknown ones are a `CatalogError`.
     """
     if not name:
         return None, ()

@@ -49,16 +49,14 @@ def promote_flight(
     structure = catalog.structure(str(row["target_id"]))
     scene = scene_for(structure, catalog.supposed(str(plan["transfer_id"])))
     broken = _broken(row, path_clearance(scene, flown.positions).distance_m, plan)
-    left = [(rule, fault) for rule, fault in broken if rule not in force]
-    if left:
+    if left := [(rule, fault) for rule, fault in broken if rule not in force]:
         reasons = "; ".join(fault for _, fault in left)
         raise RefusedError(what, reasons, RULES[left[0][0]], f"or overrule it: --force {left[0][0]}")
     usual_name = f"{plan['demonstration_id']}-{structure.structure_id}-{row['flown_at']:%Y%m%d}"[:64]
     name = check_id(name or usual_name, "demonstration id")
-    known = set(catalog.demonstrations(every=True)["demonstration_id"])
-    if name in known:
-        fault = "is in the catalog"
-        raise RefusedError(f"demonstration {name}", fault, "a name of its own", "say --name NAME")
+    if name in set(catalog.demonstrations(every=True)["demonstration_id"]):
+        remedy = "say --name NAME"
+        raise RefusedError(f"demonstration {name}", "is in the catalog", "a name of its own", remedy)
     before = catalog.demonstration(str(plan["demonstration_id"]))
     camera, start_ns = before.camera, int(row["flown_at"].value)
     if flown.fov_deg is not None:  # the narrowest field of view that the flight itself logged
@@ -90,8 +88,8 @@ def _broken(row: Row, clearance_m: float, plan: Row) -> list[tuple[str, str]]:
     broken = []
     if row["kind"] != "flown":
         broken.append(("flown", f"is {row['kind'] or 'simulated'}"))
-    shares = (("flown_pct", "of its plan was flown"), ("required_pct", "of what it shows was in view"))
-    for column, words in shares:
+    shares = {"flown_pct": "of its plan was flown", "required_pct": "of what it shows was in view"}
+    for column, words in shares.items():
         if not (row[column] or 0.0) >= _WHOLE_PCT:
             broken.append(("whole", f"{row[column] or 0.0:.1f} % {words}"))
     inspected = row["inspected_pct"]
@@ -104,6 +102,5 @@ def _broken(row: Row, clearance_m: float, plan: Row) -> list[tuple[str, str]]:
             broken.append(("recorded", part))
     route = settings_of(plan["settings_json"]).route
     if route.enforce and clearance_m < route.clearance_m:
-        near = f"comes within {clearance_m:.2f} m (limit {route.clearance_m:g} m)"
-        broken.append(("clearance", near))
+        broken.append(("clearance", f"comes within {clearance_m:.2f} m (limit {route.clearance_m:g} m)"))
     return broken

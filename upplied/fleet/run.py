@@ -52,13 +52,11 @@ class Run(AbstractContextManager["Run"]):
         Holds the demonstrations and structures, and receives the plans.
     jobs : sequence of Job
         From `upplied.fleet.decide`.
-    run_id : str
-        Kept with every row.
+    run_id, engine : str
+        Kept with every row; the latter is whose processes these are, with the name of its worker.
     resources : Resources
     progress : callable
         Called with each outcome, in the order they come.
-    engine : str
-        Whose processes these are, with the name of its worker; kept with every row.
     plan : callable
         What plans a job in a worker process, by its name there.
     """
@@ -125,9 +123,8 @@ def plan_here(
 ) -> Result:
     """Plan jobs one after the other for a process of somebody else's engine, and count the outcomes.
 
-    The engine decides where, the catalog keeps what comes of it. Jobs that were kept meanwhile, by
-    whomever, are left out, so a shard that an engine starts twice is planned once. The planning is done
-    in a guarded process beside this one, which stays for the next shard.
+    Jobs that were kept meanwhile, by whomever, are left out, so a shard that an engine starts twice is
+    planned once. The planning is done in a guarded process beside this one, which stays for the next shard.
     """
     required("open3d", "plan")
     catalog = open_catalog(location)
@@ -231,17 +228,15 @@ class Keeper:
                 raise
 
     def _provenance(self, outcome: Outcome) -> dict[str, Any]:
-        hashes = ("demonstration_sha256", "source_sha256", "target_sha256")
+        job, hashes = outcome.job, ("demonstration_sha256", "source_sha256", "target_sha256")
         return {
             "run_id": self._run_id,
             "planned_on": f"{outcome.process}/{self._engine}",
             "method_version": METHOD_VERSION,
             **recorded(),
             "planning_s": outcome.seconds,
-            "settings": outcome.job.settings,
-            "siblings": outcome.job.siblings,
-            "purpose": outcome.job.purpose,
-            **dict(zip(hashes, outcome.job.sha256, strict=True)),
+            **{name: getattr(job, name) for name in ("settings", "siblings", "purpose")},
+            **dict(zip(hashes, job.sha256, strict=True)),
         }
 
 

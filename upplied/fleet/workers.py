@@ -69,14 +69,8 @@ class Limits:
 class Workers(AbstractContextManager["Workers"]):
     """A fixed number of processes, each prepared by `setup`; `run` may be called from any thread.
 
-    Parameters
-    ----------
-    count : int
-        How many processes compute at the same time.
-    setup : callable
-        Called once in each fresh process with `setup_args`; must be importable.
-    limits : Limits
-        Time and memory of one job.
+    `setup`, which must be importable, is called once in each fresh process with `setup_args`; the limits
+    are those of one job.
 
     Examples
     --------
@@ -231,11 +225,8 @@ def _bare_child() -> Iterator[None]:
             os.environ.update({name: value for name, value in before.items() if value is not None})
 
 
-# Below: in the worker process.
-
-
 def _guarded(function: Callable[..., Value], *args: Any) -> Value:
-    """Do a job; where memory runs out nobody knows what is left of the heap, and the process goes with it."""
+    """Do a job in the worker; without memory nobody knows what is left of the heap: the process goes too."""
     try:
         return function(*args)
     except MemoryError:
@@ -245,7 +236,13 @@ def _guarded(function: Callable[..., Value], *args: Any) -> Value:
 def _prepare(memory_bytes: int, setup: Callable[..., None] | None, setup_args: tuple[Any, ...]) -> None:
     """First thing in a fresh process: die with the parent, stay within memory, load what jobs need."""
     threading.Thread(target=_die_with_parent, daemon=True).start()
-    _limit_memory(memory_bytes)
+    with suppress(ImportError):  # Windows has none
+        import resource
+
+        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+        size = memory_bytes if hard < 0 else min(memory_bytes, hard)
+        resource.setrlimit(resource.RLIMIT_AS, (size, hard))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     cast_rays_on(1)
     if setup is not None:
         setup(*setup_args)
@@ -257,13 +254,3 @@ def _die_with_parent() -> None:
     if parent is not None:
         connection.wait([parent.sentinel])
         os._exit(1)
-
-
-def _limit_memory(size: int) -> None:
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
-    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-    resource.setrlimit(resource.RLIMIT_AS, (size if hard < 0 else min(size, hard), hard))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

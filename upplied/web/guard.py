@@ -53,15 +53,8 @@ OWN_HEADERS = _HEADERS | {
 class Guard:
     """ASGI middleware that refuses requests under another name and from pages of another site.
 
-    Parameters
-    ----------
-    app : ASGI application
-    names : collection of str
-        Allowed names in the ``Host`` of requests.
-    port : int, optional
-        Required port in it, if there is no proxy before the server.
-    own : bool
-        For our pages: their policy is strict, and requests must come from one of them.
+    `names` and `port` as for `refusal`. With `own`, for our pages, the policy is strict, and requests must
+    come from one of them.
     """
 
     def __init__(
@@ -103,14 +96,8 @@ class Guard:
 def refusal(headers: Sequence[tuple[bytes, bytes]], names: Collection[str], port: int | None = None) -> str:
     """Why a request is refused by its ``Host`` and ``Origin``; empty if it is not.
 
-    Parameters
-    ----------
-    headers : sequence of (bytes, bytes)
-        As in ASGI.
-    names : collection of str
-        Names of the server.
-    port : int, optional
-        Required port, if there is no proxy (perhaps with TLS) before the server.
+    Headers as in ASGI; `names` are those of the server, `port` is required in the ``Host`` if there is no
+    proxy (perhaps with TLS) before it.
     """
     values = Headers(raw=list(headers)).getlist
     host = values("host")[0].lower() if len(values("host")) == 1 else ""

@@ -29,8 +29,7 @@ from upplied.errors import CatalogError, UppliedError
 from upplied.outputs import pages
 from upplied.outputs.site import ENDINGS
 from upplied.web.guard import LOOPBACK, Guard, Login
-from upplied.web.live import LivePages, warm
-from upplied.web.requests import Decisions
+from upplied.web.live import Decisions, LivePages, warm
 from upplied.web.session import Sessions
 
 HOST = "127.0.0.1"
@@ -164,21 +163,14 @@ class Server:
     Parameters
     ----------
     catalog : Catalog
-    port : int
-        0: any free port.
-    host : str
-        Address to bind.
+    port, host
+        The address to bind, an `OSError` if it is taken; port 0 is any free one.
     login : Login, optional
         Of the service; by default one of this run, whose token is in `address`.
     names : frozenset of str, optional
         Allowed names in requests; by default those of this machine, with this port.
     bound : int
         An open file that is bound to the port, instead of host and port.
-
-    Raises
-    ------
-    OSError
-        If the port is taken.
     """
 
     def __init__(

@@ -14,7 +14,7 @@ from upplied.catalog import Catalog
 from upplied.checks import pair_name
 from upplied.errors import InputError, UppliedError
 from upplied.fleet.editing import Base, Editing, JudgedEdit, flown_path
-from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row
+from upplied.fleet.edits import keep_edit, read_edit, viewpoint_row, words_of
 from upplied.fleet.flights import place_breaches
 from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.outputs.display import display_states, nearest_samples, packed, structure_data
@@ -26,7 +26,7 @@ from upplied.outputs.verdicts import headline
 from upplied.proof.carried_edit import stored_edit
 from upplied.proof.edit import AirspaceLimits, Edit
 from upplied.records import Ints
-from upplied.web.requests import Decisions, ZoneRequests, signed
+from upplied.web.live import Decisions, ZoneRequests, signed
 
 _MOST_BASES = 50  # replanned versions in memory, to which a page can return
 _MOST_OPEN = 8  # plans; of more, the least recently used is closed
@@ -44,13 +44,7 @@ class Sessions:
         return Session(catalog, plan, partial(self._stages.__setitem__, plan))
 
     def answer(self, request: Mapping[str, Any], plan: str, what: str) -> dict[str, Any]:
-        """The answer to a request about a plan.
-
-        Raises
-        ------
-        UppliedError
-            If the plan cannot be opened.
-        """
+        """The answer to a request about a plan; an `UppliedError` if it cannot be opened."""
         if what == "progress":
             return {"stage": self._stages.get(plan, "Opening the plan")}
         with self._lock:
@@ -75,6 +69,7 @@ class Session:
         stage("Drawing the structure")
         self._reader = Reader(catalog)
         self._mesh = self._reader.display_mesh(self.editing.target)
+        self._structure = structure_data(self.editing.target, self._mesh)
         self._origin = np.array(self._structure["origin"])
         self._near: Ints | None = None
         self.zones = ZoneRequests(catalog, self.editing, self._origin)
@@ -97,10 +92,6 @@ class Session:
                 return answers[what](request)
             except UppliedError as error:
                 return {"refused": str(error)}
-
-    @cached_property
-    def _structure(self) -> dict[str, Any]:
-        return structure_data(self.editing.target, self._mesh)
 
     def _plan(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The initial content of the page: the plan with its stored measures."""
@@ -145,13 +136,9 @@ class Session:
         rows = self._rows(replanned)
         for at, viewpoint in again.changed.items():
             rows[at] = viewpoint_row(at, viewpoint)
-        answer = self._judged(replanned, again, airspace)
-        return answer | {
-            "base": len(self._bases) - 1,
-            "viewpoints": rows,
-            "deleted": list(again.deleted),
-            "fixed": sorted(again.changed),
-        }
+        fixed_again = {"deleted": list(again.deleted), "fixed": sorted(again.changed)}
+        answer = self._judged(replanned, again, airspace) | fixed_again
+        return answer | {"base": len(self._bases) - 1, "viewpoints": rows}
 
     def _keep(self, request: Mapping[str, Any]) -> dict[str, Any]:
         base, edit, airspace = self._read(request)
@@ -213,16 +200,14 @@ class Session:
                 "look": [sentence(each) for each in (*faults, *judged.plan.warnings)],
             },
             "differences": self._differences(measures),
-            "words": ", ".join(
-                filter(None, (edit.words, airspace.words, "planned again" if base.airspace else ""))
-            ),
+            "words": words_of(edit, airspace, base),
         }
 
     def _differences(self, measures: Mapping[str, Any]) -> list[str]:
         """Differences from the plan in force, and from the plan as it was opened, in words."""
         sentences = []
-        others = (("the plan in force", self._force_row), ("the plan as opened", self.editing.recipe.row))
-        for name, row in others:
+        others = {"the plan in force": self._force_row, "the plan as opened": self.editing.recipe.row}
+        for name, row in others.items():
             if row is None:
                 continue
             parts = []
