@@ -90,11 +90,8 @@ def _attended(
     if not settings.correspondence.repeat:
         return [first]
     if settings.correspondence.method != "parts":
-        raise SettingsError(
-            "correspondence.repeat",
-            f"was requested with preset {settings.preset!r}",
-            "preset 'recommended' only",
-        )
+        reason = f"was requested with preset {settings.preset!r}"
+        raise SettingsError("correspondence.repeat", reason, "preset 'recommended' only")
     if settings.correspondence.repeat == "each" and _shows_each(first):
         return [first]
     across = about(mirrored(demonstration, pair.source))

@@ -40,37 +40,29 @@ def voxel_filter(points: Floats, leaf_m: float) -> Floats:
     array([[0.1, 0. , 0. ],
            [5. , 0. , 0. ]])
     """
-    voxel, _ = _voxels(_columns(points), leaf_m)
+    voxel, _ = _voxels((points - points.min(axis=0)).T, leaf_m)
     _, member, count = np.unique(voxel, return_inverse=True, return_counts=True)
     sums = np.column_stack([np.bincount(member, weights=points[:, axis]) for axis in range(3)])
     return sums / count[:, None]
 
 
-def _columns(points: Floats) -> Floats:
-    """Places (3, N) from the corner of their box."""
-    return np.ascontiguousarray((points - points.min(axis=0)).T)
-
-
 def _voxels(columns: Floats, leaf_m: float) -> tuple[Ints, int]:
-    """The voxel (N,) of each point, and how many voxels their box has."""
+    """The voxel (N,) of each place (3, N) from the corner of their box, and how many voxels that has."""
     x, y, z = cell = (columns / leaf_m).astype(np.int64)
     size = cell.max(axis=1) + 1
     return (x * size[1] + y) * size[2] + z, int(size.prod())
 
 
-def _occupied(columns: Floats, leaf_m: float) -> int:
-    voxel, number = _voxels(columns, leaf_m)
-    return len(np.unique(voxel)) if number > _MOST_VOXELS else int(np.count_nonzero(np.bincount(voxel)))
-
-
 def _leaf_for(points: Floats, number: int) -> float:
     """The leaf that leaves about `number` points, found by bisection on its logarithm."""
-    columns = _columns(points)
+    columns = np.ascontiguousarray((points - points.min(axis=0)).T)
     extent = float(columns.max())
     low, high = np.log(extent / 2000), np.log(extent)
     for _ in range(20):
         middle = (low + high) / 2
-        if _occupied(columns, float(np.exp(middle))) > number:
+        voxel, whole = _voxels(columns, float(np.exp(middle)))
+        many = whole > _MOST_VOXELS
+        if (len(np.unique(voxel)) if many else np.count_nonzero(np.bincount(voxel))) > number:
             low = middle
         else:
             high = middle
