@@ -123,8 +123,6 @@ def _worst(
         apart_m = float(distance[far][region].max()) * diagonal_m
         if area >= most:
             reach = f"up to {apart_m:.1f} m away at the source's scale"
-            most, worst = (
-                area,
-                f"{centre} of the {name}, {area:.0f} % of its area, has no counterpart: {reach}",
-            )
+            worst = f"{centre} of the {name}, {area:.0f} % of its area, has no counterpart: {reach}"
+            most = area
     return worst

@@ -34,10 +34,10 @@ from upplied.planning.correspondence.never_scanned import (
 from upplied.planning.correspondence.part_alignment import rotor_turned
 from upplied.planning.correspondence.part_assignment import Matching
 from upplied.planning.correspondence.registration import Declared, declared_for, register
+from upplied.planning.surface.lattice import voxel_cloud
 from upplied.planning.surface.parts import blades_of, pieces_tell_parts
 from upplied.planning.surface.samples import surface_samples, with_fine
 from upplied.planning.surface.skin import PartLabels, Skin, middle_of, skin_study
-from upplied.planning.surface.thinning import voxel_cloud
 from upplied.records import (
     Bools,
     Cloud,

@@ -29,10 +29,9 @@ from upplied.planning.surface.escape import (
     lets_out,
     shows_inside,
 )
-from upplied.planning.surface.lattice import Lattice, lattice, spacing_for
+from upplied.planning.surface.lattice import Lattice, lattice, shares, spacing_for, thin
 from upplied.planning.surface.parts import mesh_pieces, part_labels
 from upplied.planning.surface.skin import outside_like, outward_of_points
-from upplied.planning.surface.thinning import shares, thin
 from upplied.records import Bools, Cloud, Floats, Ints, Structure
 
 _AREA = 9  # points, each with its nearest, whose circle tells the area that a point stands for

@@ -71,26 +71,22 @@ def skin_parts(structure: Structure, scene: Scene, cloud: Cloud) -> PartLabels:
 
 def skin_study(structure: Structure, scene: Scene, cloud: Cloud) -> Skin:
     """The skin of a structure, of which the N samples with normals of `cloud` say what is outside."""
-    points, normals, piece = _fine_samples(structure, scene, cloud)
+    if len(structure.triangles):
+        lines = lattice(structure, spacing_for(structure, float(cloud.areas.sum()), _FINE))
+        index, normals, _ = outside_like(lines.points, lines.triangle, structure, scene, cloud)
+        piece, area = mesh_pieces(structure), triangle_areas(structure)
+        share = np.bincount(piece, weights=area) / max(float(area.sum()), 1e-300)
+        known = np.where(share[piece] >= FRAGMENT, piece, -1)  # borders of triangle soup mean nothing
+        points, piece = lines.points[index], known[lines.triangle[index]]
+    else:
+        index = np.sort(np.random.default_rng(0).permutation(len(structure.vertices))[:_FINE])
+        points, normals = structure.vertices[index], outward_of_points(structure, index, cloud)
+        piece = np.full(len(index), -1)
     if len(points) < 2 / FRAGMENT:
         nothing = np.empty((0, 3))
         return Skin(nothing, nothing, np.zeros((len(_NECKS), 0), np.int64), 0.0)
     spacing = float(np.sqrt(cloud.areas.sum() / len(points)))
     return Skin(points, normals, _joined(points, normals, piece, spacing), spacing)
-
-
-def _fine_samples(structure: Structure, scene: Scene, cloud: Cloud) -> tuple[Floats, Floats, Ints]:
-    """Points and outward normals (F, 3) on the outside, and the mesh piece (F,) of each, -1 on fragments."""
-    if not len(structure.triangles):
-        chosen = np.sort(np.random.default_rng(0).permutation(len(structure.vertices))[:_FINE])
-        outward = outward_of_points(structure, chosen, cloud)
-        return structure.vertices[chosen], outward, np.full(len(chosen), -1)
-    lines = lattice(structure, spacing_for(structure, float(cloud.areas.sum()), _FINE))
-    index, outward, _ = outside_like(lines.points, lines.triangle, structure, scene, cloud)
-    piece, area = mesh_pieces(structure), triangle_areas(structure)
-    share = np.bincount(piece, weights=area) / max(float(area.sum()), 1e-300)
-    known = np.where(share[piece] >= FRAGMENT, piece, -1)  # borders of triangle soup mean nothing
-    return lines.points[index], outward, known[lines.triangle[index]]
 
 
 def outside_like(
