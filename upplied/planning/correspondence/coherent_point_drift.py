@@ -57,7 +57,10 @@ def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
     Each iteration solves a system of three times as many unknowns; `diagonal_m` measures all widths.
     """
     reach = _REACH * diagonal_m
-    modes = _modes(_kernel(moving.points, moving.label, moving.points, moving.label, reach))
+    # A kernel as wide as a part's neighbourhood has far fewer modes that matter than control points.
+    strength, modes = np.linalg.eigh(_kernel(moving.points, moving.label, moving.points, moving.label, reach))
+    strong = strength > _LEAST_MODE
+    modes = modes[:, strong] * np.sqrt(strength[strong])  # their outer product is the kernel
     apart = (moving.label[:, None] != fixed.label[None, :]) & (moving.label[:, None] >= 0)
     prior = np.where(apart, 0.0, np.exp(_NORMALS * (moving.normals @ fixed.normals.T - 1)))
     outer = fixed.normals[:, :, None] * fixed.normals[:, None, :]
@@ -73,16 +76,6 @@ def drift(moving: Patch, fixed: Patch, diagonal_m: float) -> Drift:
         weights = wanted - np.einsum("mij,mj->mi", metric, moved)
         here = moving.points + moved
     return Drift(moving, weights, reach)
-
-
-def _modes(kernel: Floats) -> Floats:
-    """Displacements (M, R) of the control points whose outer product is the kernel (M, M).
-
-    A kernel as wide as a part's neighbourhood has far fewer modes that matter than control points.
-    """
-    strength, modes = np.linalg.eigh(kernel)
-    strong = strength > _LEAST_MODE
-    return np.asarray(modes[:, strong] * np.sqrt(strength[strong]))
 
 
 def _strengths(metric: Floats, wanted: Floats, modes: Floats) -> Floats:

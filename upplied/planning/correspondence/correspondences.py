@@ -100,7 +100,13 @@ def by_parts(
     """Counterparts of all samples of the source, see `correspond`; samples have normals and parts."""
     registered = in_source_frame(target, registration)
     matching = matched(source, registered, pinned, named)
-    displacement = _displacement(*patches(source, registered, matching), source, registered)
+    moving, fixed = patches(source, registered, matching)
+    # Each matched part on its counterpart, and a smooth field besides.
+    matrix, offset, _ = alignments(moving, fixed)
+    field, smooth = _smooth_field(aligned(moving, matrix, offset), fixed, diagonal_of(source.points))
+    control = field.control.points, field.control.label, field.weights, field.reach_m
+    step = np.array([spacing(source), spacing(registered)])
+    displacement = Displacement(matrix, offset, smooth, *control, step)
     match = by_displacement(source, registered, registration, matching, displacement)
     here, there = parts_of_both(source, registered, words)
     gone = match.target_index < 0
@@ -141,17 +147,6 @@ def carried_by(carrier: Displacement, moving: Patch) -> Patch:
     control = Patch(carrier.control_points, carrier.control_points, carrier.control_class)
     field = Drift(control, carrier.weights, carrier.reach_m).at(there.points, there.label)
     return replace(there, points=there.points + field * carrier.smooth[there.label][:, None])
-
-
-def _displacement(moving: Patch, fixed: Patch, source: Cloud, registered: Cloud) -> Displacement:
-    """Each matched part on its counterpart, and a smooth field besides."""
-    diagonal = diagonal_of(source.points)
-    matrix, offset, _ = alignments(moving, fixed)
-    field, smooth = _smooth_field(aligned(moving, matrix, offset), fixed, diagonal)
-    step, control = np.array([spacing(source), spacing(registered)]), field.control
-    return Displacement(
-        matrix, offset, smooth, control.points, control.label, field.weights, field.reach_m, step
-    )
 
 
 def _smooth_field(there: Patch, fixed: Patch, diagonal: float) -> tuple[Drift, Floats]:

@@ -28,8 +28,7 @@ from upplied.planning.constants import (
 )
 from upplied.planning.correspondence.coherent_point_drift import brought_onto
 from upplied.planning.geometry.clouds import diagonal_of, nearest_facing, spacing
-from upplied.planning.surface.parts import labels_of
-from upplied.planning.surface.pieces import by_size, joined_small
+from upplied.planning.surface.parts import by_size, joined_small, labels_of
 from upplied.records import Bools, Cloud, Floats, Ints
 
 _LEAST_SAMPLES = 15  # of a part that is compared with others

@@ -54,11 +54,8 @@ def smoothed(flight: Trajectory, spacing_m: float = np.inf, breaks: Ints | None 
     breaks : array of int, optional
         First pose after each gap in the log; nothing is smoothed across.
     """
-    cuts = [
-        0,
-        *sorted({int(b) for b in breaks if 0 < b < len(flight)} if breaks is not None else ()),
-        len(flight),
-    ]
+    inner = () if breaks is None else {int(b) for b in breaks if 0 < b < len(flight)}
+    cuts = [0, *sorted(inner), len(flight)]
     extent = 2 * float(np.linalg.norm(flight.positions - flight.positions.mean(axis=0), axis=1).max())
     if extent == 0 or len(flight) < 3:
         return Smoothed(flight, np.array(cuts[1:-1], np.int64))
@@ -86,8 +83,12 @@ def _steady(flight: Trajectory, extent: float) -> Trajectory:
 def _stand(times: Floats, positions: Floats, first: int, end: float) -> None:
     """Make a pause one place, in which all of it is spent; the way into it and out of it stays as flown."""
     last = min(int(np.searchsorted(times, end)), len(times) - 1)
-    place = _middle(positions[first : last + 1])
-    there = np.linalg.norm(positions[first : last + 1] - place, axis=1) <= 3 * JITTER_M
+    points = positions[first : last + 1]
+    place = points.mean(axis=0)
+    for _ in range(20):  # to where the sum of distances is least, nearly: few far ones do not move it
+        weight = 1 / np.maximum(np.linalg.norm(points - place, axis=1), 1e-3)
+        place = weight @ points / weight.sum()
+    there = np.linalg.norm(points - place, axis=1) <= 3 * JITTER_M
     change = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int))).reshape(-1, 2)
     if len(change) == 0:
         return
@@ -97,15 +98,6 @@ def _stand(times: Floats, positions: Floats, first: int, end: float) -> None:
     positions[begin:stop] = place
     times[first : begin + 1] = times[first] + 1e-3 * np.arange(begin + 1 - first)
     times[stop - 1 : last + 1] = times[last] - 1e-3 * np.arange(last + 1 - stop, -1, -1)
-
-
-def _middle(points: Floats) -> Floats:
-    """Where the sum of distances to the points (K, 3) is least, nearly: few far ones do not move it."""
-    place = points.mean(axis=0)
-    for _ in range(20):
-        weight = 1 / np.maximum(np.linalg.norm(points - place, axis=1), 1e-3)
-        place = weight @ points / weight.sum()
-    return place
 
 
 def _at_even_times(flight: Trajectory) -> tuple[Floats, Floats]:
@@ -166,8 +158,7 @@ def _averaged(values: Floats, tick: float, jitter: float = 0.0) -> Floats:
             continue
         averages.append(_fourth_order(values, sigma))
         spread.append(noise * np.sqrt(min(0.476 / sigma, 1.0)))
-    level = np.zeros(len(values), np.int64)
-    agrees = np.ones(len(values), bool)
+    level, agrees = np.zeros(len(values), np.int64), np.ones(len(values), bool)
     for wide in range(1, len(averages)):
         for narrow in range(wide):
             apart = np.linalg.norm(averages[wide] - averages[narrow], axis=1)
