@@ -64,7 +64,8 @@ def _fuselage(structure: Structure, scene: Scene, ground_z: float) -> Route:
     loop = offset_outline(body, off)
     turn = np.argmin(np.hypot(loop[:, 0] - frame.nose_x - off, loop[:, 1]))
     plan = np.roll(loop, -int(turn), axis=0)  # anticlockwise: the left side comes first
-    high = np.maximum(frame.axis_z + 0.5 * frame.half_height, frame.height_near(*plan.T, 3.0) + 3.0)
+    over = frame.height_near(plan[:, 0], plan[:, 1], 3.0) + 3.0
+    high = np.maximum(frame.axis_z + 0.5 * frame.half_height, over)
     height = _eased(np.maximum(high, ground_z + 2.5), reach=12)
     aim = np.clip(plan[:, 0], frame.tail_x + 0.12 * (frame.nose_x - frame.tail_x), frame.nose_x - 1.0)
     look = np.column_stack([aim, np.zeros(len(plan)), np.full(len(plan), frame.axis_z)])
