@@ -72,18 +72,12 @@ def fly(structure: Structure, inspection: str, seed: int = 0, camera: Camera | N
     jitter = rng.integers(-1_500_000, 1_500_000, len(flown))
     start = _FIRST_DAY_NS + (seed % 1000) * _HOUR_NS
     return Demonstration(
-        demonstration_id=name,
-        structure_id=structure.structure_id,
-        t_ns=start + np.round(flown.t_s * 1e9).astype(np.int64) + jitter,
-        positions=flown.positions,
-        quat_xyzw=quats,
-        camera=camera or Camera(width_px=1440, height_px=1440),
-        operator="simulated pilot",
-        site=structure.site,
-        sha256=hashlib.sha256(poses.tobytes()).hexdigest(),
-        clock="header",
+        demonstration_id=name, structure_id=structure.structure_id, site=structure.site,
+        t_ns=start + np.round(flown.t_s * 1e9).astype(np.int64) + jitter, clock="header",
+        positions=flown.positions, quat_xyzw=quats, sha256=hashlib.sha256(poses.tobytes()).hexdigest(),
+        camera=camera or Camera(width_px=1440, height_px=1440), operator="simulated pilot",
         notes=f"{inspection.replace('_', ' ')} inspection, simulated",
-    )
+    )  # fmt: skip
 
 
 def _flown(route: Route, scene: Scene, ground_z: float, rng: np.random.Generator) -> Trajectory:

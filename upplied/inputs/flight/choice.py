@@ -45,9 +45,9 @@ def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table
     rates.
     """
     sources = _by_topic([table for table in tables if table.schema in READERS])
+    if facts.topic and not any(table.channel.topic == facts.topic for table in tables):
+        raise InputError(what, f"has no poses on topic {facts.topic!r}", listed(_all(tables)), "name one")
     if facts.topic:
-        if not any(table.channel.topic == facts.topic for table in tables):
-            raise InputError(what, f"has no poses on topic {facts.topic!r}", listed(_all(tables)), "name one")
         sources = [table for table in sources if table.channel.topic == facts.topic]
     if facts.schema:
         sources = [table for table in sources if table.schema == facts.schema.replace("/msg/", "/")]

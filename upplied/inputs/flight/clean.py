@@ -231,15 +231,12 @@ def paced(
     pace = Pace(
         span_s=float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 - between_s if len(track) else 0.0,
         recorded_s=float(step_ns[~gap].sum()) * 1e-9,
-        gaps=int(gap.sum()),
-        long_gaps=int(long.sum()),
+        gaps=int(gap.sum()), long_gaps=int(long.sum()),
         longest_gap_s=float(step_ns[gap].max(initial=0)) * 1e-9,
-        skipped_m=float(step_m[gap].sum()),
-        cut_gap_s=float((step_ns - shorter).sum()) * 1e-9,
-        hover_s=hover_s,
-        cut_hover_s=float(cut.sum()) * 1e-9,
+        skipped_m=float(step_m[gap].sum()), cut_gap_s=float((step_ns - shorter).sum()) * 1e-9,
+        hover_s=hover_s, cut_hover_s=float(cut.sum()) * 1e-9,
         frozen_s=float(step_ns[frozen].sum()) * 1e-9,
-    )
+    )  # fmt: skip
     if not pace.words:
         return track, pace
     t_ns = track.t_ns[0] + np.concatenate([[0], np.cumsum(shorter - cut)])

@@ -186,7 +186,11 @@ def read_tables(recording: Recording, fields: Callable[[Channel], Iterable[str]]
                 held = sum(one.rows for one in builders.values())
                 held += builder.decode(recording.limit(MAX_MESSAGES) - held)
                 recording.check(held, MAX_MESSAGES, "messages of poses")
-    tables = [builder.finished() for _, builder in sorted(builders.items())]
+    tables = []
+    for _, builder in sorted(builders.items()):
+        builder.table.columns, times = stacked(builder.pieces)
+        builder.table.log_ns, builder.table.publish_ns = times[:, 0], times[:, 1]
+        tables.append(builder.table)
     recording.compare({table.channel.channel_id: table.messages for table in tables})
     return tables
 
@@ -195,9 +199,11 @@ class _Builder:
     """Collects the messages of a channel and decodes them chunk by chunk."""
 
     def __init__(self, channel: Channel, paths: tuple[str, ...]) -> None:
-        self.table, self.rows, self._paths = Table(channel), 0, paths
         self.sink: Sink = []
-        self._pieces: list[Piece] = []
+        self.rows = 0
+        self.table = Table(channel)
+        self._paths = paths
+        self.pieces: list[Piece] = []
         self._decoder: Decoder | None = None
         try:
             self._decoder = Decoder(channel)
@@ -222,14 +228,8 @@ class _Builder:
         self.rows += len(row)
         if len(row):
             times = np.array([log_ns, publish_ns], np.uint64).T.astype(np.int64)
-            self._pieces.append((columns, np.maximum(times, 0)[row]))
+            self.pieces.append((columns, np.maximum(times, 0)[row]))
         return len(row)
-
-    def finished(self) -> Table:
-        """The table of all that was decoded."""
-        self.table.columns, times = stacked(self._pieces)
-        self.table.log_ns, self.table.publish_ns = times.T
-        return self.table
 
 
 def _unwrapped(payload: bytes) -> bytes:

@@ -61,8 +61,8 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
         finding = f"lies {np.nanmedian(distance) / 1000:.0f} km from the structure"
         rule, remedy = f"within {MAX_DISTANCE_M / 1000:.0f} km", "check the structure's place on the Earth"
         raise InputError(table.channel.topic, finding, rule, remedy)
-    notes = (f"altitudes above the {_NAMES[datum]}", *words)
     track = Track(times, enu, np.full((len(table), 4), np.nan), table.log_ns, "enu", "base_link", clock)
+    notes = (f"altitudes above the {_NAMES[datum]}", *words)
     track = replace(track.during(_valid(table), "fix"), notes=notes)
     track, turn = _with_attitude(track, table, tables, facts), structure_R_enu(facts)
     quats = px4.turned(turn, track.quat_xyzw, Rotation.identity())
