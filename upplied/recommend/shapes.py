@@ -72,8 +72,9 @@ def shape_features(cloud: Cloud) -> ShapeFeatures:
 
 
 def _features(extent_m: Floats, occupied: Bools, facing: Floats) -> ShapeFeatures:
-    words = (np.packbits(grid.reshape(-1)).view(np.int64) for grid in (occupied, binary_dilation(occupied)))
-    return ShapeFeatures(extent_m, *words, facing)
+    grids = (occupied, binary_dilation(occupied))
+    cells, near = (np.packbits(grid.reshape(-1)).view(np.int64) for grid in grids)
+    return ShapeFeatures(extent_m, cells, near, facing)
 
 
 def library_of(features: list[ShapeFeatures]) -> ShapeLibrary:
