@@ -122,7 +122,7 @@ def phases(flown: Track, scene: Scene, reach_m: float) -> Phases | None:
         return None
     some = np.union1d(some, [len(seconds) - 1])
     met = met_in_the_middle(flown.positions[some], flown.quat_xyzw[some], scene, reach_m)
-    return phases_of(seconds[some], flown.positions[some], met.any(axis=1), scene)
+    return phases_of(seconds[some], flown.positions[some], np.asarray(met.any(axis=1)), scene)
 
 
 def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases | None:
