@@ -6,6 +6,7 @@ Only the frame of the mesh is known: nose along +X, Z up, the plane of symmetry 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import grey_dilation, label, median_filter
@@ -17,8 +18,7 @@ from upplied.records import Bools, Floats, Structure
 _ROWS, _COLUMNS = 161, 321  # of the height map, across and along
 
 
-@dataclass(frozen=True)
-class Nacelle:
+class Nacelle(NamedTuple):
     """One engine seen from ahead."""
 
     centre: tuple[float, float, float]  # middle of its length, m
@@ -57,10 +57,7 @@ class Airframe:
 def airframe(structure: Structure, scene: Scene | None = None) -> Airframe:
     """Find the fuselage and the wings.
 
-    Raises
-    ------
-    RefusedError
-        If there is no body with a wing on each side of the plane of symmetry.
+    Raises RefusedError if there is no body with a wing on each side of the plane of symmetry.
     """
     scene = scene or scene_of(structure)
     low, high = structure.vertices.min(axis=0), structure.vertices.max(axis=0)
@@ -85,20 +82,20 @@ def _body(name: str, scene: Scene, low: Floats, high: Floats) -> tuple[float, fl
     """Height of the fuselage's axis, its half width and half height, between nose and wings."""
     length = high[0] - low[0]
     x = high[0] - length * np.linspace(0.13, 0.23, 11)
-    zero = np.zeros_like(x)
-    above = np.column_stack([x, zero + 0.01, zero + high[2] + 1])
-    below = np.column_stack([x, zero + 0.01, zero + low[2] - 1])
-    down, up = _reach(scene, above, (0.0, 0.0, -1.0)), _reach(scene, below, (0.0, 0.0, 1.0))
-    top, bottom = np.median(high[2] + 1 - down), np.median(low[2] - 1 + up)
+
+    def reach(y: float, z: float, *direction: float) -> Floats:
+        return _reach(scene, np.column_stack([x, np.full(len(x), y), np.full(len(x), z)]), direction)
+
+    top = np.median(high[2] + 1 - reach(0.01, high[2] + 1, 0.0, 0.0, -1.0))
+    bottom = np.median(low[2] - 1 + reach(0.01, low[2] - 1, 0.0, 0.0, 1.0))
     axis = (top + bottom) / 2
-    beside = np.column_stack([x, zero + high[1] + 1, zero + axis])
-    half_width = np.median(high[1] + 1 - _reach(scene, beside, (0.0, -1.0, 0.0)))
+    half_width = np.median(high[1] + 1 - reach(high[1] + 1, axis, 0.0, -1.0, 0.0))
     if not np.isfinite([top, bottom, half_width]).all() or half_width <= 0:
         raise RefusedError(name, "no fuselage was found", "an airplane with its nose along +X")
     return float(axis), float(half_width), float(top - bottom) / 2
 
 
-def _reach(scene: Scene, start: Floats, direction: tuple[float, float, float]) -> Floats:
+def _reach(scene: Scene, start: Floats, direction: tuple[float, ...]) -> Floats:
     """Lengths (N,) of rays of one direction, m."""
     return scene.cast(start, np.broadcast_to(direction, start.shape))[0]
 
@@ -128,8 +125,8 @@ def _wing(
 
 def _overlapping_run(covered: Bools, before: tuple[int, int] | None) -> tuple[int, int] | None:
     """The run of covered cells that overlaps the one before most, or the longest."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], covered.astype(int), [0]])))
-    runs = [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
+    edges = np.flatnonzero(np.diff(covered, prepend=False, append=False)).reshape(-1, 2)
+    runs = [(int(a), int(b) - 1) for a, b in edges]
     if not runs:
         return None
     if before is None:
@@ -152,10 +149,7 @@ def left_nacelle(structure: Structure, frame: Airframe, scene: Scene) -> Nacelle
 
     It is ahead of the wing or, if none is there, beside the tail.
 
-    Raises
-    ------
-    RefusedError
-        If nothing of the shape of an engine protrudes.
+    Raises RefusedError if nothing of the shape of an engine protrudes.
     """
     low, high = structure.vertices.min(axis=0), structure.vertices.max(axis=0)
     cell = frame.semi_span / 240
@@ -188,8 +182,7 @@ def _measured(scene: Scene, y: Floats, z: Floats, front: Floats, spot: Bools, ap
     y_low, y_high = y[rows.min()], y[rows.max()]
     z_low, z_high = z[columns.min()], z[columns.max()]
     middle_y, middle_z = (y_low + y_high) / 2, (z_low + z_high) / 2
-    radius = max((y_high - y_low) / 2, (z_high - z_low) / 2)
-    lip = float(front[spot].max())
+    radius, lip = max((y_high - y_low) / 2, (z_high - z_low) / 2), float(front[spot].max())
     # How far aft the flank runs: rays from outboard, at the height of the axis.
     x = np.arange(lip - 0.1, lip - 6 * radius, -apart / 8)
     outboard = np.column_stack([x, np.full(len(x), y_high + radius), np.full(len(x), middle_z)])

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -35,17 +35,15 @@ def offset_outline(points_xy: Floats, distance_m: float, step_m: float = 0.5) ->
     The first point is not repeated at the end.
     """
     angle = np.pi + np.linspace(0, 2 * np.pi, 721)
-    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    normal = np.column_stack([np.cos(angle), np.sin(angle)])
     hull = points_xy[ConvexHull(points_xy, qhull_options="QJ Pp").vertices]
-    support = hull[np.argmax(hull @ normal.T, axis=0)]
-    loop = support + distance_m * normal
+    loop = hull[np.argmax(hull @ normal.T, axis=0)] + distance_m * normal
     along = arc_length(loop)
     wanted = np.linspace(0, along[-1], max(int(along[-1] / step_m), 8), endpoint=False)
     return interpolated(wanted, along, loop)
 
 
-@dataclass(frozen=True)
-class Tower:
+class Tower(NamedTuple):
     """An upright mast, m."""
 
     axis_xy: tuple[float, float]
@@ -57,10 +55,7 @@ class Tower:
 def tower_of(structure: Structure) -> Tower:
     """The mast that carries a turbine's nacelle: the narrow part of the structure over its foot.
 
-    Raises
-    ------
-    RefusedError
-        If nothing slender stands below.
+    Raises RefusedError if nothing slender stands below.
     """
     points = surface_points(structure)
     low, high = float(points[:, 2].min()), float(points[:, 2].max())
@@ -76,8 +71,7 @@ def tower_of(structure: Structure) -> Tower:
     return Tower((float(axis[0]), float(axis[1])), low, max(top, low + 0.3 * (high - low)), radius)
 
 
-@dataclass(frozen=True)
-class Pier:
+class Pier(NamedTuple):
     """One pier in plan, m."""
 
     centre: tuple[float, float]
@@ -87,17 +81,10 @@ class Pier:
 def two_piers(structure: Structure, scene: Scene) -> tuple[Pier, Pier, float, float]:
     """Two neighbouring piers nearest to the middle of a bridge, and the free heights between them.
 
-    Returns
-    -------
-    first, second : Pier
-        The first at smaller x.
-    low_z, high_z : float
-        Ground and underside of the deck midway between them, m; inf where the sky is open.
+    The first is at smaller x; the heights are of the ground and of the underside of the deck midway between
+    them, m; inf where the sky is open.
 
-    Raises
-    ------
-    RefusedError
-        If no two piers stand apart.
+    Raises RefusedError if no two piers stand apart.
     """
     points = surface_points(structure)
     low, high = points[:, 2].min(), points[:, 2].max()
@@ -108,16 +95,14 @@ def two_piers(structure: Structure, scene: Scene) -> tuple[Pier, Pier, float, fl
         piers = _groups_along(slab, gap_m=0.025 * float(np.ptp(points[:, 0])))
         slender = [pier for pier in piers if pier.half[0] < 0.06 * np.ptp(points[:, 0])]
         pairs = [
-            (one, two)
+            ((one.centre[0] + two.centre[0]) / 2, one, two)
             for one, two in pairwise(slender)
             if two.centre[0] - one.centre[0] > 2 * max(*one.half, *two.half) + 8
         ]
         if pairs:
-            one, two = min(
-                pairs, key=lambda pair: abs((pair[0].centre[0] + pair[1].centre[0]) / 2 - middle_x)
-            )
-            between = np.array([[(one.centre[0] + two.centre[0]) / 2, one.centre[1], low + 0.01]])
-            reach, _, _ = scene.cast(between, np.array([[0.0, 0.0, 1.0]]))
+            x, one, two = min(pairs, key=lambda pair: abs(pair[0] - middle_x))
+            between = np.array([[x, one.centre[1], low + 0.01]])
+            reach = scene.cast(between, np.array([[0.0, 0.0, 1.0]]))[0]
             return one, two, float(low), float(low + reach[0])
     raise RefusedError(structure.structure_id, "no two piers that stand apart", "a bridge on piers along X")
 
@@ -128,10 +113,6 @@ def _groups_along(points: Floats, gap_m: float) -> list[Pier]:
         return []
     ordered = points[np.argsort(points[:, 0], kind="stable")]
     cuts = np.flatnonzero(np.diff(ordered[:, 0]) > gap_m) + 1
-    piers = []
-    for group in np.split(ordered, cuts):
-        lo, hi = group[:, :2].min(axis=0), group[:, :2].max(axis=0)
-        centre, half = (lo + hi) / 2, (hi - lo) / 2
-        if len(group) >= 10:
-            piers.append(Pier((float(centre[0]), float(centre[1])), (float(half[0]), float(half[1]))))
-    return piers
+    groups = (group[:, :2] for group in np.split(ordered, cuts) if len(group) >= 10)
+    ends = [(group.min(axis=0), group.max(axis=0)) for group in groups]
+    return [Pier(tuple(((lo + hi) / 2).tolist()), tuple(((hi - lo) / 2).tolist())) for lo, hi in ends]

@@ -45,8 +45,8 @@ def clean(track: Track, limits: LogOptions, what: str) -> Track:
     track = steady(timed(track))
     finite = np.isfinite(np.column_stack([track.positions, track.quat_xyzw])).all(axis=1)
     track = track.keep(np.asarray(finite), "not a number")
-    near = np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M
-    track = track.keep(near, "position off the Earth")
+    on_earth = np.abs(track.positions).max(axis=1, initial=0) < MAX_POSITION_M
+    track = track.keep(on_earth, "position off the Earth")
     track = track.keep(are_unit(track.quat_xyzw), "quaternion not of unit length")
     # An attitude that was never set is no turn at all, though others of the flight turn.
     unset = (track.quat_xyzw[:, :3] == 0).all(axis=1) & (np.abs(track.quat_xyzw[:, 3]) == 1)
@@ -104,8 +104,8 @@ def breaks(track: Track, gap_s: float) -> tuple[Ints, list[str]]:
     gaps = step_s > gap_s
     resets = np.zeros(len(step_s), bool) if track.epoch is None else np.diff(track.epoch) != 0
     jumps = _jumps(track) & ~gaps & ~resets
-    counts = {"gap": gaps.sum(), "jump": jumps.sum()}
-    counts["estimator reset"] = max(resets.sum() - track.clock_steps, 0)
+    reset = max(resets.sum() - track.clock_steps, 0)
+    counts = {"gap": gaps.sum(), "jump": jumps.sum(), "estimator reset": reset}
     words = [f"{number} {kind}{'s' if number > 1 else ''}" for kind, number in counts.items() if number]
     return np.flatnonzero(gaps | jumps | resets) + 1, words
 
@@ -217,8 +217,7 @@ def paced(
 
     Of its gaps `between_s`, s, were recorded, and lie between two inspections.
     """
-    step_ns = np.diff(track.t_ns)
-    step_m = leg_lengths(track.positions)
+    step_ns, step_m = np.diff(track.t_ns), leg_lengths(track.positions)
     gap = step_ns > gap_s * 1e9
     long = step_ns > max(gap_s, settings.long_gap_s) * 1e9
     moving = step_m[~gap] / np.maximum(step_ns[~gap] * 1e-9, 1e-9)
@@ -232,15 +231,12 @@ def paced(
     pace = Pace(
         span_s=float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 - between_s if len(track) else 0.0,
         recorded_s=float(step_ns[~gap].sum()) * 1e-9,
-        gaps=int(gap.sum()),
-        long_gaps=int(long.sum()),
+        gaps=int(gap.sum()), long_gaps=int(long.sum()),
         longest_gap_s=float(step_ns[gap].max(initial=0)) * 1e-9,
-        skipped_m=float(step_m[gap].sum()),
-        cut_gap_s=float((step_ns - shorter).sum()) * 1e-9,
-        hover_s=hover_s,
-        cut_hover_s=float(cut.sum()) * 1e-9,
+        skipped_m=float(step_m[gap].sum()), cut_gap_s=float((step_ns - shorter).sum()) * 1e-9,
+        hover_s=hover_s, cut_hover_s=float(cut.sum()) * 1e-9,
         frozen_s=float(step_ns[frozen].sum()) * 1e-9,
-    )
+    )  # fmt: skip
     if not pace.words:
         return track, pace
     t_ns = track.t_ns[0] + np.concatenate([[0], np.cumsum(shorter - cut)])

@@ -5,7 +5,7 @@ at its lowest. A log that was started in the air is taken whole, whatever its ca
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -80,8 +80,7 @@ def _events(tables: Sequence[Table]) -> list[Span]:
     return spans[True] or (spans[False] if len(spans[False]) == 1 else [])
 
 
-@dataclass(frozen=True)
-class Phases:
+class Phases(NamedTuple):
     """What a log holds: parts with their names, each from when to when, s from its first pose."""
 
     parts: tuple[tuple[str, float, float], ...]
@@ -92,9 +91,8 @@ class Phases:
 
     def inspected(self, since_s: Floats) -> Bools:
         """Which times (N,), s, lie in an inspection; each flight that looks at the structure has one."""
-        spans = [(start, stop) for name, start, stop in self.parts if name == _INSPECTION]
-        inside = [(since_s >= start) & (since_s <= stop) for start, stop in spans]
-        return np.asarray(np.any(inside, axis=0))
+        spans = [part[1:] for part in self.parts if part[0] == _INSPECTION]
+        return np.asarray(np.any([(since_s >= start) & (since_s <= stop) for start, stop in spans], axis=0))
 
     def lasting_s(self, name: str) -> float:
         """How long the parts of a name last together, s."""
@@ -124,8 +122,7 @@ def phases(flown: Track, scene: Scene, reach_m: float) -> Phases | None:
         return None
     some = np.union1d(some, [len(seconds) - 1])
     met = met_in_the_middle(flown.positions[some], flown.quat_xyzw[some], scene, reach_m)
-    looks = np.asarray(met.any(axis=1), bool)
-    return phases_of(seconds[some], flown.positions[some], looks, scene)
+    return phases_of(seconds[some], flown.positions[some], np.asarray(met.any(axis=1)), scene)
 
 
 def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -76,9 +76,8 @@ class Track(Record):
 
     def take(self, index: Ints | Bools) -> Track:
         """The samples of this index."""
-        parts: dict[str, Any] = {name: getattr(self, name) for name in _OF_SAMPLES}
-        parts = {name: part if part is None else part[index] for name, part in parts.items()}
-        return replace(self, **parts)
+        parts = ((name, getattr(self, name)) for name in _OF_SAMPLES)
+        return replace(self, **{name: part[index] for name, part in parts if part is not None})
 
 
 def source_times(table: Table, *prefixes: str) -> tuple[Ints, str]:
@@ -220,8 +219,7 @@ def pose_track(table: Table, shape: PoseShape, only: str = "") -> Track:
 def groups_of(table: Table, shape: PoseShape) -> dict[tuple[str, str], Ints]:
     """The rows (k,) of each pair of frames."""
     rows: dict[tuple[str, str], list[int]] = {}
-    pairs = zip(names(table, shape.parent).tolist(), names(table, shape.child).tolist(), strict=True)
-    for row, pair in enumerate(pairs):
+    for row, pair in enumerate(zip(names(table, shape.parent), names(table, shape.child), strict=True)):
         rows.setdefault(pair, []).append(row)
     return {pair: np.array(of_pair) for pair, of_pair in rows.items()}
 

@@ -65,10 +65,8 @@ class Recording:
         record = self.channels.get(channel_id)
         if record is None:
             return None
-        schema = self.schemas.get(record.schema_id) or Schema(id=0, name="", encoding="", data=b"")
-        return Channel(
-            channel_id, record.topic, record.message_encoding, schema.name, schema.encoding, schema.data
-        )
+        kind = self.schemas.get(record.schema_id) or Schema(id=0, name="", encoding="", data=b"")
+        return Channel(channel_id, record.topic, record.message_encoding, kind.name, kind.encoding, kind.data)
 
     @property
     def read_pct(self) -> float:

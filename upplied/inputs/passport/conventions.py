@@ -75,10 +75,7 @@ def _moved(positions: Floats, quats: Floats, offset: Floats | float = 0.0, facto
 _SPECIAL: dict[str, Change] = {
     "w-first": lambda p, q: (p, q[:, [1, 2, 3, 0]]),
     "inverse-quaternion": lambda p, q: (p, Rotation.from_quat(q).inv().as_quat()),
-    "inverse-pose": lambda p, q: (
-        -Rotation.from_quat(q).inv().apply(p),
-        Rotation.from_quat(q).inv().as_quat(),
-    ),
+    "inverse-pose": lambda p, q: (-(back := Rotation.from_quat(q).inv()).apply(p), back.as_quat()),
     "pitch-sign": lambda p, q: (p, from_yaw_pitch(*(yaw_pitch(q) * np.array([[1.0], [-1.0]])))),
 }
 
@@ -150,16 +147,13 @@ def offsets(given: Poses, scene: Scene) -> Sequence[Convention]:
     away = (scene.box[0] + scene.box[1]) / 2 - np.median(given[0], axis=0)
     moves = [size * step for size in (3.0, 6.0, 9.0, 12.0, 18.0, 25.0, 35.0, 50.0) for step in steps]
     moves += [away * (1, 1, 0), away * (0, 0, 1)]
-    return [
-        Convention(
-            "offset " + " ".join(f"{value:+.0f}" for value in offset) + " m",
-            "positions off by " + ", ".join(f"{-value:+.0f}" for value in offset) + " m",
-            partial(_moved, offset=offset),
-            "structure_position_m = [" + ", ".join(f"{-value:.1f}" for value in offset) + "]",
-            0.06,
-        )
-        for offset in moves
-    ]
+    found = []
+    for offset in moves:
+        name = f"offset {' '.join(f'{value:+.0f}' for value in offset)} m"
+        words = f"positions off by {', '.join(f'{-value:+.0f}' for value in offset)} m"
+        remedy = f"structure_position_m = [{', '.join(f'{-value:.1f}' for value in offset)}]"
+        found.append(Convention(name, words, partial(_moved, offset=offset), remedy, 0.06))
+    return found
 
 
 MOUNTS = tuple(_mounts())

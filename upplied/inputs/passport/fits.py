@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -34,8 +35,7 @@ _PLACE = "correct the structure's place on the Earth, or takeoff_alt_m, by as mu
 ToCamera = Callable[[Track], Track]
 
 
-@dataclass(frozen=True)
-class Fit:
+class Fit(NamedTuple):
     """How well a convention fits: the share of the poses that an inspection could hold."""
 
     convention: Convention

@@ -53,13 +53,8 @@ def sight_of(
     rays = optical_axis(from_yaw_pitch(yaw, pitch))
     directions = (turns.as_matrix() @ rays.T).swapaxes(1, 2).reshape(-1, 3)
     depth = scene.cast(np.repeat(positions, len(rays), axis=0), directions)[0].reshape(-1, len(rays))
-    return Sight(
-        clearance_m=scene.distance(positions),
-        inside=inside(positions, scene),
-        height_m=positions[:, 2] - structure.floor_z_m,
-        range_m=range_m,
-        shown=(depth <= camera.max_range_m).mean(axis=1),
-    )
+    height_m, shown = positions[:, 2] - structure.floor_z_m, (depth <= camera.max_range_m).mean(axis=1)
+    return Sight(scene.distance(positions), inside(positions, scene), height_m, range_m, shown)
 
 
 def inside(positions: Floats, scene: Scene) -> Bools:
@@ -103,8 +98,7 @@ def aim_of(positions: Floats, quat_xyzw: Floats, scene: Scene) -> Aim:
     """The camera's heading and pitch beside the nearest surface; poses are (M, 3), m, and (M, 4)."""
     some = chosen_evenly(len(positions), _POSES)
     ahead = optical_axis(quat_xyzw[some])
-    near = scene.closest(positions[some])[0] - positions[some]
-    near = unit(near)
+    near = unit(scene.closest(positions[some])[0] - positions[some])
     pitch, want = (np.degrees(np.arcsin(np.clip(part[:, 2], -1, 1))) for part in (ahead, near))
     fit = float("nan")
     if len(some) >= _LEAST and min(np.std(pitch), np.std(want)) > _PITCHES_DEG:

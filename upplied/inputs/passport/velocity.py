@@ -160,14 +160,12 @@ def steadiness(
     return Steadiness(
         **_motion(logged, velocity),
         **(_pace99(flown, gap_s) if timed else {}),
-        jumps=int(lasting.sum()),
-        jump_m=float(off_m[lasting].max(initial=0.0)),
+        jumps=int(lasting.sum()), jump_m=float(off_m[lasting].max(initial=0.0)),
         spikes=int(((off_m > 0) & ~lasting).sum() + 1) // 2 + dropped,
         roll_deg=float(np.median(rolls)) if len(rolls) >= _TELLING else float("nan"),
-        clock_ratio=ratio,
-        clock_ahead_s=ahead_s,
+        clock_ratio=ratio, clock_ahead_s=ahead_s,
         step_s=float(np.median(np.diff(flown.t_ns))) * 1e-9 if len(flown) > 1 else 0.0,
-    )
+    )  # fmt: skip
 
 
 def _off(track: Track, gap_s: float) -> tuple[Floats, Bools]:

@@ -84,16 +84,8 @@ def calibrated(table: Table) -> tuple[Camera, str, Zoom, str] | None:
 def lens_of(model: str, values: Floats, middle_px: Floats, size: Floats) -> tuple[Lens | None, str]:
     """The lens of a calibration, None of a pinhole, and a note on what of it cannot be used.
 
-    Parameters
-    ----------
-    model : str
-        As ROS, Foxglove and OpenCV name it.
-    values : array, shape (K,)
-        Coefficients, in the order of OpenCV.
-    middle_px : array, shape (2,)
-        Where the axis meets the picture; the picture's middle counts where that is in no picture.
-    size : array, shape (2,)
-        Width and height, px.
+    The model is as ROS, Foxglove and OpenCV name it, its coefficients (K,) are in the order of OpenCV. The
+    axis meets the picture of a size (2,), px, in its middle (2,) where the one given lies in no picture.
     """
     fisheye, note = model.startswith(_FISHEYE), ""
     most = 4 if fisheye else 8
@@ -131,14 +123,14 @@ def camera_of(
     camera, frame, zoom, note = next(iter(by_topic.values()), (Camera(), "", None, NO_CALIBRATION))
     notes = [note] if note else []
     names = ("hfov_deg", "vfov_deg", "min_range_m", "max_range_m", *_OPTICS)
-    declared: dict[str, Any] = {name: getattr(facts, f"camera_{name}") for name in names}
-    declared = {name: value for name, value in declared.items() if value is not None}
-    declared |= {name: int(declared[name]) for name in ("width_px", "height_px") if name in declared}
+    stated = ((name, getattr(facts, f"camera_{name}")) for name in names)
+    declared: dict[str, Any] = {
+        name: int(value) if name.endswith("_px") else value for name, value in stated if value is not None
+    }
     if facts.camera_model:
         model = known_camera(facts.camera_model, facts.camera_file_format or "jpeg")
         camera = completed(camera, model) if by_topic else model
-        stated = [*declared, *["hfov_deg"] * bool(by_topic)]
-        notes += filter(None, [unverified(facts.camera_model, stated)])
+        notes += filter(None, [unverified(facts.camera_model, [*declared, *["hfov_deg"] * bool(by_topic)])])
     camera = replace(camera, **declared)
     if facts.camera_distortion is not None:
         size = np.array([camera.width_px, camera.height_px], float)
