@@ -1,7 +1,5 @@
 """Marks become findings: each cast on the structure as it is known, with its place, size and error."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

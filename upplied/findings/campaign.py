@@ -1,7 +1,5 @@
 """One draft for each structure on which the place of a finding was not looked at yet: jobs of the fleet."""
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Sequence

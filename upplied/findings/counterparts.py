@@ -1,7 +1,5 @@
 """Places of one structure on another: carried as the samples about them, with how far off they may be."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
@@ -50,7 +48,7 @@ class Counterparts(Rows):
 
 
 def carried_spots(
-    spots: Floats, carried: Carried, size_m: float | Floats, near: Near | None = None
+    spots: Floats, carried: "Carried", size_m: float | Floats, near: "Near | None" = None
 ) -> Counterparts:
     """Places with normals (N, 6), carried as the samples about them onto a structure, or N, of that size, m.
 

@@ -1,7 +1,5 @@
 """Crops of photos at a spot, warped by the surface into one view and scale, side by side on a page."""
 
-from __future__ import annotations
-
 import hashlib
 import html
 from collections.abc import Sequence

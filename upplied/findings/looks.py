@@ -5,8 +5,6 @@ is taken to record all the time, and its finest look is listed. No pose is known
 some of the possible poses have, as at the edge of a picture, is listed as doubtful, with the reason.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Marks in photos, as people and detectors write them: COCO JSON, CSV and GeoJSON."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """Flights as their photos show a structure: path, camera, and which photo was taken when."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import hashlib

@@ -4,8 +4,6 @@ Camera position, attitude, pixel and surface are drawn at random many times, and
 cast on the structure: edges and oblique surfaces count with the error that they truly cause.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Questions over the whole fleet: where a place was photographed, and findings by place on one structure."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache

@@ -5,8 +5,6 @@ Pixels are counted from the upper left corner of the picture, x to the right and
 angles grow evenly. A lens has one of OpenCV's models (Brown and Conrady, or Kannala and Brandt).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

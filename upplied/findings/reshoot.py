@@ -1,7 +1,5 @@
 """A mission that shows findings from the views of their photos, and finely enough: a draft like any plan."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ in all and within a slab of the part. Its stated error follows from how much the
 unevenly its neighbours are carried, as where parts meet and where a correspondence tears.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from upplied.config import Settings

@@ -1,7 +1,5 @@
 """From where a place is looked at: as before, or as near to that as is safe and shows it finely enough."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 Distances are taken from cells of discs: the search trees of ray casters visit too many that overlap.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -31,7 +29,7 @@ class Discs(Record):
     nearest: Ints  # (N, K)
 
     @classmethod
-    def of(cls, points: Floats, normals: Floats | None) -> Discs:
+    def of(cls, points: Floats, normals: Floats | None) -> "Discs":
         """The discs of samples (N, 3), m; without normals the plane of the twelve nearest decides."""
         away, nearest = nearest_of_all(points, min(_AROUND + 1, len(points)))
         if normals is None:
@@ -122,7 +120,7 @@ class DiscCells(Record):
     group_spread_m: Floats  # (G,)
 
     @classmethod
-    def of(cls, points: Floats, normals: Floats, radius_m: Floats) -> DiscCells:
+    def of(cls, points: Floats, normals: Floats, radius_m: Floats) -> "DiscCells":
         """The discs with such centres (N, 3), unit normals (N, 3) and radii (N,), m."""
         wide = max(_WIDE * float(np.median(radius_m)), 1e-6 * float(np.ptp(points, axis=0).max()), 1e-12)
         cell = np.floor((points - points.min(axis=0)) / wide).astype(np.int64)

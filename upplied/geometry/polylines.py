@@ -1,7 +1,5 @@
 """Lengths along polylines, values between their vertices, and a few of many chosen evenly."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from upplied.records import Floats, Ints

@@ -4,8 +4,6 @@ The camera frame is x forward (optical axis), y left, z up. A pilot's gimbal giv
 and no roll: yaw is counter-clockwise from +X seen from above, pitch is positive upwards.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Whether a mesh is a scan is declared (`Structure.is_scan`), never inferred. A me
 reconstruction of a scan is warned of: triangles of like form spread over the surface, whatever it is.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +44,7 @@ class _Faces(Record):
     bend_m: Floats  # (P,) how far the four corners of a pair must move, root of the squares, to share a plane
 
     @classmethod
-    def of(cls, structure: Structure) -> _Faces:
+    def of(cls, structure: Structure) -> "_Faces":
         corners = structure.vertices[structure.triangles]
         edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
         twice = area_vectors(corners)

@@ -5,8 +5,6 @@ never load it. Embree works in single precision: every scene subtracts the centr
 box first, which keeps millimetres for structures far from their origin.
 """
 
-from __future__ import annotations
-
 import ctypes
 import sys
 from collections.abc import Iterator

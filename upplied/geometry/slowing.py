@@ -1,7 +1,5 @@
 """Moments of a flight that is slowed: so that some lie far enough apart, or that it brakes no harder."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A scene to which surface is added that nobody scanned, but that is supposed to be there."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from upplied.geometry.discs import hexagons

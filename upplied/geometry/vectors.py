@@ -1,7 +1,5 @@
 """Directions, normals and areas, how far points are spaced, and points spread evenly over a mesh."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from upplied.records import Floats, Ints, Structure

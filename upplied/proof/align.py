@@ -6,8 +6,6 @@ or the vehicle's: the stated error is never less than the correction, and views 
 the path as logged and by the path as corrected.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

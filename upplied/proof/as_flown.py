@@ -1,7 +1,5 @@
 """The result of a flight: what it inspected and saw, how it differs from its plan, and what is odd of it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

@@ -6,8 +6,6 @@ solved with violated cuts and legs of negative reduced cost, round by round. By 
 valid bound.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

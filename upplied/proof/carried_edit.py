@@ -4,8 +4,6 @@ A changed viewpoint is matched with the viewpoint of the new plan nearest to whe
 viewpoints of that plan are from each other, that looks the same way.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field

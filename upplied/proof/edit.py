@@ -4,8 +4,6 @@ Unchanged legs are flown as planned. Where a viewpoint was moved or left out, or
 way joins the rest. Viewpoints too near the structure only for the larger clearance are moved just far enough.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise

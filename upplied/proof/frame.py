@@ -13,8 +13,6 @@ A constant turn of the camera is estimated together with its lag. A camera that 
 its lag times its rate: round a tower, where it turns one way all the time, that looks like a rotated mount.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -5,8 +5,6 @@ the plan itself did at each place, and put in the order of a short way (`tour`) 
 them. Zone surface that those poses do not show as required has poses of its own (`zone_gap`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

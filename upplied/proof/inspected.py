@@ -5,8 +5,6 @@ ground sample distance of the finest sharp look, with the obliquity of the patch
 patch its own finest look at it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How a flight sees each sample of a surface: in view, near, frontally, when, and as planned."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -5,8 +5,6 @@ directions are nearest, where 0.8 to 1.25 times the plan's pace costs nothing, p
 jumps and reversals much (a shortest path; Viterbi 1967). Then the nearest place of the plan at that time.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The zones that are required of one structure: where they are on it, and how views of it show them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

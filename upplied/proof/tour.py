@@ -7,8 +7,6 @@ the shorter path remains (iterated local search; Lourenco, Martin and Stuetzle 2
 same path. Safe legs join them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

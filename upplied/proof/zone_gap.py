@@ -1,7 +1,5 @@
 """Zone surface that no flight shows as required, and the safe poses that a flight may show it from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

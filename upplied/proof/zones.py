@@ -1,7 +1,5 @@
 """Whether a zone of a structure was shown as required: met, missed or unattainable, and why."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ long axis). A camera pose is a position and a quaternion ``x y z w`` that turns 
 (x forward along the optical axis, y left, z up) into the structure frame. See CONVENTIONS.md.
 """
 
-from __future__ import annotations
-
 from upplied.records.base import Bools, Floats, Ints, Record, Rows
 from upplied.records.flights import Camera, Demonstration, Lens, Trajectory
 from upplied.records.planning import (

@@ -1,7 +1,5 @@
 """The base of all records: array types, a repr with shapes, and cached results."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from typing import Any, Self, TypeVar

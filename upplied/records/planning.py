@@ -1,7 +1,5 @@
 """Results of the steps of planning: clouds, registration, correspondences, views, viewpoints."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -43,7 +41,7 @@ class Cloud(Record):
             raise ValueError("a cloud without normals: surface samples are required")
         return self.normals
 
-    def at(self, chosen: Bools | Ints) -> Cloud:
+    def at(self, chosen: Bools | Ints) -> "Cloud":
         """Some of the points, with their normals and areas."""
         normals, area_m2 = (None if of is None else of[chosen] for of in (self.normals, self.area_m2))
         return Cloud(self.points[chosen], normals, area_m2)

@@ -1,7 +1,5 @@
 """A plan, its measures and the surface that it shows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from upplied.records.base import Bools, Floats, Ints, Record, Rows

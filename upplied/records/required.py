@@ -1,7 +1,5 @@
 """Required surface of a structure and its required quality, sample by sample."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from upplied.records.base import Bools, Floats, Record
