@@ -154,8 +154,7 @@ class DiscCells(Record):
         discs = self.points, self.normals, self.radius_m
         cells = self.first, self.place, self.spread_m
         groups = self.group_first, self.group_place, self.group_spread_m
-        away, disc = _nearest(np.ascontiguousarray(places, float), *discs, *cells, *groups)
-        return away, disc
+        return _nearest(np.ascontiguousarray(places, float), *discs, *cells, *groups)
 
 
 def _begins(name: Ints) -> Ints:
@@ -185,17 +184,9 @@ def _square(at_x: float, at_y: float, at_z: float, points: Floats, row: int) -> 
 
 @njit(cache=True)
 def _nearest(
-    places: Floats,
-    points: Floats,
-    normals: Floats,
-    radius: Floats,
-    first: Ints,
-    place: Floats,
-    spread: Floats,
-    group_first: Ints,
-    group_place: Floats,
-    group_spread: Floats,
-) -> tuple[Floats, Ints]:
+    places: Floats, points: Floats, normals: Floats, radius: Floats, first: Ints, place: Floats,
+    spread: Floats, group_first: Ints, group_place: Floats, group_spread: Floats,
+) -> tuple[Floats, Ints]:  # fmt: skip
     """What may hold the nearest disc is nearer than some disc is, and its spread: the nearest cell first."""
     away, nearest_disc = np.empty(len(places)), np.empty(len(places), np.int64)
     from_group = np.empty(len(group_place))

@@ -111,15 +111,6 @@ def held(structure: Structure) -> Held:
     What is declared to be drawn is exact. Of what nobody declared, the error is what its triangles can hide
     by how rough they are where they are smoothest: next to nothing where faces are flat, some millimetres
     where each vertex was moved by one.
-
-    Parameters
-    ----------
-    structure : Structure
-        A mesh.
-
-    Returns
-    -------
-    Held
     """
     if structure.surface_error_m is not None:
         return Held(structure.surface_error_m)

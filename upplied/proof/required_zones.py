@@ -40,7 +40,7 @@ from upplied.records import (
     SupposedSurface,
     Trajectory,
 )
-from upplied.records.required import RequiredSurface
+from upplied.records.plans import RequiredSurface
 from upplied.threads import one_thread
 
 _NEIGHBOURS = 5  # carried samples nearest to one of the target: it is in the zone where most of them are

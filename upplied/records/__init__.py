@@ -1,3 +1,4 @@
+# ruff: noqa: F401
 """The nouns of the method: frozen records of arrays, with shape, unit and frame at each field.
 
 Frames. Everything is in metres in the *structure frame*: Z up, +X forward (nose, bow, rotor hub,
@@ -22,38 +23,8 @@ from upplied.records.plans import (
     Measures,
     Photos,
     Plan,
+    RequiredSurface,
     SupposedSurface,
     SurfaceStates,
 )
 from upplied.records.structures import Frame, Placement, Structure, StructureInFrame, Surroundings
-
-__all__ = [
-    "SURFACE_STATES",
-    "Bools",
-    "Camera",
-    "Cloud",
-    "Correspondences",
-    "Counterpart",
-    "Demonstration",
-    "Displacement",
-    "Floats",
-    "Frame",
-    "Ints",
-    "Lens",
-    "Measures",
-    "Photos",
-    "Placement",
-    "Plan",
-    "Record",
-    "Registration",
-    "Rows",
-    "Structure",
-    "StructureInFrame",
-    "SupposedSurface",
-    "SurfaceStates",
-    "Surroundings",
-    "Trajectory",
-    "Viewpoints",
-    "Visibility",
-    "Waypoints",
-]

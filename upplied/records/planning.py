@@ -9,10 +9,7 @@ from upplied.records.base import Bools, Floats, Ints, Record, Rows
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cloud(Record):
-    """Points that stand for a surface.
-
-    From the paper's voxel filter: `points` alone. Surface samples carry normals and areas as well.
-    """
+    """Points that stand for a surface, from the paper's voxel filter; samples have normals and areas too."""
 
     points: Floats  # (N, 3) m, structure frame
     normals: Floats | None = None  # (N, 3) unit, outward
@@ -31,12 +28,7 @@ class Cloud(Record):
 
     @property
     def outward(self) -> Floats:
-        """(N, 3) the normals, of surface samples; other clouds have none.
-
-        Raises
-        ------
-        ValueError
-        """
+        """(N, 3) the normals, of surface samples; of other clouds, which have none, a ValueError."""
         if self.normals is None:
             raise ValueError("a cloud without normals: surface samples are required")
         return self.normals
