@@ -84,9 +84,8 @@ class Placing:
         structure = self._structure(mark.structure)
         stated = np.array(mark.place, float)[None]
         if not (np.abs(stated) < _MOST_M).all():
-            raise RefusedError(
-                mark.what, f"is at {mark.place}", "three coordinates, m, frame of the structure"
-            )
+            rule = "three coordinates, m, frame of the structure"
+            raise RefusedError(mark.what, f"is at {mark.place}", rule)
         (place,), (normal,) = on_surface(scene_of(structure), stated)
         off = float(np.linalg.norm(place - stated[0]))
         if off > _OFF_SURFACE * structure.diagonal_m:
@@ -107,9 +106,8 @@ class Placing:
             raise RefusedError(mark.what, when, "a time of the flight", "count from its first pose")
         size = size_of_photo(photo, mark.size_px)
         pose = flight.at(np.array([t_s]))
-        camera = with_size(
-            flight.zoomed(pose.fov_deg), *size, f"{mark.what}, photo {mark.photo or f'of {t_s:g} s'}"
-        )
+        named = f"{mark.what}, photo {mark.photo or f'of {t_s:g} s'}"
+        camera = with_size(flight.zoomed(pose.fov_deg), *size, named)
         limits = np.array(size_px(camera))
         corners = mark.corners * _enlarged(mark, limits)
         if not len(corners) or (corners < 0).any() or (corners > limits).any():
@@ -183,21 +181,9 @@ def add_marks(
     errors: Errors | None = None,
     pose_m: float | None = None,
 ) -> Added:
-    """Place marks and add those that can be placed, in one commit.
+    """Place marks (see `Placing`) and add those that can be placed, in one commit of who found them.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    marks : sequence of Mark
-    by : str
-        Who found them.
-    errors, pose_m
-        See `Placing`.
-
-    Returns
-    -------
-    Added
-        What is refused is listed with its reason; nothing of it is stored.
+    What is refused is listed with its reason; nothing of it is stored.
     """
     placing, rows, refused = Placing(catalog, errors, pose_m), [], []
     for mark in marks:

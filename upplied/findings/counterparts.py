@@ -89,10 +89,8 @@ def carried_spots(
 
 def themselves(places: Floats, error_m: Floats, size_m: float) -> Counterparts:
     """Places of a structure on itself, off by that much."""
-    count = len(places)
-    turn = np.repeat(np.eye(3)[None], count, axis=0)
-    doubtful = error_m > FARTHEST * size_m
-    part = np.full(count, -1, np.int64)
+    count, doubtful = len(places), error_m > FARTHEST * size_m
+    part, turn = np.full(count, -1, np.int64), np.repeat(np.eye(3)[None], count, axis=0)
     return Counterparts(part, places[:, :3], places[:, 3:], turn, np.ones(count), error_m, doubtful)
 
 
@@ -199,9 +197,8 @@ def about(spots: Floats, points: Floats, normals: Floats, step_m: float) -> Near
     Of spots that have no place they are any.
     """
     spots = np.nan_to_num(spots)
-    nearest = _tree(with_normals(points, normals, 2 * step_m)).query(
-        with_normals(spots[:, :3], spots[:, 3:], 2 * step_m)
-    )[1]
+    wanted = with_normals(spots[:, :3], spots[:, 3:], 2 * step_m)
+    nearest = _tree(with_normals(points, normals, 2 * step_m)).query(wanted)[1]
     others = _tree(points).query(spots[:, :3], min(1 + _NEIGHBOURS, len(points)))[1].reshape(len(spots), -1)
     samples = np.column_stack([nearest, others])
     away = np.linalg.norm(spots[:, None, :3] - points[samples], axis=2)
