@@ -72,8 +72,7 @@ class _Relaxed:
 
     def __post_init__(self) -> None:
         count = len(self.apart)
-        self.cost = np.zeros((count + 1, count + 1))
-        self.cost[:count, :count] = self.apart
+        self.cost = np.pad(self.apart, (0, 1))
         self.legs = np.zeros((count + 1, count + 1), bool)
         self.legs[:count, count] = True
         self.nearest = 0
@@ -97,9 +96,8 @@ class _Relaxed:
         first, second = np.nonzero(self.legs)
         self.first, self.second = first, second
         number, rows = len(first), np.arange(len(first))
-        ends = csr_matrix(
-            (np.ones(2 * number), (np.concatenate([first, second]), np.tile(rows, 2))), (count + 1, number)
-        )
+        nodes = np.concatenate([first, second])
+        ends = csr_matrix((np.ones(2 * number), (nodes, np.tile(rows, 2))), (count + 1, number))
         shares = csr_matrix((np.full(count, -2.0), (np.arange(count), np.arange(count))), (count + 1, count))
         degree = hstack([ends, shares]).tocsr()
         cover = hstack([csr_matrix((self.seen.shape[1], number)), csr_matrix(-self.seen.T.astype(float))])
@@ -163,16 +161,13 @@ class _Relaxed:
 def _least_cut(count: int, first: Ints, second: Ints, flow: Floats, poses: Ints) -> tuple[Bools, float]:
     """The nodes on the side of some poses of the least cut between them and the depot, and its size."""
     whole = np.round(flow * _WHOLE).astype(np.int32)
-    source = count
-    ends = np.concatenate([first, second, np.full(len(poses), source)])
+    ends = np.concatenate([first, second, np.full(len(poses), count)])  # the last is the source
     others = np.concatenate([second, first, poses])
     room = np.concatenate([whole, whole, np.full(len(poses), 100 * _WHOLE, np.int32)])
     graph = csr_matrix((room, (ends, others)), (count + 1, count + 1))
-    flow_ = maximum_flow(graph, source, count - 1)
-    left = graph - flow_.flow
+    most = maximum_flow(graph, count, count - 1)
+    left = graph - most.flow
     left.data[left.data < 0] = 0
     left.eliminate_zeros()
-    reached = breadth_first_order(left.tocsr(), source, return_predecessors=False)
-    side = np.zeros(count, bool)
-    side[reached[reached < count]] = True
-    return side, flow_.flow_value / _WHOLE
+    reached = breadth_first_order(left.tocsr(), count, return_predecessors=False)
+    return np.isin(np.arange(count), reached), most.flow_value / _WHOLE

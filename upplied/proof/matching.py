@@ -31,14 +31,9 @@ class Matched(Record):
 
 
 def matched(plan: Trajectory, log: Trajectory, silent_s: float) -> Matched:
-    """The log's poses on a plan.
+    """The log's poses on a plan, both in one frame, to a few metres.
 
-    Parameters
-    ----------
-    plan, log : Trajectory
-        In one frame, to a few metres.
-    silent_s : float
-        A longer step of the log leaves open what was flown meanwhile.
+    A step of the log that is longer than `silent_s` leaves open what was flown meanwhile.
     """
     span, planned = float(log.t_s[-1] - log.t_s[0]), float(plan.t_s[-1] - plan.t_s[0])
     beat = max(span / _POSES, _STEP_S)
