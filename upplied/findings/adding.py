@@ -47,13 +47,8 @@ class Added:
 class Placing:
     """Marks placed on structures of a catalog; flights and structures are read once.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    errors : Errors
-        Of the camera, and of the positions of flights that do not state theirs.
-    pose_m : float, optional
-        Of all positions, whatever flights state.
+    The errors are those of the camera, and of the positions of flights that do not state theirs; `pose_m` is
+    that of all positions, whatever flights state.
     """
 
     def __init__(self, catalog: Catalog, errors: Errors | None = None, pose_m: float | None = None) -> None:
@@ -64,18 +59,13 @@ class Placing:
     def row(self, mark: Mark) -> dict[str, Any]:
         """A mark as a row of `findings`, without author and commit.
 
-        Raises
-        ------
-        RefusedError
-            If its photo is of no known flight, it misses the structure or looks at it too obliquely.
-        SettingsError
-            If a text of it is not readable.
+        It is refused if a text of it is not readable, its photo is of no known flight, or it misses the
+        structure or looks at it too obliquely.
         """
         columns = {"class": mark.class_name, "severity": mark.severity, "note": mark.note, "state": "open"}
         columns |= {"file": mark.file, "file_sha256": mark.file_sha256}
-        for name in ("photo", "structure", "flight"):
-            check_text(mark.what, name, getattr(mark, name))
-        for name, text in columns.items():
+        own = {name: getattr(mark, name) for name in ("photo", "structure", "flight")}
+        for name, text in (own | columns).items():
             check_text(mark.what, name, text)
         return columns | (self._stated(mark) if mark.place is not None else self._seen(mark))
 

@@ -62,9 +62,9 @@ def plan_campaign(
     keys = [job.key for job in jobs]
     before = catalog.settled(keys)
     transfer(catalog, [job for job in jobs if job.key not in before], new_run_id(), plan=plan_job)
-    columns = ["transfer_id", "state", "warnings"]
-    rows = catalog.transfers(ids=[id_of(key) for key in keys], every=True, columns=columns)
-    plans = {one["transfer_id"]: one for one in rows.to_dict("records")}
+    columns, ids = ["transfer_id", "state", "warnings"], [id_of(key) for key in keys]
+    rows = catalog.transfers(ids=ids, every=True, columns=columns).to_dict("records")
+    plans = {one["transfer_id"]: one for one in rows}
     for job in jobs:
         status, words = catalog.settled([job.key]).get(job.key, ("failed", "its inputs changed"))
         if status == "ok":

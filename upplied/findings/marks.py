@@ -136,7 +136,7 @@ def _mark(
     texts = ("" if stated.get(name) is None else str(stated[name]).strip() for name in _WORDS.values())
     words: dict[str, Any] = dict(zip(_WORDS, texts, strict=True))
     t_s = float(stated["t_s"]) if stated.get("t_s") not in (None, "") else None
-    return Mark(what, pixels=pixels, t_s=t_s, **words, **about, **more)
+    return Mark(what, pixels=pixels, t_s=t_s, **(words | dict(about) | more))
 
 
 def corners_of(flat: Any) -> Pixels:

@@ -221,13 +221,13 @@ def size_of_photo(photo: dict[Any, Any], otherwise: tuple[int, int] = (0, 0)) ->
 def with_size(camera: Camera, width_px: int, height_px: int, what: str) -> Camera:
     """The camera with the pixels of a photo, of like proportions; its own where the photo's are not known."""
     width, height = width_px or camera.width_px, height_px or camera.height_px
+    remedy = "state the camera in the side-car of the log"
     if not (width and height):
-        remedy = "state the camera in the side-car of the log"
         raise RefusedError(what, "the pixels of its camera are not known", "width and height, px", remedy)
     sized = replace(camera, width_px=width, height_px=height)
     across, down = focal_of(sized)
     if abs(down / across - 1) > _SAME_SHAPE and (camera.hfov_deg <= 120 or camera.lens is not None):
         fov = f"the camera of the flight sees {camera.hfov_deg:.1f} x {camera.vfov_deg:.1f} deg"
         fault, rule = f"has {width} x {height} px, {fov}", "the same proportions"
-        raise RefusedError(what, fault, rule, "state the camera in the side-car of the log")
+        raise RefusedError(what, fault, rule, remedy)
     return sized

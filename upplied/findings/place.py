@@ -110,17 +110,17 @@ def located(
         fault = f"looks at the surface at {incidence:.0f} degrees from its normal"
         remedy = "mark it in a photo that looks more frontally"
         raise RefusedError(what, fault, f"at most {_GRAZING_DEG:g} degrees", remedy)
-    parts = errors, Errors(errors.pose_m, errors.attitude_deg, 0.0, 0.0)
-    parts += Errors(0.0, 0.0, errors.pixel_px, 0.0), Errors(0.0, 0.0, 0.0, errors.mesh_m)
+    pose, pixel = Errors(errors.pose_m, errors.attitude_deg, 0.0, 0.0), Errors(0.0, 0.0, errors.pixel_px, 0.0)
+    parts = errors, pose, pixel, Errors(0.0, 0.0, 0.0, errors.mesh_m)
     from scipy.stats import norm, qmc  # a quarter of a second, which no page waits for
 
     noise = norm.ppf(qmc.Sobol(9, rng=0).random(_DRAWS))
     view = _View(scene, camera, position, turn)
-    off = [_error_m(view, middle, place, part, noise) for part in parts]
+    whole_m, pose_m, pixel_m, mesh_m = (_error_m(view, middle, place, part, noise) for part in parts)
     outline = position + (reach[1:, None] * rays[1:])[hit[1:]] if len(corners) > 1 else place[None]
     size = _sized(view, aims[hit], outline, errors, noise)
-    fine = 1e3 * footprint_m(camera, position, place, normal)
-    return Located(place, normal, outline, float(reach[0]), incidence, fine, *off, *size)
+    looked = float(reach[0]), incidence, 1e3 * footprint_m(camera, position, place, normal)
+    return Located(place, normal, outline, *looked, whole_m, pose_m, pixel_m, mesh_m, *size)
 
 
 def _drawn(view: _View, pixels: Floats, errors: Errors, noise: Floats) -> tuple[Floats, Floats]:

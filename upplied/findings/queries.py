@@ -95,13 +95,9 @@ def _looks(catalog: Catalog, places: Sequence[tuple[str, Counterparts]]) -> list
 
 
 def by_reference(
-    catalog: Catalog,
-    reference_id: str,
-    *,
-    class_name: str | None = None,
-    state: str | None = None,
+    catalog: Catalog, reference_id: str, *, class_name: str | None = None, state: str | None = None,
     carrying: Carrying | None = None,
-) -> pd.DataFrame:
+) -> pd.DataFrame:  # fmt: skip
     """The findings of a kind with their places on one structure of it, the map for all.
 
     They are as `Catalog.findings`, with `reference_x_m`, `reference_y_m`, `reference_z_m` (NaN where there is

@@ -56,9 +56,8 @@ class Discs(Record):
     def error_m(self) -> float:
         """How far the surface may lie from the discs, m: as far as any sample does from its neighbours'.
 
-        Each sample counts as though it had not been scanned: that includes noise, and edges between
-        samples. One farther off than a disc is wide stands alone in the air and tells nothing of the
-        others. Nothing is known of what was never scanned.
+        Each sample counts as though it had not been scanned: that includes noise, and edges between samples.
+        One farther off than a disc is wide stands alone in the air and tells nothing of the others.
         """
         if self.away.shape[1] < _RIM + 2:
             return self.grain_m

@@ -124,5 +124,5 @@ def in_a_row(parts: Sequence[Trajectory]) -> Trajectory:
     """Several flights one after another, as one, in the times that they have."""
     zoom = [part.fov_deg for part in parts if part.fov_deg is not None]
     columns = zip(*((part.t_s, part.positions, part.quat_xyzw) for part in parts), strict=True)
-    fov_deg = np.concatenate(zoom) if len(zoom) == len(parts) else None
-    return Trajectory(*map(np.concatenate, columns), fov_deg=fov_deg)
+    t_s, positions, quats = map(np.concatenate, columns)
+    return Trajectory(t_s, positions, quats, np.concatenate(zoom) if len(zoom) == len(parts) else None)

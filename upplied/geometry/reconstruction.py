@@ -126,10 +126,7 @@ def held(structure: Structure) -> Held:
 
 
 def likeness_to_scans(structure: Structure) -> float:
-    """How much the triangles of a mesh are like those of a reconstruction, 0 to 1; 0 where they are few.
-
-    Even triangles on other than flat faces: a box of even triangles was drawn.
-    """
+    """How like triangles are to those of a reconstruction, even and on no flat faces; 0 to 1, of few 0."""
     if len(structure.triangles) < _FEWEST:
         return 0.0
     faces = _Faces.of(structure)

@@ -12,16 +12,8 @@ _ROUNDING_M = 1e-3  # beyond what single precision may be off
 class SupposedScene(Scene):
     """What a scene answers where more surface is supposed: rays are blocked by it, distances are from it.
 
-    Where surface may be as well, distances are from that too, but no ray is blocked. `cast` and `hits` tell
-    of the triangles that are known alone.
-
-    Parameters
-    ----------
-    known : Scene
-    supposed : Scene or None
-        The surface that is likely to be there; its `error_m` says how much nearer it may be.
-    doubtful : Scene or None
-        Surface that may be there.
+    Where surface is doubtful, distances are from that too, but no ray is blocked. `cast` and `hits` tell of
+    the triangles that are known alone. The `error_m` of what is supposed says how much nearer it may be.
     """
 
     def __init__(self, known: Scene, supposed: Scene | None, doubtful: Scene | None = None) -> None:

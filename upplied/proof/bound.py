@@ -28,14 +28,8 @@ _CLOSE = 0.99  # of a known way's length: a bound so near to it says that the wa
 def bound_m(apart: Floats, seen: Bools, known_m: float = np.inf) -> float:
     """A length, m, below which no path by some of these poses shows every sample.
 
-    Parameters
-    ----------
-    apart : array, shape (P, P), m
-        Lengths of the legs between poses, which keep the triangle inequality.
-    seen : array of bool, shape (P, S)
-        Which pose sees which sample; each is seen by one at least.
-    known_m : float
-        Length of a path that does, m: a bound near to it is not raised any more.
+    Legs between poses are `apart` (P, P), m, by the triangle inequality; each sample is `seen` (P, S) by one
+    pose at least. A bound near to the length of a path that is known, m, is not raised any more.
     """
     seen = _hardest(seen[:, seen.any(axis=0)])
     useful = np.flatnonzero(seen.any(axis=1))

@@ -109,21 +109,9 @@ class _Zone(Record):
 class RequiredZones:
     """The zones that are required of a structure, judged by views of it.
 
-    Parameters
-    ----------
-    structure : callable
-        The structure of an id, that zones are carried from.
-    memo : Memo
-        Remembers how structures correspond.
-    target : Structure
-    supposed : SupposedSurface or None
-        What was never scanned of it; a safe camera stays clear of it.
-    camera : Camera
-        Decides what a safe camera could see.
-    required : list of dict
-        Of each zone its name, set and version, who requires it, and its demand.
-    faces : callable, optional
-        Of labels; see `planning.demonstration.inspection.zone_of`.
+    Zones are carried from the structures that `structure` returns for their ids. A safe camera stays clear of
+    what is supposed of the target; `camera` decides what it could see. Of each required zone there are name,
+    set and version, who requires it, and its demand. For `faces` see `inspection.zone_of`.
     """
 
     def __init__(
