@@ -72,19 +72,9 @@ def located(
 ) -> Located:  # fmt: skip
     """Cast a mark of a photo on a structure; refused if it misses it, or looks at it too obliquely.
 
-    Parameters
-    ----------
-    what : str
-        What messages call it.
-    scene : Scene
-        Of the structure, as it was scanned or drawn.
-    camera : Camera
-        With the pixels of the photo.
-    position, quat_xyzw : array, shape (3,) m and (4,)
-        Of the camera, structure frame.
-    pixels : array, shape (K, 2), px
-        A point, or the corners of an outline in order.
-    errors : Errors
+    Messages call it `what`. The scene is of the structure as it was scanned or drawn, and the camera has the
+    pixels of the photo, with its position (3,), m, and orientation (4,) in the structure's frame. The pixels
+    (K, 2) are a point, or the corners of an outline in order.
     """
     corners = _densified(pixels)
     middle = np.asarray(_centroid(corners))

@@ -65,17 +65,8 @@ class Reshot:
 def plan_reshoot(catalog: Catalog, rows: Sequence[dict[str, Any]], structure_id: str, mm_px: float) -> Reshot:
     """Plan a mission that shows the places of findings on a structure, and keep it as a draft.
 
-    It is refused, and nothing stored, if no finding can be shown so by a safe flight.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    rows : sequence of dict
-        Of `findings`, of structures of one kind.
-    structure_id : str
-        That is flown to.
-    mm_px : float
-        The largest ground sample distance of each look, mm.
+    It is refused, and nothing stored, if no finding can be shown so by a safe flight. Rows are of `findings`,
+    of structures of one kind; `mm_px` is the largest ground sample distance of each look, mm.
     """
     if not (rows and 0 < mm_px < np.inf):
         request = f"{len(rows)} findings at {mm_px:g} mm/px"

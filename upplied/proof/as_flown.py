@@ -56,12 +56,8 @@ def as_flown(
     ----------
     viewpoint_s : array, shape (K,), s
         Moments of the plan's viewpoints.
-    aligned : Alignment
-        Of the log on the plan.
     logged : Trajectory
         The path as it was logged; its clearance counts as well.
-    surface : Cloud
-        N samples with normals.
     photo_s : array, shape (F,), s, optional
         Times of the photos, by the log's clock from its first pose; without them the camera is taken to
         see all the time.

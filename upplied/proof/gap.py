@@ -45,20 +45,9 @@ def gap_flight(
 ) -> GapFlight:  # fmt: skip
     """The flight that shows the missing samples (S,), and what is missing of zones.
 
-    Refused if nothing is missing, no safe pose shows any of it, or no safe way joins the poses.
-
-    Parameters
-    ----------
-    plan : Trajectory
-        That was to show them.
-    surface : Cloud
-        S samples with normals.
-    graph : Roadmap
-        Of the structure, with the required clearance.
-    zones : sequence of ZoneGap
-        What no flight shows of zones as required, whether the plan shows it or not.
-    rule : InspectionSettings, optional
-        How sharp the pictures at its viewpoints must be.
+    Refused if nothing is missing, no safe pose shows any of it, or no safe way joins the poses. The plan was
+    to show the samples; the roadmap has the required clearance. Zones are what no flight shows of them as
+    required, whether the plan shows it or not; the rule says how sharp pictures at viewpoints must be.
     """
     if not missing.any() and not zones:
         raise RefusedError("the gap", "is empty: the flight showed all that was required")
