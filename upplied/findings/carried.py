@@ -47,11 +47,7 @@ _FEW, _MANY = 10, 50  # structures whose samples are read one by one, and at onc
 class Carrying:
     """Spots carried from a structure to others; correspondences are remembered by the catalog's cache.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    progress : callable, optional
-        Called with the names of each two structures that are studied since nothing of them is remembered.
+    `progress` is called with the names of each two structures that are studied, where none is remembered.
     """
 
     def __init__(self, catalog: Catalog, progress: Callable[[str], object] = lambda _: None) -> None:
@@ -66,13 +62,7 @@ class Carrying:
         self._demonstrated = set(catalog.demonstrations()["structure_id"])
 
     def targets(self, source_id: str, to: str = "kind") -> list[str]:
-        """The other structures of a source's kind, or those of ids that are listed with commas.
-
-        Raises
-        ------
-        RefusedError
-            If one is of another kind.
-        """
+        """The other structures of a source's kind, or those of ids with commas, which must be of it."""
         kind = self.kinds.get(source_id, "")
         if to == "kind":
             return [name for name in self.members(kind) if name != source_id]
@@ -88,26 +78,14 @@ class Carrying:
         return sorted(name for name, other in self.kinds.items() if other == kind)
 
     def reference(self, kind: str) -> str:
-        """The structure of a kind that is the map for all: the first that was demonstrated, else the first.
-
-        Raises
-        ------
-        CatalogError
-            If the kind has no structure.
-        """
+        """The structure of a kind that is the map for all: the first that was demonstrated, else of all."""
         members = self.members(kind)
         if not members:
             raise CatalogError(f"kind {kind}", "has no structure", "one at least")
         return min(self._demonstrated.intersection(members), default=members[0])
 
     def study(self, kind: str) -> list[str]:
-        """Remember the correspondences of a kind's structures with their map: questions then only read.
-
-        Returns
-        -------
-        list of str
-            Why there is none, in words.
-        """
+        """Remember how a kind's structures correspond to their map, or say why not: questions only read."""
         reference, problems = self.reference(kind), []
         for name in self.targets(reference):
             try:
@@ -158,9 +136,8 @@ class Carrying:
 
     def _groups(self, reference: str, names: set[str]) -> Iterator[CarriedGroup]:
         """Those groups of a kind's structures, in the order they were added, that hold some of these."""
-        others = [
-            name for name, kind in self.kinds.items() if kind == self.kinds[reference] and name != reference
-        ]
+        kinds = self.kinds
+        others = [name for name in kinds if kinds[name] == kinds[reference] and name != reference]
         for start in range(0, len(others), _MANY):
             some = others[start : start + _MANY]
 
@@ -229,23 +206,18 @@ class Carrying:
         return self.remembered("carried-both-ways", Carried, key, carried)
 
     def _continued(
-        self,
-        spots: Counterparts,
-        carried: Carried,
-        source_id: str,
-        target_ids: Sequence[str],
+        self, spots: Counterparts, carried: Carried, source: str, names: Sequence[str],
         near: Near | None = None,
-    ) -> Counterparts:
+    ) -> Counterparts:  # fmt: skip
         """Counterparts on one structure carried on to others, as many on each: the larger error counts.
 
         Errors have long tails, so that both are seldom large, and what the two correspondences have in common
         cancels: 97 % of such places lie within it (bench/findings.py).
         """
-        sizes_m = np.array([self._size_m[name] for name in target_ids])
-        size_m = np.repeat(sizes_m, len(spots) // len(target_ids))
+        size_m = np.repeat([self._size_m[name] for name in names], len(spots) // len(names))
         there = carried_spots(spots.spots, carried, size_m, near)
         lost = ~np.isfinite(spots.place[:, :1])
-        error = np.maximum(there.error_m, size_m / self._size_m[source_id] * spots.error_m)
+        error = np.maximum(there.error_m, size_m / self._size_m[source] * spots.error_m)
         return replace(
             there,
             place=np.where(lost, np.nan, there.place),

@@ -1,7 +1,5 @@
 """Places of one structure on another: carried as the samples about them, with how far off they may be."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
@@ -50,7 +48,7 @@ class Counterparts(Rows):
 
 
 def carried_spots(
-    spots: Floats, carried: Carried, size_m: float | Floats, near: Near | None = None
+    spots: Floats, carried: "Carried", size_m: float | Floats, near: "Near | None" = None
 ) -> Counterparts:
     """Places with normals (N, 6), carried as the samples about them onto a structure, or N, of that size, m.
 
@@ -91,10 +89,8 @@ def carried_spots(
 
 def themselves(places: Floats, error_m: Floats, size_m: float) -> Counterparts:
     """Places of a structure on itself, off by that much."""
-    count = len(places)
-    turn = np.repeat(np.eye(3)[None], count, axis=0)
-    doubtful = error_m > FARTHEST * size_m
-    part = np.full(count, -1, np.int64)
+    count, doubtful = len(places), error_m > FARTHEST * size_m
+    part, turn = np.full(count, -1, np.int64), np.repeat(np.eye(3)[None], count, axis=0)
     return Counterparts(part, places[:, :3], places[:, 3:], turn, np.ones(count), error_m, doubtful)
 
 
@@ -201,9 +197,8 @@ def about(spots: Floats, points: Floats, normals: Floats, step_m: float) -> Near
     Of spots that have no place they are any.
     """
     spots = np.nan_to_num(spots)
-    nearest = _tree(with_normals(points, normals, 2 * step_m)).query(
-        with_normals(spots[:, :3], spots[:, 3:], 2 * step_m)
-    )[1]
+    wanted = with_normals(spots[:, :3], spots[:, 3:], 2 * step_m)
+    nearest = _tree(with_normals(points, normals, 2 * step_m)).query(wanted)[1]
     others = _tree(points).query(spots[:, :3], min(1 + _NEIGHBOURS, len(points)))[1].reshape(len(spots), -1)
     samples = np.column_stack([nearest, others])
     away = np.linalg.norm(spots[:, None, :3] - points[samples], axis=2)

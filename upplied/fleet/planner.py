@@ -31,7 +31,7 @@ from upplied.planning.correspondence.memo import Memo, no_memo
 from upplied.planning.plan import plan_transfer
 from upplied.proof.required_zones import RequiredZones
 from upplied.records import Camera, Plan, Structure
-from upplied.records.required import RequiredSurface
+from upplied.records.plans import RequiredSurface
 
 R = TypeVar("R")
 Shard = tuple[Job, ...]

@@ -3,8 +3,6 @@
 Distances are taken from cells of discs: the search trees of ray casters visit too many that overlap.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -31,7 +29,7 @@ class Discs(Record):
     nearest: Ints  # (N, K)
 
     @classmethod
-    def of(cls, points: Floats, normals: Floats | None) -> Discs:
+    def of(cls, points: Floats, normals: Floats | None) -> "Discs":
         """The discs of samples (N, 3), m; without normals the plane of the twelve nearest decides."""
         away, nearest = nearest_of_all(points, min(_AROUND + 1, len(points)))
         if normals is None:
@@ -58,9 +56,8 @@ class Discs(Record):
     def error_m(self) -> float:
         """How far the surface may lie from the discs, m: as far as any sample does from its neighbours'.
 
-        Each sample counts as though it had not been scanned: that includes noise, and edges between
-        samples. One farther off than a disc is wide stands alone in the air and tells nothing of the
-        others. Nothing is known of what was never scanned.
+        Each sample counts as though it had not been scanned: that includes noise, and edges between samples.
+        One farther off than a disc is wide stands alone in the air and tells nothing of the others.
         """
         if self.away.shape[1] < _RIM + 2:
             return self.grain_m
@@ -122,7 +119,7 @@ class DiscCells(Record):
     group_spread_m: Floats  # (G,)
 
     @classmethod
-    def of(cls, points: Floats, normals: Floats, radius_m: Floats) -> DiscCells:
+    def of(cls, points: Floats, normals: Floats, radius_m: Floats) -> "DiscCells":
         """The discs with such centres (N, 3), unit normals (N, 3) and radii (N,), m."""
         wide = max(_WIDE * float(np.median(radius_m)), 1e-6 * float(np.ptp(points, axis=0).max()), 1e-12)
         cell = np.floor((points - points.min(axis=0)) / wide).astype(np.int64)
@@ -156,8 +153,7 @@ class DiscCells(Record):
         discs = self.points, self.normals, self.radius_m
         cells = self.first, self.place, self.spread_m
         groups = self.group_first, self.group_place, self.group_spread_m
-        away, disc = _nearest(np.ascontiguousarray(places, float), *discs, *cells, *groups)
-        return away, disc
+        return _nearest(np.ascontiguousarray(places, float), *discs, *cells, *groups)
 
 
 def _begins(name: Ints) -> Ints:
@@ -187,17 +183,9 @@ def _square(at_x: float, at_y: float, at_z: float, points: Floats, row: int) -> 
 
 @njit(cache=True)
 def _nearest(
-    places: Floats,
-    points: Floats,
-    normals: Floats,
-    radius: Floats,
-    first: Ints,
-    place: Floats,
-    spread: Floats,
-    group_first: Ints,
-    group_place: Floats,
-    group_spread: Floats,
-) -> tuple[Floats, Ints]:
+    places: Floats, points: Floats, normals: Floats, radius: Floats, first: Ints, place: Floats,
+    spread: Floats, group_first: Ints, group_place: Floats, group_spread: Floats,
+) -> tuple[Floats, Ints]:  # fmt: skip
     """What may hold the nearest disc is nearer than some disc is, and its spread: the nearest cell first."""
     away, nearest_disc = np.empty(len(places)), np.empty(len(places), np.int64)
     from_group = np.empty(len(group_place))

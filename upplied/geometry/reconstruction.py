@@ -4,8 +4,6 @@ Whether a mesh is a scan is declared (`Structure.is_scan`), never inferred. A me
 reconstruction of a scan is warned of: triangles of like form spread over the surface, whatever it is.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +44,7 @@ class _Faces(Record):
     bend_m: Floats  # (P,) how far the four corners of a pair must move, root of the squares, to share a plane
 
     @classmethod
-    def of(cls, structure: Structure) -> _Faces:
+    def of(cls, structure: Structure) -> "_Faces":
         corners = structure.vertices[structure.triangles]
         edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
         twice = area_vectors(corners)
@@ -113,15 +111,6 @@ def held(structure: Structure) -> Held:
     What is declared to be drawn is exact. Of what nobody declared, the error is what its triangles can hide
     by how rough they are where they are smoothest: next to nothing where faces are flat, some millimetres
     where each vertex was moved by one.
-
-    Parameters
-    ----------
-    structure : Structure
-        A mesh.
-
-    Returns
-    -------
-    Held
     """
     if structure.surface_error_m is not None:
         return Held(structure.surface_error_m)
@@ -137,10 +126,7 @@ def held(structure: Structure) -> Held:
 
 
 def likeness_to_scans(structure: Structure) -> float:
-    """How much the triangles of a mesh are like those of a reconstruction, 0 to 1; 0 where they are few.
-
-    Even triangles on other than flat faces: a box of even triangles was drawn.
-    """
+    """How like triangles are to those of a reconstruction, even and on no flat faces; 0 to 1, of few 0."""
     if len(structure.triangles) < _FEWEST:
         return 0.0
     faces = _Faces.of(structure)

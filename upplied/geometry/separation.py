@@ -60,9 +60,7 @@ def separated(structure: Structure) -> Separation:
     if len(standing):
         label[standing] = _clusters(points[standing], above[standing])
     of_all = _of_all(structure, points, owner, label)
-    areas = np.bincount(
-        owner, area, minlength=len(of_all)
-    )  # of each triangle or point: the thinned ones without
+    areas = np.bincount(owner, area, minlength=len(of_all))  # of all: what was thinned out has none
     share = np.asarray(np.bincount(of_all, areas, minlength=len(CLASSES)), float)
     of_ground = (points[:, 2] - above)[(label == 0) & np.isfinite(above)]
     return Separation(of_all, share, float(np.median(of_ground)) if len(of_ground) else None)

@@ -1,7 +1,5 @@
 """Moments of a flight that is slowed: so that some lie far enough apart, or that it brakes no harder."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -20,25 +18,18 @@ _BRAKING_S = 0.2, 1.0  # how long braking takes, least and most
 
 
 def spaced(times: Floats, chosen_s: Floats, least_s: float, brake_s: float) -> Floats:
-    """Moments of a flight that is slower where some of them were too near each other.
+    """When the poses of a flight are reached (N,), s, that is slower where chosen moments were too near.
 
-    It brakes before and after: what that takes more counts for the next of them.
+    It brakes before and after: what that takes more counts for the next of them. The first stays as it was.
 
     Parameters
     ----------
-    times : array, shape (N,)
-        Of the poses, s, increasing.
-    chosen_s : array, shape (K,)
-        Moments within these times, increasing.
+    times, chosen_s : array, shape (N,) and (K,)
+        Of the poses, and moments among these, s, increasing.
     least_s : float
         Between two of the chosen ones.
     brake_s : float
         How long braking takes; taken for 0.2 to 1 s.
-
-    Returns
-    -------
-    array, shape (N,)
-        When each pose is reached, s; the first as before.
     """
     if (np.diff(chosen_s) >= least_s).all():
         return times
@@ -60,16 +51,7 @@ def spaced(times: Floats, chosen_s: Floats, least_s: float, brake_s: float) -> F
 
 
 def no_harder(times: Floats, positions: Floats, most_mps2: float) -> Floats:
-    """Moments of a flight (N,), later where it accelerates by more than is allowed.
-
-    Parameters
-    ----------
-    times : array, shape (N,)
-        s, increasing.
-    positions : array, shape (N, 3)
-        m.
-    most_mps2 : float
-    """
+    """Moments of a flight (N,), s, later where between positions (N, 3), m, it accelerates too much."""
     for _ in range(_EASINGS):
         excess = np.sqrt(accelerations(times, positions) / most_mps2)
         if not (excess > 1 + 1e-9).any():

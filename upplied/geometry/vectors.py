@@ -1,7 +1,5 @@
 """Directions, normals and areas, how far points are spaced, and points spread evenly over a mesh."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from upplied.records import Floats, Ints, Structure
@@ -74,8 +72,8 @@ def triangle_areas(structure: Structure) -> Floats:
     """Area (T,) of each triangle of a mesh, m^2; kept with its record."""
 
     def areas() -> Floats:
-        corners = structure.vertices[structure.triangles]
-        return np.asarray(np.linalg.norm(area_vectors(corners), axis=1) / 2)
+        twice = area_vectors(structure.vertices[structure.triangles])
+        return np.asarray(np.linalg.norm(twice, axis=1) / 2)
 
     return structure.derived("triangle areas", areas)
 
@@ -83,21 +81,9 @@ def triangle_areas(structure: Structure) -> Floats:
 def points_on_triangles(
     structure: Structure, number: int, rng: np.random.Generator, some: Ints | None = None
 ) -> tuple[Floats, Ints]:
-    """Points spread evenly by area over a mesh: stratified along the cumulated area.
+    """Points (number, 3), m, spread evenly by area over a mesh, or some triangles; and on which each lies.
 
-    Parameters
-    ----------
-    structure : Structure
-    number : int
-    rng : numpy.random.Generator
-    some : array of int, shape (S,), optional
-        The triangles to spread them over; all where not given.
-
-    Returns
-    -------
-    points : array, shape (number, 3), m
-    triangle : array of int, shape (number,)
-        On which each lies.
+    They are stratified along the cumulated area.
     """
     area = triangle_areas(structure)
     cumulated = np.cumsum(area if some is None else area[some])

@@ -36,7 +36,7 @@ from upplied.planning.trajectory.complete import propose
 from upplied.planning.trajectory.retime import Timed
 from upplied.provenance import method
 from upplied.records import Demonstration, Measures, Plan, Structure
-from upplied.records.required import RequiredSurface
+from upplied.records.plans import RequiredSurface
 from upplied.threads import one_thread
 
 

@@ -4,8 +4,6 @@ Unchanged legs are flown as planned. Where a viewpoint was moved or left out, or
 way joins the rest. Viewpoints too near the structure only for the larger clearance are moved just far enough.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -22,7 +20,7 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.retime import retime
 from upplied.records import Bools, Floats, Ints, Rows, Trajectory, Waypoints
 
-_SAME_M, _SAME_DEG = 1e-3, 0.05  # of what a file keeps of a pose: less is no change
+SAME_M, _SAME_DEG = 1e-3, 0.05  # of what a file keeps of a pose: less is no change
 _APART_M = 1e-6
 
 
@@ -88,29 +86,21 @@ def edit_of(before: Sequence[Viewpoint], after: Mapping[int, Viewpoint]) -> Edit
 
 
 def _same(one: Viewpoint, other: Viewpoint) -> bool:
-    gap = np.linalg.norm(np.subtract(one.position, other.position))
     turn = max(abs((one.yaw_deg - other.yaw_deg + 180) % 360 - 180), abs(one.pitch_deg - other.pitch_deg))
-    return bool(gap < _SAME_M and turn < _SAME_DEG)
+    return apart_m(one, other) < SAME_M and turn < _SAME_DEG
+
+
+def apart_m(one: Viewpoint, other: Viewpoint) -> float:
+    """How far two viewpoints are from each other, m."""
+    return float(np.linalg.norm(np.subtract(one.position, other.position)))
 
 
 def edited(
     plan: Trajectory, is_viewpoint: Bools, edit: Edit, graph: Roadmap, limits: RetimeSettings
 ) -> tuple[Trajectory, Bools]:
-    """The plan as it was changed, with times under the limits of the vehicle.
+    """The plan as it was changed, with times under the limits of the vehicle; the roadmap has the new ones.
 
-    Parameters
-    ----------
-    plan : Trajectory
-    is_viewpoint : array of bool, shape (N,)
-    edit : Edit
-    graph : Roadmap
-        Of the structure with the new limits.
-    limits : RetimeSettings
-
-    Raises
-    ------
-    RefusedError
-        If nothing is left, a viewpoint breaks a rule of the airspace, or no safe way joins two of them.
+    It is refused if nothing is left, a viewpoint breaks a rule of the airspace, or no safe way joins two.
     """
     index = np.flatnonzero(is_viewpoint)
     left = [number for number in range(len(index)) if number not in edit.deleted]
@@ -170,14 +160,12 @@ def _between(
     a, b = stops[one], stops[other]
     line = way(graph, a.positions[0], b.positions[0])
     if line is None:
-        raise RefusedError(
-            f"viewpoint {other}", f"has no safe leg from viewpoint {one}", "", "move one of them"
-        )
+        fault = f"has no safe leg from viewpoint {one}"
+        raise RefusedError(f"viewpoint {other}", fault, "", "move one of them")
     along = arc_length(line)
     share = (along / max(along[-1], _APART_M))[1:-1]
-    yaw, pitch, t_s = (
-        start + share * (end - start) for start, end in ((a.yaw, b.yaw), (a.pitch, b.pitch), (a.t_s, b.t_s))
-    )
+    ends = (a.yaw, b.yaw), (a.pitch, b.pitch), (a.t_s, b.t_s)
+    yaw, pitch, t_s = (start + share * (end - start) for start, end in ends)
     return [_Piece(line[1:-1], yaw, pitch, t_s, np.zeros(len(share), bool))]
 
 

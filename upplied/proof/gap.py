@@ -5,8 +5,6 @@ the plan itself did at each place, and put in the order of a short way (`tour`) 
 them. Zone surface that those poses do not show as required has poses of its own (`zone_gap`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -42,50 +40,25 @@ class GapFlight(Toured):
 
 
 def gap_flight(
-    plan: Trajectory,
-    surface: Cloud,
-    missing: Bools,
-    camera: Camera,
-    graph: Roadmap,
-    limits: RetimeSettings,
-    zones: Sequence[ZoneGap] = (),
-    rule: InspectionSettings | None = None,
-) -> GapFlight:
-    """The flight that shows the missing samples, and what is missing of zones.
+    plan: Trajectory, surface: Cloud, missing: Bools, camera: Camera, graph: Roadmap, limits: RetimeSettings,
+    zones: Sequence[ZoneGap] = (), rule: InspectionSettings | None = None,
+) -> GapFlight:  # fmt: skip
+    """The flight that shows the missing samples (S,), and what is missing of zones.
 
-    Parameters
-    ----------
-    plan : Trajectory
-        That was to show them.
-    surface : Cloud
-        S samples with normals.
-    missing : array of bool, shape (S,)
-    camera : Camera
-    graph : Roadmap
-        Of the structure, with the required clearance.
-    limits : RetimeSettings
-        Of the vehicle.
-    zones : sequence of ZoneGap
-        What no flight shows of zones as required, whether the plan shows it or not.
-    rule : InspectionSettings, optional
-        How sharp the pictures at its viewpoints must be.
-
-    Raises
-    ------
-    RefusedError
-        If nothing is missing, no safe pose shows any of it, or no safe way joins the poses.
+    Refused if nothing is missing, no safe pose shows any of it, or no safe way joins the poses. The plan was
+    to show the samples; the roadmap has the required clearance. Zones are what no flight shows of them as
+    required, whether the plan shows it or not; the rule says how sharp pictures at viewpoints must be.
     """
     if not missing.any() and not zones:
         raise RefusedError("the gap", "is empty: the flight showed all that was required")
-    poses = stations(plan, _STATIONS)
-    free = graph.airspace.allowed(poses.positions)
-    poses = poses.take(free)
+    poses, every = (
+        along.take(graph.airspace.allowed(along.positions))
+        for along in (stations(plan, _STATIONS), stations(plan))
+    )
     part = np.flatnonzero(missing)
     parts = [Part(Cloud(surface.points[part], surface.outward[part]), camera)]
     parts += [zone.part(camera) for zone in zones]
     usual_m = float(np.median(graph.airspace.scene.distance(poses.positions))) if zones and len(poses) else 0
-    every = stations(plan)
-    every = every.take(graph.airspace.allowed(every.positions))
     looks, best = _planned_looks(parts[0], every, graph)
     lacking = ~_shown(parts[0], poses, looks, graph).any(axis=0)
     if len(every) and lacking.any():  # a look that so many poses miss

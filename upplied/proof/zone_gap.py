@@ -1,7 +1,5 @@
 """Zone surface that no flight shows as required, and the safe poses that a flight may show it from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +15,6 @@ from upplied.proof.inspected import narrowed
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 
 _AT_A_TIME = 60  # patches that poses are set before; what those show as well needs none of its own
-
-
 _MARGIN_DEG = 4.0  # of the picture, at each rim, that a flight in wind may lose
 
 
@@ -73,18 +69,7 @@ def poses_for(
     """Safe poses beside the known ones that show what those do not.
 
     Each looks at a sample as near and as frontally as required: from the most frontal place that sees it, and
-    from the usual distance on the same ray.
-
-    Parameters
-    ----------
-    part : Part
-    known : Trajectory
-        Poses there are already.
-    graph : Roadmap
-    limits : RetimeSettings
-        For the pitch of the gimbal.
-    usual_m : float
-        From the surface, as the plan is.
+    on the same ray from the distance `usual_m` of the plan. The limits are those of the gimbal's pitch.
     """
     left: Bools = np.asarray(~part.well(known, graph).any(axis=0), bool)
     new_poses = known.take(np.zeros(0, np.int64))

@@ -37,7 +37,7 @@ from upplied.records import (
     SurfaceStates,
     Trajectory,
 )
-from upplied.records.required import RequiredSurface
+from upplied.records.plans import RequiredSurface
 
 _MEANT = 0.05  # of attention, from which a sample lies on what was inspected
 _INSPECTED = 0.1  # least share of what was inspected, for a part to be asked about

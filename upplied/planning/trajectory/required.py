@@ -17,7 +17,7 @@ from upplied.planning.geometry.clouds import nearest_facing, spacing
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View, places_beside
 from upplied.records import Bools, Cloud, Ints
-from upplied.records.required import RequiredSurface
+from upplied.records.plans import RequiredSurface
 
 _STATIONS = 160  # of the path, that are asked what they could show
 _WITHIN = 2.0  # stand-offs, in which a flight comes by a patch: from further off another shows it better
