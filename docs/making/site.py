@@ -33,7 +33,7 @@ MODULES = {
         "upplied.planning.correspondence.siblings",
         "upplied.planning.correspondence.registration",
         "upplied.planning.correspondence.correspondences",
-        "upplied.planning.visibility.frustum",
+        "upplied.planning.visibility.line_of_sight",
         "upplied.planning.demonstration.stations",
         "upplied.planning.carry.affine",
         "upplied.planning.airspace.detours",

@@ -32,7 +32,7 @@ from upplied.planning.carry.published import published
 from upplied.planning.carry.standoff import Counted, Standoff, counted, picture_share
 from upplied.planning.correspondence.registration import box_on_box
 from upplied.planning.demonstration.repetition import Take, look_limits
-from upplied.planning.visibility.frustum import coarseness
+from upplied.planning.visibility.line_of_sight import coarseness
 from upplied.records import Camera, Cloud, Correspondences, Floats, Record, Trajectory, Visibility, Waypoints
 
 

@@ -14,8 +14,7 @@ from upplied.geometry.poses import matrices
 from upplied.geometry.scene import Scene
 from upplied.overlap import Frames
 from upplied.planning.measures.fidelity import Compared
-from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.line_of_sight import coarseness, visible
 from upplied.planning.visibility.looks import sharp_looks
 from upplied.planning.visibility.observations import TRULY, Moments, Views, rates, stations_at
 from upplied.records import Bools, Camera, Cloud, Floats, Photos, Trajectory

@@ -20,8 +20,7 @@ from upplied.planning.constants import MAJORITY
 from upplied.planning.demonstration.repetition import USUAL_PCT, Take, breaks_of, look_limits, steady_radps
 from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.trajectory.retime import Sharp, Timed, retime
-from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.line_of_sight import coarseness, visible
 from upplied.planning.visibility.observations import moments
 from upplied.records import Bools, Floats, Ints, Trajectory, Waypoints
 

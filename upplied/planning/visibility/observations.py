@@ -17,8 +17,7 @@ from upplied.config import VisibilitySettings
 from upplied.geometry.polylines import cumulated, leg_lengths, pieces_of_legs
 from upplied.geometry.poses import angle_between, fov_at, in_a_row, interpolate, normalised
 from upplied.geometry.scene import Scene
-from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.line_of_sight import coarseness, visible
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory
 
 STEP_S = 0.5
@@ -130,7 +129,7 @@ class Views(Record):
 
     stations: Trajectory  # P poses
     seen: Bools  # (P, N)
-    # (P,) what distances are to be taken times, so that zooms compare (`frustum.coarseness`)
+    # (P,) what distances are to be taken times, so that zooms compare (`line_of_sight.coarseness`)
     coarse: Floats | None = field(default=None, metadata={"later": True})
 
     @property
