@@ -14,9 +14,8 @@ from upplied.errors import RefusedError, SettingsError
 from upplied.photographed import photographed
 from upplied.planning.carry.carried import carry
 from upplied.planning.carry.counterparts import counterparts_of, doubts, least_probability, undecided
-from upplied.planning.carry.forecast import forecast_of, unlikely, unlikely_together
+from upplied.planning.carry.forecast import forecast_of, missing_of, unlikely, unlikely_together
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_by
-from upplied.planning.carry.missing_parts import missing_of
 from upplied.planning.correspondence.memo import METHOD_VERSION, Memo, no_memo
 from upplied.planning.correspondence.siblings import study
 from upplied.planning.demonstration.inspection import nothing_shown

@@ -84,7 +84,7 @@ def frechet_z(demonstrated: Floats, planned: Floats, relative: float = _RELATIVE
         largest = float(deviation.max())
         flat = deviation <= _FLAT * largest  # no deviation to divide by
         scored.append(np.asarray((path - mean) / np.where(flat, max(largest, 1e-9), deviation)))
-    return frechet(*scored, relative)
+    return frechet(scored[0], scored[1], relative)
 
 
 def frechet_floored(demonstrated: Floats, planned: Floats, relative: float = _RELATIVE) -> float:

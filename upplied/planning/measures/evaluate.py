@@ -13,7 +13,6 @@ from upplied.geometry.poses import yaw_pitch
 from upplied.geometry.reconstruction import looks_scanned
 from upplied.geometry.scene import Scene
 from upplied.planning.airspace.detours import airspace_of
-from upplied.planning.airspace.rules import Airspace
 from upplied.planning.carry.affine import demonstrated_on_target, registered_map, standing
 from upplied.planning.carry.forecast import forecast_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, inspected_surface
@@ -22,7 +21,6 @@ from upplied.planning.carry.standoff import (
     counted,
     picture_share,
 )
-from upplied.planning.correspondence.fit import Fit
 from upplied.planning.correspondence.never_scanned import NeverScanned
 from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take, begins_of
@@ -31,10 +29,9 @@ from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.measures.fidelity import Compared, fidelity, resolution
 from upplied.planning.measures.measure import FRECHET, inspected_measures, measure, shown_of, surface_states
 from upplied.planning.measures.picture_score import picture_score
-from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, Views, views
+from upplied.planning.visibility.observations import BY_FRUSTUM, TRULY, views
 from upplied.records import (
     Bools,
-    Camera,
     Floats,
     Measures,
     Structure,
@@ -63,31 +60,27 @@ def judge(
     """
     pair, camera = takes[0].pair, takes[0].inspection.camera
     carried = np.concatenate([demonstrated_on_target(take) for take in takes])
-    paper = (
-        InspectedSurface.together(
-            [_seen_surface(take, take.pair.voxels, take.inspection.by_frustum, settings) for take in takes]
-        ),
-        views(trajectory, pair.voxels.target, camera, BY_FRUSTUM),
-    )
+    paper = _seen(takes, settings, False), views(trajectory, pair.voxels.target, camera, BY_FRUSTUM)
     if not pair.surface.registration.accepted and forecast_of(takes).probability < _LIKELY:
         measures = measure(trajectory, carried, pair.target_scene, paper, standing=standing(pair))
         unmeasured = f"what is really seen was not measured: {pair.surface.registration.reason}"
         warnings = unmeasured, *_too_near(measures, settings), *_by_camera(measures, takes, settings)
         return measures, None, warnings
-    true = (
-        InspectedSurface.together(
-            [_seen_surface(take, take.pair.surface, take.inspection.truly, settings) for take in takes]
-        ),
-        views(trajectory, pair.surface.target, camera, TRULY, pair.target_scene),
-    )
+    seen = _seen(takes, settings, True)
+    planned = views(trajectory, pair.surface.target, camera, TRULY, pair.target_scene)
+    # What an allowed pose could see: the plan's own, where they are, or any other.
     airspace = airspace_of(pair, settings)
-    possible = _attainable(true[0], true[1], airspace, camera)
+    allowed = airspace.allowed(planned.stations.positions)
+    possible = np.asarray(planned.seen[allowed].any(axis=0), bool)
+    missed = np.flatnonzero((seen.need > 0) & ~possible)
+    possible[missed] = attainable_beside(missed, seen.cloud, airspace, camera)
+    true = seen, planned
     measures = measure(trajectory, carried, pair.target_scene, paper, true, possible, standing(pair))
-    shown = shown_of(true[1], takes, settings)
-    compared = Compared.of(trajectory, true[1], shown.inspected, takes, settings)
+    shown = shown_of(planned, takes, settings)
+    compared = Compared.of(trajectory, planned, shown.inspected, takes, settings)
     measures = replace(
         measures,
-        **inspected_measures(shown, true[1], takes),
+        **inspected_measures(shown, planned, takes),
         **fidelity(compared),
         **resolution(compared),
         **picture_score(compared),
@@ -100,7 +93,7 @@ def judge(
         flown = trajectory.take(own), demonstrated_s[own]
         measures = replace(measures, standoff_kept_pct=_standoff_kept(*flown, takes, settings))
     warnings = (
-        *_warnings(measures, true[0], pair.target, pair.target_scene, settings),
+        *_warnings(measures, seen, pair.target, pair.target_scene, settings),
         *_beyond(pair.missing),
         *_by_camera(measures, takes, settings),
     )
@@ -133,30 +126,30 @@ def _standoff_kept(
         places = np.column_stack(
             [np.interp(seen_at - first + begin, demonstrated_s, axis) for axis in trajectory.positions.T]
         )
-        ratios.append(_standoff_ratios(take, seen_at, places, settings))
+        fit, shown = take.pair.surface, take.inspection.truly
+        index = np.clip(np.searchsorted(shown.stations.t_s, seen_at), 0, len(shown.stations) - 1)
+        known = np.flatnonzero(fit.correspondences.target_index >= 0)
+        here, positions = fit.source.points[known], shown.stations.positions[index]
+        weight = shown.seen[index][:, known] * picture_share(positions, fit.source, known, shown.total)
+        there, carrier = fit.correspondences.target_points[known], registered_map(fit.registration)
+        rules = settings.transfer, take.inspection.camera, settings.route.clearance_m
+        coarse = None if shown.coarse is None else shown.coarse[index]
+        standoff = counted(positions, weight, here, there, carrier, *rules, coarse)
+        ratio = standoff.distance(places) / standoff.wanted_m
+        ratios.append(ratio[np.isfinite(ratio)])
     off = np.abs(np.concatenate(ratios) - 1)
     return 100 * float(np.mean(off <= _KEPT)) if len(off) else float("nan")
 
 
-def _standoff_ratios(take: Take, seen_at: Floats, places: Floats, settings: Settings) -> Floats:
-    """Stand-off at places (V, 3) over that of the demonstration at times (V,), where it saw something."""
-    fit, shown = take.pair.surface, take.inspection.truly
-    index = np.clip(np.searchsorted(shown.stations.t_s, seen_at), 0, len(shown.stations) - 1)
-    known = np.flatnonzero(fit.correspondences.target_index >= 0)
-    here, positions = fit.source.points[known], shown.stations.positions[index]
-    weight = shown.seen[index][:, known] * picture_share(positions, fit.source, known, shown.total)
-    carrier = registered_map(fit.registration)
-    camera, nearest_m = take.inspection.camera, settings.route.clearance_m
-    there = fit.correspondences.target_points[known]
-    coarse = None if shown.coarse is None else shown.coarse[index]
-    standoff = counted(positions, weight, here, there, carrier, settings.transfer, camera, nearest_m, coarse)
-    ratio = standoff.distance(places) / standoff.wanted_m
-    return ratio[np.isfinite(ratio)]
-
-
-def _seen_surface(take: Take, fit: Fit, demonstrated: Views, settings: Settings) -> InspectedSurface:
-    sight = carried_sight(registered_map(take.pair.surface.registration), settings.transfer)
-    return inspected_surface(fit.source, fit.target, fit.correspondences, demonstrated, sight)
+def _seen(takes: Sequence[Take], settings: Settings, truly: bool) -> InspectedSurface:
+    """What the takes saw, together: truly, or in the frustum, on the paper's voxel clouds."""
+    parts = []
+    for take in takes:
+        pair, inspection = take.pair, take.inspection
+        fit, shown = (pair.surface, inspection.truly) if truly else (pair.voxels, inspection.by_frustum)
+        sight = carried_sight(registered_map(pair.surface.registration), settings.transfer)
+        parts.append(inspected_surface(fit.source, fit.target, fit.correspondences, shown, sight))
+    return InspectedSurface.together(parts)
 
 
 def _warnings(
@@ -177,24 +170,16 @@ def _warnings(
         )
     known_m, adds = f"{measures.surface_error_m:.2f} m", "the path adds that to the clearance"
     if target.is_scan and measures.surface_error_m > 0:
-        yield (
-            f"the target is a scan, whose surface is known to {known_m} where it was scanned: {adds}"
-            + _not_held(scene)
-        )
+        known = f"the target is a scan, whose surface is known to {known_m} where it was scanned: {adds}"
+        if scene.thin_m:
+            known += (
+                f", and {scene.thin_error_m:.2f} m where it is thinner than {scene.thin_m:.2f} m; what is so "
+                "thin may be missing from it as a whole: antennas, masts, cables"
+            )
+        yield known
     elif target.surface_error_m:
         yield f"the target is known to {known_m}: {adds}"
     yield from _too_near(measures, settings)
-
-
-def _not_held(scene: Scene) -> str:
-    """What a mesh that was made from a scan cannot hold."""
-    if not scene.thin_m:
-        return ""
-    thick, error = f"{scene.thin_m:.2f} m", f"{scene.thin_error_m:.2f} m"
-    return (
-        f", and {error} where it is thinner than {thick}; what is so thin may be missing from it as a whole: "
-        "antennas, masts, cables"
-    )
 
 
 def _beyond(missing: NeverScanned) -> Iterator[str]:
@@ -235,12 +220,3 @@ def _by_camera(measures: Measures, takes: Sequence[Take], settings: Settings) ->
             f"1/{1 / (inspection.camera.exposure_s or rule.exposure_s):.0f} s, {rule.max_motion_px:g} px is "
             "sharp (inspection.max_motion_px)"
         )
-
-
-def _attainable(seen: InspectedSurface, planned: Views, airspace: Airspace, camera: Camera) -> Bools:
-    """Which needed samples (N,) an allowed pose could see: the plan's own, where they are, or any other."""
-    allowed = airspace.allowed(planned.stations.positions)
-    possible = np.asarray(planned.seen[allowed].any(axis=0), bool)
-    missed = np.flatnonzero((seen.need > 0) & ~possible)
-    possible[missed] = attainable_beside(missed, seen.cloud, airspace, camera)
-    return possible

@@ -63,17 +63,18 @@ class Compared(Record):
         limits, steps = look_limits(takes, settings.inspection), moments(plan)
         looks = sharp_looks(steps, seen, inspected.cloud, takes[0].inspection.camera, *limits)
         begins = begins_of([take.inspection.logged for take in takes])
-        patches = [_patches(take, begin, limits) for take, begin in zip(takes, begins, strict=True)]
+        patches = []
+        for take, begin_s in zip(takes, begins, strict=True):
+            fit = take.pair.surface
+            weight, target = (
+                take.inspection.attention.weight * fit.source.areas,
+                fit.correspondences.target_index,
+            )
+            chosen = np.flatnonzero((weight > 0) & (target >= 0))
+            shown = demonstrated_looks(take, limits).rows(chosen)
+            shown = replace(shown, time_s=shown.time_s + begin_s)
+            patches.append(Patches(weight[chosen], target[chosen], shown))
         return cls(steps, seen, looks, Patches.stacked(patches), inspected, takes, settings)
-
-
-def _patches(take: Take, begin_s: float, limits: tuple[float, float]) -> Patches:
-    fit = take.pair.surface
-    weight = take.inspection.attention.weight * fit.source.areas
-    target = fit.correspondences.target_index
-    chosen = np.flatnonzero((weight > 0) & (target >= 0))
-    shown = demonstrated_looks(take, limits).rows(chosen)
-    return Patches(weight[chosen], target[chosen], replace(shown, time_s=shown.time_s + begin_s))
 
 
 def fidelity(of: Compared) -> dict[str, float]:
@@ -87,8 +88,8 @@ def _compared(patches: Patches, looks: Looks, inspected: InspectedSurface) -> di
     weight, at, shown = patches.weight, patches.target, patches.shown
     near, frontal, held = looks.sampled_m[at], looks.frontal[at], looks.held_s[at]
     ratio = inspected.standoff_m[at] / near  # 0 where the plan has no look
-    before = _incidence_deg(shown.frontal)
-    lost = _incidence_deg(frontal) - before
+    # The least incidence, deg; 90 where there is no look.
+    before, after = (np.degrees(np.arccos(np.clip(of, 0.0, 1.0))) for of in (shown.frontal, frontal))
     mine = shown.sides & widened(looks.sides)[at]
     possible = float(weight @ shown.sides.sum(axis=1))
     lasted = shown.held_s > 0
@@ -97,7 +98,7 @@ def _compared(patches: Patches, looks: Looks, inspected: InspectedSurface) -> di
     return {
         "fidelity_resolution_p50": weighted_percentile(ratio, weight, 50),
         "fidelity_resolution_p05": weighted_percentile(ratio, weight, 5),
-        "fidelity_incidence_deg_p95": weighted_percentile(lost, weight, 95),
+        "fidelity_incidence_deg_p95": weighted_percentile(after - before, weight, 95),
         "fidelity_looks_kept_pct": _share(float(weight @ mine.sum(axis=1)), possible),
         "fidelity_dwell_kept_pct": _share(float(weight[lasted] @ held_share), float(weight[lasted].sum())),
         "fidelity_order": order_kept(shown.time_s[both], looks.time_s[at][both]),
@@ -112,11 +113,6 @@ def order_kept(before_s: Floats, after_s: Floats) -> float:
 
     chosen = np.linspace(0, len(before_s) - 1, min(_ORDERED, len(before_s))).astype(np.int64)
     return float(kendalltau(before_s[chosen], after_s[chosen]).statistic)
-
-
-def _incidence_deg(frontal: Floats) -> Floats:
-    """Least incidence, deg; 90 where there is no look."""
-    return np.degrees(np.arccos(np.clip(frontal, 0.0, 1.0)))
 
 
 def _share(part: float, whole: float) -> float:
@@ -145,10 +141,7 @@ def _smoothness(
 
 
 def turned_rad(quat_xyzw: Floats) -> float:
-    """How far a camera turns in all, rad, without jitter.
-
-    It is followed in steps of at least 3 degrees.
-    """
+    """How far a camera turns in all, rad, followed in steps of at least 3 degrees: without jitter."""
     at, first, total = 0, 1, 0.0
     while first < len(quat_xyzw):
         turn = angle_between(quat_xyzw[at : at + 1], quat_xyzw[first : first + _AHEAD])
@@ -191,27 +184,24 @@ def resolution(of: Compared) -> dict[str, float]:
     focal = focal_px(camera.width_px or rule.width_px, camera.hfov_deg)
     exposure = camera.exposure_s or rule.exposure_s
     pixel_mm = 1e3 / focal
-    return {
-        **_percentiles("gsd_demonstrated_mm", theirs * pixel_mm, weight, (50, 95)),
-        **_percentiles("gsd_mm", now.sampled_m * pixel_mm, weight, (50, 95)),
-        "gsd_within_pct": _within(of, patches, AS_FINE * theirs),
-        **_percentiles("blur_px", now.moved * focal * exposure, weight, (50, 99)),
-        **(_percentiles("defocus_px", now.defocus * focal, weight, (95,)) if camera.f_number else {}),
-    }
-
-
-def _within(of: Compared, patches: Patches, wanted_m: Floats) -> float:
-    """Share, in percent, of patches as fine as asked, of those that some allowed camera shows so."""
-    take, target, weight, cloud = of.takes[0], patches.target, patches.weight, of.inspected.cloud
-    fine = of.looks.sampled_m[target] <= wanted_m
+    # As fine as demonstrated, of those that some allowed camera shows so.
+    cloud, target, wanted_m = of.inspected.cloud, patches.target, AS_FINE * theirs
+    fine = now.sampled_m <= wanted_m
     coarsest = np.zeros(len(cloud))  # of each sample, what the least demanding of its patches asks
     np.maximum.at(coarsest, target, wanted_m)
     missed = np.unique(target[~fine])
-    airspace, possible = airspace_of(take.pair, of.settings), np.ones(len(cloud), bool)
-    possible[missed] = attainable_beside(missed, cloud, airspace, take.inspection.camera, coarsest)
+    airspace, possible = airspace_of(of.takes[0].pair, of.settings), np.ones(len(cloud), bool)
+    possible[missed] = attainable_beside(missed, cloud, airspace, camera, coarsest)
     counted = fine | possible[target]
     whole = float(weight[counted].sum())
-    return 100 * (1 - float(weight[counted & ~fine].sum()) / whole) if whole > 0 else float("nan")
+    within = 100 * (1 - float(weight[counted & ~fine].sum()) / whole) if whole > 0 else float("nan")
+    return {
+        **_percentiles("gsd_demonstrated_mm", theirs * pixel_mm, weight, (50, 95)),
+        **_percentiles("gsd_mm", now.sampled_m * pixel_mm, weight, (50, 95)),
+        "gsd_within_pct": within,
+        **_percentiles("blur_px", now.moved * focal * exposure, weight, (50, 99)),
+        **(_percentiles("defocus_px", now.defocus * focal, weight, (95,)) if camera.f_number else {}),
+    }
 
 
 def _percentiles(name: str, values: Floats, weight: Floats, percents: tuple[int, ...]) -> dict[str, float]:

@@ -29,32 +29,19 @@ _TRANSIT_M, _TRANSIT_S = 50.0, 60.0  # that any plan may add for its ways
 def shortfalls(
     trajectory: Trajectory, measures: Measures, takes: Sequence[Take], settings: Settings
 ) -> tuple[str, ...]:
-    """Why a planned trajectory must not be flown, in words; none where it may.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Target frame.
-    measures : Measures
-        Of that trajectory.
-    takes : sequence of Take
-    settings : Settings
-        `verdict` sets the floors, `route` and `retime` the limits of the vehicle.
-    """
+    """Why a planned trajectory, target frame, must not be flown, in words; none where it may."""
     poses = (trajectory.t_s, trajectory.positions, trajectory.quat_xyzw)
     if not all(np.isfinite(values).all() for values in poses):
         return ("a waypoint is not finite",)
     known = {item.name: getattr(measures, item.name) for item in fields(measures)}
     if any(np.isinf(value) for value in known.values()):
         return ("a measure is not finite",)
-    return (
-        *_shown(measures, settings),
-        *_near(trajectory, measures, takes, settings),
-        *_beyond(measures, takes, settings),
-    )
+    return tuple(_reasons(trajectory, measures, takes, settings))
 
 
-def _shown(measures: Measures, settings: Settings) -> Iterator[str]:
+def _reasons(
+    trajectory: Trajectory, measures: Measures, takes: Sequence[Take], settings: Settings
+) -> Iterator[str]:
     least, shown = settings.verdict.least_inspected_pct, measures.coverage_inspected_pct
     if np.isnan(shown) and least > 0:
         yield "what of the inspected surface it shows was not measured"
@@ -63,38 +50,15 @@ def _shown(measures: Measures, settings: Settings) -> Iterator[str]:
             f"shows {shown:.1f} % of what was inspected at least as well, {least:g} % are required "
             "(verdict.least_inspected_pct)"
         )
-
-
-def _near(
-    trajectory: Trajectory, measures: Measures, takes: Sequence[Take], settings: Settings
-) -> Iterator[str]:
-    """Clearance, or else any other rule of the airspace."""
+    # Clearance, or else any other rule of the airspace.
     clearance_m, reached_m = settings.route.clearance_m, measures.min_clearance_m
+    airspace = airspace_of(takes[0].pair, settings)
     if reached_m < clearance_m - _TOLERANCE_M:
         yield f"comes within {reached_m:.2f} m of the structure, {clearance_m:g} m are required"
-        return
-    airspace = airspace_of(takes[0].pair, settings)
-    outside = np.flatnonzero(~airspace.in_bounds(trajectory.positions))
-    if len(outside):
+    elif len(outside := np.flatnonzero(~airspace.in_bounds(trajectory.positions))):
         place = trajectory.positions[outside[0]]
         yield f"{airspace.why(place)} at {airspace.frame.to_declared(place).round(1).tolist()} m"
-
-
-def _at_size(takes: Sequence[Take], settings: Settings) -> tuple[float, float]:
-    """The demonstration's length, m, and time, s, carried to the target's size, or to its inspected area."""
-    length_m = time_s = 0.0
-    for take in takes:
-        flown = take.inspection.by_frustum.stations
-        both = flown.positions, demonstrated_on_target(take)
-        before, carried = (float(leg_lengths(path).sum()) for path in both)
-        times = max(1.0, carried / max(before, 1e-9), _larger(take, settings))
-        length_m += max(carried, before * times)
-        time_s += float(flown.t_s[-1] - flown.t_s[0]) * times
-    return length_m, time_s
-
-
-def _beyond(measures: Measures, takes: Sequence[Take], settings: Settings) -> Iterator[str]:
-    """Path and time beside the demonstration's, speed and acceleration beside what the vehicle can do."""
+    # Path and time beside the demonstration's, speed and acceleration beside what the vehicle can do.
     length_m, time_s = _at_size(takes, settings)
     floors, limits = settings.verdict, settings.retime
     if measures.path_length_m > floors.longest_path * length_m + _TRANSIT_M * len(takes):
@@ -112,6 +76,19 @@ def _beyond(measures: Measures, takes: Sequence[Take], settings: Settings) -> It
     reached, most = measures.peak_acceleration_mps2, limits.max_acceleration_mps2
     if reached > most * _TOLERANCE:
         yield f"asks for {reached:.1f} m/s2, {most:g} m/s2 are allowed"
+
+
+def _at_size(takes: Sequence[Take], settings: Settings) -> tuple[float, float]:
+    """The demonstration's length, m, and time, s, carried to the target's size, or to its inspected area."""
+    length_m = time_s = 0.0
+    for take in takes:
+        flown = take.inspection.by_frustum.stations
+        both = flown.positions, demonstrated_on_target(take)
+        before, carried = (float(leg_lengths(path).sum()) for path in both)
+        times = max(1.0, carried / max(before, 1e-9), _larger(take, settings))
+        length_m += max(carried, before * times)
+        time_s += float(flown.t_s[-1] - flown.t_s[0]) * times
+    return length_m, time_s
 
 
 def _larger(take: Take, settings: Settings) -> float:
