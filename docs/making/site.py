@@ -38,7 +38,7 @@ MODULES = {
         "upplied.planning.carry.affine",
         "upplied.planning.airspace.detours",
         "upplied.planning.trajectory.retime",
-        "upplied.planning.measures.measure",
+        "upplied.planning.measures.evaluate",
         "upplied.planning.measures.attainable",
         "upplied.planning.geometry.frechet",
         "upplied.planning.correspondence.misfit",

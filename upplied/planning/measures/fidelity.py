@@ -1,4 +1,4 @@
-"""How finely, and how like the demonstration, a plan looks at each patch, and how steadily."""
+"""What a plan shows of what was inspected, how finely, and how like the demonstration, and how steadily."""
 
 from __future__ import annotations
 
@@ -11,13 +11,20 @@ from upplied.config import Settings, focal_px
 from upplied.geometry.polylines import arc_length, interpolated
 from upplied.geometry.poses import angle_between
 from upplied.planning.airspace.detours import airspace_of
-from upplied.planning.carry.inspected_surface import InspectedSurface, demonstrated_looks
+from upplied.planning.carry.inspected_surface import (
+    InspectedSurface,
+    coverage,
+    demonstrated_looks,
+    inspected_by,
+    inspected_surface,
+    target_attention,
+)
 from upplied.planning.demonstration.repetition import Take, begins_of, look_limits, steady_radps
 from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.measures.attainable import attainable_beside
 from upplied.planning.visibility.looks import Looks, sharp_looks, widened
 from upplied.planning.visibility.observations import Moments, Views, moments
-from upplied.records import Floats, Ints, Record, Rows, Trajectory
+from upplied.records import Bools, Floats, Ints, Record, Rows, SurfaceStates, Trajectory
 
 _ORDERED = 2000  # patches, at most, whose order is compared
 _STEADY_RAD = np.radians(3.0)  # turns below this are jitter of the hand
@@ -65,11 +72,8 @@ class Compared(Record):
         begins = begins_of([take.inspection.logged for take in takes])
         patches = []
         for take, begin_s in zip(takes, begins, strict=True):
-            fit = take.pair.surface
-            weight, target = (
-                take.inspection.attention.weight * fit.source.areas,
-                fit.correspondences.target_index,
-            )
+            fit, target = take.pair.surface, take.pair.surface.correspondences.target_index
+            weight = take.inspection.attention.weight * fit.source.areas
             chosen = np.flatnonzero((weight > 0) & (target >= 0))
             shown = demonstrated_looks(take, limits).rows(chosen)
             shown = replace(shown, time_s=shown.time_s + begin_s)
@@ -207,3 +211,80 @@ def resolution(of: Compared) -> dict[str, float]:
 def _percentiles(name: str, values: Floats, weight: Floats, percents: tuple[int, ...]) -> dict[str, float]:
     known = np.isfinite(values)
     return {f"{name}_p{p}": weighted_percentile(values[known], weight[known], p) for p in percents}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Shown(Record):
+    """The inspected surface on the target, and what became of it."""
+
+    inspected: InspectedSurface
+    as_well: Bools  # (N,) of the target's samples: shown at least as well as is asked
+    never: Bools  # (N,) asked for, and no allowed camera could
+    attention: Floats  # (N,) attention, 0 to 1, of what each target sample corresponds to, asked for or not
+
+
+def shown_of(planned: Views, takes: Sequence[Take], settings: Settings) -> Shown:
+    """What a plan shows at least as well as the demonstration, in one look each.
+
+    A look does where it is near enough, frontal enough, and slow enough to be sharp. Target surface that
+    corresponds to inspected surface without being anybody's nearest counterpart is judged like its neighbour.
+    `planned` is what the plan truly sees of the target's surface samples.
+    """
+    pair, rule = takes[0].pair, settings.inspection
+    inspected = InspectedSurface.together([inspected_by(take, settings) for take in takes])
+    cloud = inspected.cloud
+    attention, like = target_attention(takes, inspected)
+    wanted_m = np.where(np.isfinite(inspected.standoff_m), inspected.standoff_m, inspected.standoff_m[like])
+    farthest = wanted_m / rule.least_resolution
+    as_well = planned.shown_well(cloud, farthest, *look_limits(takes, rule))
+    missed = np.flatnonzero((inspected.need > 0) & ~as_well)
+    never = np.zeros(len(cloud), bool)
+    camera, airspace = takes[0].inspection.camera, airspace_of(pair, settings)
+    never[missed] = ~attainable_beside(missed, cloud, airspace, camera, farthest)
+    return Shown(inspected, as_well, never, attention)
+
+
+def inspected_measures(shown: Shown, planned: Views, takes: Sequence[Take]) -> dict[str, float]:
+    """The coverages of the inspected surface, there and back, and of what else was seen."""
+    inspected, cloud = shown.inspected, shown.inspected.cloud
+    area = cloud.areas
+    attended = area * shown.attention
+    whole = float(attended.sum())
+    rest = [
+        inspected_surface(
+            take.pair.surface.source,
+            take.pair.surface.target,
+            take.pair.surface.correspondences,
+            take.inspection.truly,
+            weight=1 - take.inspection.attention.weight,
+        )
+        for take in takes
+    ]
+    nan = float("nan")
+    return {
+        "coverage_inspected_pct": coverage(inspected, shown.as_well, whole=True),
+        "inspected_without_counterpart_pct": inspected.without_pct,
+        "inspected_unattainable_pct": (
+            100 * float(inspected.need[shown.never].sum()) / inspected.whole if inspected.whole > 0 else nan
+        ),
+        "coverage_of_target_pct": (100 * float(attended[shown.as_well].sum()) / whole if whole > 0 else nan),
+        "coverage_context_pct": coverage(InspectedSurface.together(rest), planned.total),
+    }
+
+
+def surface_states(shown: Shown) -> SurfaceStates:
+    """What became of each sample of the target: other, shown, missed or unattainable.
+
+    Of what is missed as much area counts as the share of the need that is missed, the densest need first:
+    a rim that hardly matters to the coverage does not look like a hole in it.
+    """
+    need, cloud = shown.inspected.need, shown.inspected.cloud
+    well = shown.as_well & ((need > 0) | (shown.attention > 0.5))
+    lost = np.flatnonzero((need > 0) & ~shown.as_well)
+    lost = lost[np.argsort(-need[lost] / cloud.areas[lost], kind="stable")]
+    painted = np.cumsum(cloud.areas[lost])
+    missed = lost[painted * need[well].sum() <= need[lost].sum() * cloud.areas[well].sum()]
+    state = np.zeros(len(need), np.int64)
+    state[well] = 1
+    state[missed] = np.where(shown.never[missed], 3, 2)
+    return SurfaceStates(cloud.points, state, cloud.normals)
