@@ -72,10 +72,8 @@ def inspected_surface(
     source, target : Cloud
         Both of one sort: the paper's voxel clouds, where every point counts 1, or surface samples,
         which count by the demonstrated area.
-    correspondences : Correspondences
-        From `source` to `target`; what has no counterpart is counted apart.
     demonstrated : Views
-        Of `source`.
+        Of `source`; what has no counterpart is counted apart.
     carry : array, shape (3, 3), optional
         How a line of sight is carried to the target where stand-offs scale with the structure.
     weight : array, shape (N,), optional
