@@ -70,10 +70,8 @@ def follow_counterparts(
         From `source` to the target's surface samples.
     carrier : AxisMap
         Where the source's space lies on the target.
-    camera : Camera
-        Bounds the stand-off by its range.
-    nearest_m : float
-        Smallest stand-off, m: the safety distance.
+    camera, nearest_m
+        Its range, and the safety distance, m, bound the stand-off.
     """
     positions = carrier.points(flight.positions)
     quats = without_roll(carried_orientation(carrier.matrix, flight.quat_xyzw))

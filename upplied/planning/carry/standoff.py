@@ -124,9 +124,7 @@ def counted(
     weight : array, shape (M, K)
         Share of each picture that each sample fills (`picture_share`), 0 for what is not seen.
     here, there : array, shape (K, 3), m
-        The samples on the source, and their counterparts on the target.
-    carrier : AxisMap
-        Where the source's space lies on the target.
+        The samples on the source, and their counterparts on the target; `carrier` maps all of its space.
     settings : TransferSettings
         `scaled` takes the distances as the structure's map carries them, `kept` as flown, and a ground
         sampling distance sets the distance at which one pixel covers it in the middle of the picture.

@@ -166,13 +166,9 @@ def measure(
 
     Parameters
     ----------
-    planned : Trajectory
-        Target frame.
     carried : array, shape (K, 3), m, target frame
         The demonstrated positions after the box transform, turned as the structures are to each
         other: what the path's shape is compared with.
-    scene : Scene
-        Of the target.
     paper : (InspectedSurface, Views)
         On the voxel clouds with the paper's correspondences, views by `BY_FRUSTUM`.
     true : (InspectedSurface, Views), optional

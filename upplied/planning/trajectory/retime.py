@@ -53,8 +53,6 @@ def retime(
     ----------
     path : Waypoints
         `t_s` is the time of the demonstration that each corresponds to.
-    flight : Trajectory
-        The demonstration.
     settings : RetimeSettings
         Without `limits`, the paper's rule.
     breaks : array of int, optional
