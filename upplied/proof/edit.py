@@ -14,9 +14,8 @@ from upplied.config import RetimeSettings
 from upplied.errors import RefusedError
 from upplied.geometry.polylines import arc_length
 from upplied.geometry.poses import fov_at, from_yaw_pitch, yaw_pitch
-from upplied.planning.airspace.push import pushed_out
 from upplied.planning.airspace.roadmap import Roadmap, way
-from upplied.planning.airspace.rules import Airspace
+from upplied.planning.airspace.rules import Airspace, pushed_out
 from upplied.planning.trajectory.retime import retime
 from upplied.records import Bools, Floats, Ints, Rows, Trajectory, Waypoints
 

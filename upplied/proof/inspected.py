@@ -14,8 +14,7 @@ from upplied.config import InspectionSettings, VisibilitySettings, focal_px
 from upplied.geometry.poses import interpolate
 from upplied.geometry.scene import Scene
 from upplied.planning.measures.fidelity import AS_FINE
-from upplied.planning.visibility.frustum import coarseness
-from upplied.planning.visibility.line_of_sight import visible
+from upplied.planning.visibility.line_of_sight import coarseness, visible
 from upplied.planning.visibility.looks import Looks, sharp_looks
 from upplied.planning.visibility.observations import TRULY, Moments, Views, moments, views
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record, Trajectory

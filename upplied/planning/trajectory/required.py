@@ -26,7 +26,7 @@ _WITHIN = 2.0  # stand-offs, in which a flight comes by a patch: from further of
 def required_first(
     view: View, required: RequiredSurface, path: Flown, airspace: Airspace, usual_m: float, times: float
 ) -> View:
-    """The view with the zones that the path can come to show needed before all else.
+    """The view with the zones that the path can come to show needed before all else, as they ask for it.
 
     Parameters
     ----------
@@ -42,13 +42,10 @@ def required_first(
         The stand-off.
     times : float
         What was inspected counts a square metre of a zone.
-
-    Returns
-    -------
-    View
-        With the distances and incidences that the zones ask for.
     """
-    mine = _nearest(view, required)
+    # The required sample that is nearest to each of the view's, on its side of a thin plate.
+    known = Cloud(required.points, required.normals)
+    mine = nearest_facing(view.cloud, known, 2 * spacing(view.cloud))[1]
     zone = np.flatnonzero(required.zone[mine])
     if not len(zone):
         return view
@@ -64,7 +61,11 @@ def required_first(
         return view
     strict = np.zeros(len(mine), bool)
     strict[near] = True
-    need = view.need + times * _need_per_m2(view) * np.where(strict, view.cloud.areas, 0.0)
+    # How much of the need falls on a square metre of what was inspected; of all, where nothing was.
+    part = view.inspected if view.need[view.inspected].sum() > 0 else view.need > 0
+    area = float(view.cloud.areas[part].sum())
+    per_m2 = float(view.need[part].sum()) / area if area > 0 else 1.0
+    need = view.need + times * per_m2 * np.where(strict, view.cloud.areas, 0.0)
     return replace(
         view,
         need=need / need.sum(),
@@ -72,12 +73,6 @@ def required_first(
         inspected=view.inspected | strict,
         least_cosine=np.where(strict, cosine, 0.0),
     )
-
-
-def _nearest(view: View, required: RequiredSurface) -> Ints:
-    """The required sample (N,) that is nearest to each of the view's, on its side of a thin plate."""
-    known = Cloud(required.points, required.normals)
-    return nearest_facing(view.cloud, known, 2 * spacing(view.cloud))[1]
 
 
 def _in_reach(view: View, zone: Ints, path: Flown, airspace: Airspace, usual_m: float) -> Bools:
@@ -92,10 +87,3 @@ def _in_reach(view: View, zone: Ints, path: Flown, airspace: Airspace, usual_m: 
         if free.any():
             reached[left] = view.reach(places[free], zone[left], station=at[free]).any(axis=0)
     return reached
-
-
-def _need_per_m2(view: View) -> float:
-    """How much of the need falls on a square metre of what was inspected; of all, where nothing was."""
-    part = view.inspected if view.need[view.inspected].sum() > 0 else view.need > 0
-    area = float(view.cloud.areas[part].sum())
-    return float(view.need[part].sum()) / area if area > 0 else 1.0

@@ -13,8 +13,7 @@ from upplied.geometry.poses import from_yaw_pitch, optical_axis
 from upplied.geometry.scene import Scene
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.terms.axis import Axis, aims_of, axes
-from upplied.planning.visibility.frustum import Closeness, coarseness
-from upplied.planning.visibility.line_of_sight import seen_by_any, visible
+from upplied.planning.visibility.line_of_sight import Closeness, coarseness, seen_by_any, visible
 from upplied.records import Bools, Camera, Cloud, Floats, Ints, Record
 
 WIDEST = 0.20  # of the soft coverage's borders, in the first round

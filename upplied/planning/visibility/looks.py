@@ -56,11 +56,8 @@ def sharp_looks(
 
     Parameters
     ----------
-    steps : Moments
     shown : Views
-        What the flight truly sees of the samples, in the same time.
-    cloud : Cloud
-        N samples with normals.
+        What the flight truly sees of the N samples, in the same time.
     sharp_radps, least_cosine : float
         Largest motion in the picture, rad/s, and least cosine of the incidence.
     carry : array, shape (3, 3), optional

@@ -16,7 +16,7 @@ from upplied.geometry.poses import from_yaw_pitch
 from upplied.planning.airspace.rules import Airspace
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View, places_beside
-from upplied.planning.visibility.frustum import coarseness
+from upplied.planning.visibility.line_of_sight import coarseness
 from upplied.records import Bools, Floats, Ints, Record
 
 _MOST = 0.98  # that one station shows: a second look at the same sample is worth a little
