@@ -12,12 +12,11 @@ import pyarrow.compute as pc
 from upplied.catalog.schema import plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.tables import STEPS, TABLES
-from upplied.catalog.store.cache import Cache
 from upplied.catalog.store.chain import decoded
-from upplied.catalog.store.contents import CONTENTS, ContentStore, SurfaceStore
+from upplied.catalog.store.contents import CONTENTS, Cache, ContentStore, SurfaceStore
 from upplied.catalog.store.delta import StepTable, StoredTable
 from upplied.catalog.store.files import FileStore, cache_folder, checked
-from upplied.catalog.store.identity import Clock, Identity
+from upplied.catalog.store.opening import Clock, Identity
 from upplied.catalog.verbs import ordering, queries
 from upplied.catalog.verbs.ordering import DERIVED, Standing, standing_of, with_states
 from upplied.catalog.verbs.queries import PlannedTrajectory, Units, When, frame, moment, until

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from upplied.catalog import Catalog
-from upplied.catalog.verbs.findings import check_text
+from upplied.catalog.verbs.roster import check_text
 from upplied.checks import check_id
 from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError

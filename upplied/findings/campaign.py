@@ -9,7 +9,7 @@ import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.catalog.schema.plan_rows import transfer_id as id_of
-from upplied.catalog.verbs.findings import STATES
+from upplied.catalog.verbs.decisions import STATES
 from upplied.catalog.verbs.queries import When
 from upplied.config import digest
 from upplied.errors import RefusedError, UppliedError

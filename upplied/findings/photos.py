@@ -15,7 +15,7 @@ import pandas as pd
 
 from upplied.catalog import Catalog
 from upplied.catalog.schema.rows import camera_of
-from upplied.catalog.verbs.findings import check_text
+from upplied.catalog.verbs.roster import check_text
 from upplied.config import digest
 from upplied.errors import CatalogError, InputError, RefusedError, UppliedError
 from upplied.findings.rays import focal_of

@@ -11,7 +11,7 @@ from typing import Any
 
 from upplied import __version__
 from upplied.catalog import Catalog
-from upplied.catalog.store.locking import locked
+from upplied.catalog.store.files import locked
 from upplied.catalog.verbs.published import local_folder, publish_generation
 from upplied.checks import check_id
 from upplied.config import digest

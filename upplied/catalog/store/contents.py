@@ -1,13 +1,21 @@
-"""Records kept once by their content, never changed: ``<folder>/<sha256>.parquet`` in the catalog."""
+"""Records kept once by their content, never changed: ``<folder>/<sha256>.parquet`` in the catalog.
+
+And the memo: any record of arrays and scalars as one Parquet file, found by stage and key. The key holds all
+that a result depends on; a file that does not match its stage, key and hash is computed again.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import logging
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -15,8 +23,12 @@ import numpy as np
 from upplied import records
 from upplied.catalog.schema.codec import decode, encode, sha256_of
 from upplied.catalog.store.files import FileStore, explained
+from upplied.checks import check_id
 from upplied.errors import CatalogError, SettingsError
+from upplied.files import replace_file
 from upplied.records import Bools, Floats, Ints, Record, Structure, SurfaceStates
+
+log = logging.getLogger(__name__)
 
 R = TypeVar("R")
 
@@ -203,3 +215,70 @@ class SurfaceStore:
         states = self.states.get(sha256)
         samples = self._samples(states.samples_sha256)
         return SurfaceStates(samples.points, states.state.astype(np.int64), samples.normals)
+
+
+class Cache:
+    """Remembers records by content, in a folder that is made when the first is kept.
+
+    Examples
+    --------
+    >>> cache = Cache("cache")                                                    # doctest: +SKIP
+    >>> cache("clouds", Cloud, key, lambda: voxel_cloud(structure, settings))     # doctest: +SKIP
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        self.folder = Path(folder)
+
+    def __call__(self, stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
+        """The remembered record of this stage and key, or the computed one, which is then remembered."""
+        if (record := self.get(stage, record_type, key)) is None:
+            record = compute()
+            self.put(stage, key, record)
+        return record
+
+    def get(self, stage: str, record_type: type[R], key: str, nameless: bool = False) -> R | None:
+        """The remembered record; None where none can be believed. Version 0.1.0 wrote `nameless` ones."""
+        path = self.path(stage, key)
+        try:
+            record = decode(path.read_bytes(), record_type, name="" if nameless else f"{stage}/{key}")
+        except FileNotFoundError:
+            return None
+        except (OSError, CatalogError) as error:
+            log.warning("cache entry %s is not believed and will be computed again: %s", path, error)
+            return None
+        with contextlib.suppress(OSError):  # read-only: the entry only looks older to `prune` than it is
+            os.utime(path)
+        return record
+
+    def put(self, stage: str, key: str, record: object) -> None:
+        """Remember a record; where that is impossible (disk full, read-only) only time is lost."""
+        path = self.path(stage, key)
+        try:  # an entry that a power cut tore is noticed
+            replace_file(path, encode(record, f"{stage}/{key}"), lasting=False)
+        except OSError as error:
+            log.warning("cannot remember %s: %s", path, error)
+
+    def path(self, stage: str, key: str) -> Path:
+        """Where the record of this stage and key lies."""
+        name = check_id(key, "cache key")
+        return self.folder / check_id(stage, "cache stage") / name[:2] / f"{name}.parquet"
+
+    def entries(self) -> list[tuple[float, int, Path]]:
+        """When each entry was last used (s since 1970), its size in bytes and its path; oldest first."""
+        uses = []
+        for path in self.folder.glob("*/*/*.parquet"):
+            with contextlib.suppress(FileNotFoundError):  # pruned by somebody else meanwhile
+                known = path.stat()
+                uses.append((known.st_mtime, known.st_size, path))
+        return sorted(uses)
+
+    def prune(self, max_bytes: int) -> int:
+        """Forget the records unused for longest until at most `max_bytes` remain; bytes freed."""
+        entries = self.entries()
+        excess = sum(size for _, size, _ in entries) - max_bytes
+        freed = 0
+        for _, size, path in entries:
+            if freed < excess:
+                path.unlink(missing_ok=True)
+                freed += size
+        return freed

@@ -19,10 +19,8 @@ from deltalake.exceptions import CommitFailedError
 
 from upplied.catalog.schema.tables import BEFORE_SHA256, ROW_SHA256, Table, in_schema, needed, upgraded
 from upplied.catalog.store.chain import ROW_GROUP, STATED, encoded, new_file, sealed
-from upplied.catalog.store.files import FileStore, explained
-from upplied.catalog.store.identity import Clock, Identity
-from upplied.catalog.store.locking import turn
-from upplied.catalog.store.opening import OpenTable
+from upplied.catalog.store.files import FileStore, explained, turn
+from upplied.catalog.store.opening import Clock, Identity, OpenTable
 from upplied.checks import check_id
 from upplied.errors import CatalogError
 from upplied.files import sync_path

@@ -17,7 +17,7 @@ from upplied.catalog.reading import Reading
 from upplied.catalog.schema.plan_rows import tuples
 from upplied.catalog.schema.rows import Row, json_text
 from upplied.catalog.store.contents import labelled
-from upplied.catalog.verbs.findings import Finding
+from upplied.catalog.verbs.adding import Adding
 from upplied.catalog.verbs.ordering import by_commit
 from upplied.catalog.verbs.roster import author
 from upplied.checks import check_id
@@ -30,7 +30,7 @@ _MOST_LOOKS = 1000
 _MOST_ZONES = 1000
 
 
-class OwnSettings(Finding):
+class OwnSettings(Adding):
     """A catalog whose kinds and structures have settings and requirements; see `upplied.catalog.Catalog`."""
 
     def require(

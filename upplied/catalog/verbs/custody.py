@@ -25,8 +25,7 @@ from upplied.catalog.store.chain import changed_entries, changed_rows, content_h
 from upplied.catalog.store.contents import ContentStore
 from upplied.catalog.store.delta import HASH_DIGITS, StepTable
 from upplied.catalog.store.files import FileStore, explained
-from upplied.catalog.store.identity import Heads
-from upplied.catalog.store.opening import HASHED_KEY
+from upplied.catalog.store.opening import HASHED_KEY, Heads
 from upplied.catalog.verbs import ordering
 from upplied.catalog.verbs.queries import named
 from upplied.catalog.verbs.roster import Roster

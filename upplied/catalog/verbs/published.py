@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 from upplied.catalog.database import Catalog
 from upplied.catalog.schema.tables import SCHEMA_VERSION, TABLES, Table
 from upplied.catalog.store.chain import decoded
-from upplied.catalog.store.locking import locked
+from upplied.catalog.store.files import locked
 from upplied.catalog.verbs import parted
 from upplied.config import digest
 from upplied.errors import CatalogError

@@ -21,6 +21,8 @@ from upplied.extras import extra
 from upplied.files import replace_file
 
 _LONGEST = 200  # letters of a name
+_LONGEST_TEXT = 2000  # letters of a class, a severity or a note
+_TURNS = {"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"}  # direction of writing
 _MOST_BYTES = 1 << 20
 #: Of a decision, what is signed.
 _SIGNED = ("decision_id", "transfer_id", "demonstration_id", "target_id", "purpose", "state", "by", "note",
@@ -146,6 +148,17 @@ def check_name(name: str) -> str:
     if len(scripts) > 1 and not any(scripts <= mixed for mixed in _TOGETHER):
         raise SettingsError(what, f"mixes {', '.join(sorted(scripts)).lower()} letters", "one script", remedy)
     return name
+
+
+def check_text(what: str, name: str, text: str) -> None:
+    """Refuse a text that is too long, has control letters or turns the direction of writing."""
+    if len(text) > _LONGEST_TEXT:
+        raise SettingsError(what, f"its {name} is longer", f"at most {_LONGEST_TEXT} letters")
+    for letter in text:
+        turns = unicodedata.bidirectional(letter) in _TURNS
+        if turns or (unicodedata.category(letter) in ("Cc", "Cs") and letter not in "\n\t"):
+            remedy = "write it in letters, digits and signs"
+            raise SettingsError(what, f"its {name} has {letter!a}, which nobody sees", "", remedy)
 
 
 def _skeleton(name: str) -> str:
