@@ -41,7 +41,12 @@ def encode(record: Any, name: str = "") -> bytes:
         metadata[b"name"] = name.encode()
     schema_fields, columns = list[pa.Field](), list[pa.Array]()
     for name, array in arrays.items():
-        columns.append(column := _column(array))
+        flat = np.ascontiguousarray(array).reshape(-1)
+        if array.dtype.kind == "b":
+            column = pa.array([np.packbits(flat).tobytes()], pa.large_binary())
+        else:
+            column = pa.LargeListArray.from_arrays(pa.array([0, len(flat)], pa.int64()), pa.array(flat))
+        columns.append(column)
         form = {"shape": json.dumps(array.shape), "dtype": array.dtype.str}
         schema_fields.append(pa.field(name, column.type, metadata=form))
     table = pa.table(columns, schema=pa.schema(schema_fields, metadata=metadata))
@@ -164,14 +169,6 @@ _hints = lru_cache(maxsize=64)(get_type_hints)
 
 def _little_endian(array: Array) -> Array:
     return array.astype(array.dtype.newbyteorder("<"), copy=False)
-
-
-def _column(array: Array) -> pa.Array:
-    flat = np.ascontiguousarray(array).reshape(-1)
-    if array.dtype.kind == "b":
-        return pa.array([np.packbits(flat).tobytes()], pa.large_binary())
-    values = pa.array(flat)
-    return pa.LargeListArray.from_arrays(pa.array([0, len(flat)], pa.int64()), values)
 
 
 def _array(column: pa.ChunkedArray, field: pa.Field) -> Array:

@@ -25,7 +25,10 @@ PASSPORT = (
 )  # fmt: skip
 _PLACES = {"keep_out_m": (-1, 2, 3), "geofence_m": (-1, 2), "rally_m": (-1, 3)}  # of surroundings: shapes
 _OPTICS = ("exposure_s", "trigger_s", "focus_m", "focal_mm", "f_number")  # null where they are not known
-_JSON = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+#: The one JSON text of a value.
+json_text = json.JSONEncoder(
+    sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
+).encode
 #: Of a row: when and by which commit it was added.
 ADDED = ("version", "added_at", "commit_id", "commit_version", "row_sha256")
 
@@ -168,8 +171,3 @@ def says_same(table: Table, stored: Row, given: Row) -> bool:
     """Whether a row says the same as a stored one, apart from when and by which commit it was added."""
     left, right = (table_of(table, [row]).drop_columns(list(ADDED)) for row in (stored, given))
     return bool(left.equals(right))
-
-
-def json_text(value: Any) -> str:
-    """The one JSON text of a value."""
-    return _JSON.encode(value)

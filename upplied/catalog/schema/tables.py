@@ -28,6 +28,7 @@ import pyarrow.compute as pc
 
 TYPES = {"text": pa.string(), "real": pa.float64(), "whole": pa.int64(), "truth": pa.bool_()}
 MOMENT = TYPES["moment"] = pa.timestamp("us", tz="UTC")
+_WORDS = dict(zip(TYPES.values(), ("text", "float64", "int64", "bool", "time, UTC, us"), strict=True))
 #: Hash of a row, and that of the row before it in a table whose rows follow each other.
 ROW_SHA256, BEFORE_SHA256 = "row_sha256", "before_sha256"
 
@@ -94,21 +95,15 @@ def _rows(name: str) -> csv.DictReader[str]:
     return csv.DictReader(files(__package__).joinpath(name).read_text(encoding="utf-8").splitlines())
 
 
-def _columns() -> dict[str, list[Column]]:
-    tables: dict[str, list[Column]] = {}
-    last: dict[str, Column] = {}
+def _declared() -> dict[str, Table]:
+    tables, columns, last = dict[str, Table](), dict[str, list[Column]](), dict[str, Column]()
     for row in _rows("columns.csv"):
         name, allowed = row["column"], tuple(row["allowed"].split("|")) if row["allowed"] else ()
         low, high = (float(bound) if bound else None for bound in (row["low"], row["high"]))
         if row["type"]:
             required, kind = row["required"] == "yes", TYPES[row["type"]]
             last[name] = Column(name, kind, row["unit"], row["meaning"], required, allowed, low, high)
-        tables.setdefault(row["table"], []).append(last[name])
-    return tables
-
-
-def _declared() -> dict[str, Table]:
-    tables, columns = dict[str, Table](), _columns()
+        columns.setdefault(row["table"], []).append(last[name])
     for row in _rows("tables.csv"):
         name, key, order = row["table"], tuple(row["key"].split()), tuple(row["order"].split())
         tables[name] = Table(name, row["meaning"], key, tuple(columns[name]), order)
@@ -120,20 +115,17 @@ TABLES = _declared()
 STEPS = {"waypoints": "transfers", "poses": "demonstrations"}
 SCHEMA_VERSION = 3
 
-_FROM_BEFORE = -1  # the commit of rows of schema version 1
-_NEEDS = {"added_at": "planned_at"}  # column -> the one it is taken from where it is missing
-
 
 def needed(table: Table, columns: list[str]) -> list[str]:
-    """These columns, and those that they are filled from in older rows."""
-    more = [_NEEDS[name] for name in columns if _NEEDS.get(name) in table.names]
+    """These columns, and the one that `added_at` is filled from in older rows."""
+    more = ["planned_at"] if "added_at" in columns and "planned_at" in table.names else []
     return list(dict.fromkeys([*columns, *more]))
 
 
 def missing(table: Table, names: Collection[str]) -> list[str]:
     """Columns without which rows are of no schema that there ever was."""
-    filled = {"commit_version", *_NEEDS}
-    return [c.name for c in table.columns if c.required and c.name not in {*names, *filled}]
+    filled = {*names, "commit_version", "added_at"}
+    return [c.name for c in table.columns if c.required and c.name not in filled]
 
 
 def upgraded(table: Table, rows: pa.Table) -> pa.Table:
@@ -143,7 +135,7 @@ def upgraded(table: Table, rows: pa.Table) -> pa.Table:
         if not column.null_count:
             continue
         if field.name == "commit_version":
-            column = column.fill_null(_FROM_BEFORE)
+            column = column.fill_null(-1)  # of schema version 1
         elif field.name == "added_at" and "planned_at" in rows.schema.names:
             column = pc.coalesce(column, rows["planned_at"])
         elif pa.types.is_string(field.type):
@@ -171,13 +163,9 @@ def data_dictionary() -> str:
         parts.append(f"## {table.name}\n\n{table.meaning[0].upper()}{table.meaning[1:]}.\n")
         parts.append("| column | type | unit | meaning | constraint |\n|---|---|---|---|---|")
         for c in table.columns:
-            parts.append(f"| `{c.name}` | {_TYPES[c.type]} | {c.unit} | {c.meaning} | {c.constraint} |")
+            parts.append(f"| `{c.name}` | {_WORDS[c.type]} | {c.unit} | {c.meaning} | {c.constraint} |")
         parts.append("")
     return "\n".join(parts).rstrip() + "\n"
-
-
-_NAMES = {"text": "text", "real": "float64", "whole": "int64", "truth": "bool", "moment": "time, UTC, us"}
-_TYPES = {TYPES[word]: name for word, name in _NAMES.items()}
 
 
 if __name__ == "__main__":

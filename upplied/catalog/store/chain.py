@@ -108,11 +108,9 @@ def content_hashes(rows: pa.Table) -> list[str]:
 
     Null and empty fields count for nothing: columns that came later leave older hashes as they are.
     """
-    names = sorted(set(rows.column_names) - {_HASH, _BEFORE})
-    hashes: list[str] = []
+    names, hashes = sorted(set(rows.column_names) - {_HASH, _BEFORE}), list[str]()
     for start in range(0, len(rows), _ROWS):
-        part = rows.select(names).slice(start, _ROWS)
-        bounds, text = _texts(part)
+        bounds, text = _texts(rows.select(names).slice(start, _ROWS))
         ends = zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
         hashes += [hashlib.sha256(text[min(begin + 1, end) : end]).hexdigest() for begin, end in ends]
     return hashes
@@ -140,8 +138,8 @@ def _texts(rows: pa.Table) -> tuple[Ints, memoryview]:
                 continue
             parts += [pa.scalar(alike, _TEXT), values]
         alike = ""
-    none = pa.array([""] * len(rows), _TEXT)
-    lines = pc.binary_join_element_wise(*parts, pa.scalar(alike, _TEXT), none, _NONE, null_handling="skip")
+    parts += [pa.scalar(alike, _TEXT), pa.array([""] * len(rows), _TEXT)]
+    lines = pc.binary_join_element_wise(*parts, _NONE, null_handling="skip")
     _, offsets, text = lines.buffers()
     return np.frombuffer(offsets, np.int64, len(lines) + 1, 8 * lines.offset), memoryview(text or b"")
 
@@ -193,8 +191,8 @@ def _commit(content: bytes) -> dict[str, Any]:
 
 
 def _stated_in(content: bytes) -> dict[str, str]:
-    hashes = json.loads(_commit(content).get(STATED, "{}"))
-    return {name: str(value) for name, value in hashes.items() if _NAME.fullmatch(name)}
+    hashes = json.loads(_commit(content).get(STATED, "{}")).items()
+    return {name: str(value) for name, value in hashes if _NAME.fullmatch(name)}
 
 
 def rows_added(log: FileStore) -> int:
@@ -253,8 +251,7 @@ def statistics(rows: pa.Table) -> str:
     # A column that is filtered by must have one: pyarrow takes a missing range for nulls.
     low, high = {}, {}
     for name in rows.column_names:
-        ends = pc.min_max(rows[name]).as_py()
-        least, most = ends["min"], ends["max"]
+        least, most = pc.min_max(rows[name]).as_py().values()
         if most is None or len(str(most)) > _LONGEST_STATISTIC or most != most:
             continue
         if isinstance(most, datetime):
