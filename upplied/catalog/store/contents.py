@@ -32,8 +32,6 @@ log = logging.getLogger(__name__)
 
 R = TypeVar("R")
 
-_HASH = re.compile(r"[0-9a-f]{64}")
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Samples(Record):
@@ -82,10 +80,9 @@ class StoredLooks(Record):
         """The looks that do not depend on a correction of the log."""
         if self.assumed is None:
             return self
-        columns = [item.name for item in fields(self) if item.name not in ("samples_sha256", "assumed")]
-        values = {name: getattr(self, name) for name in columns}
-        known = {name: value[self.assumed == 0] for name, value in values.items() if value is not None}
-        return replace(self, assumed=None, **known)
+        names = [item.name for item in fields(self) if item.name not in ("samples_sha256", "assumed")]
+        known = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        return replace(self, assumed=None, **{name: it[self.assumed == 0] for name, it in known.items()})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,8 +116,7 @@ def labelled(structure: Structure, labels: Sequence[str]) -> FaceLabels:
 
 def triangles_sha256(structure: Structure) -> str:
     """Hash of the faces of a mesh in their order: what labels of faces are good for."""
-    faces = np.ascontiguousarray(structure.triangles, "<i8")
-    return hashlib.sha256(faces.tobytes()).hexdigest()
+    return hashlib.sha256(np.ascontiguousarray(structure.triangles, "<i8").tobytes()).hexdigest()
 
 
 class Content(NamedTuple):
@@ -187,7 +183,7 @@ class ContentStore(Generic[R]):
 
 def file_name(sha256: str) -> str:
     """The name of the file of a record; what is no hash is refused."""
-    if not _HASH.fullmatch(sha256):
+    if not re.fullmatch(r"[0-9a-f]{64}", sha256):
         raise CatalogError(f"content {sha256[:80]!r}", "is no hash", "64 hexadecimal digits")
     return f"{sha256}.parquet"
 
@@ -201,8 +197,7 @@ class SurfaceStore:
 
     def put(self, surface: SurfaceStates) -> str:
         """Keep a surface; returns the hash of its states, which name their samples."""
-        samples = self.samples.put(Samples(surface.points, surface.normals))
-        state = np.asarray(surface.state)
+        samples, state = self.samples.put(Samples(surface.points, surface.normals)), np.asarray(surface.state)
         small: Any = state.astype(np.int8)
         return self.states.put(States(samples, small if np.array_equal(small, state) else state))
 
@@ -274,9 +269,8 @@ class Cache:
 
     def prune(self, max_bytes: int) -> int:
         """Forget the records unused for longest until at most `max_bytes` remain; bytes freed."""
-        entries = self.entries()
+        entries, freed = self.entries(), 0
         excess = sum(size for _, size, _ in entries) - max_bytes
-        freed = 0
         for _, size, path in entries:
             if freed < excess:
                 path.unlink(missing_ok=True)

@@ -190,17 +190,14 @@ class StoredTable(OpenTable):
                 raise
             if self._names:  # which asks for all of them
                 self._names[added.path] = numbered[0]
-            return self._committed(delta.version() + 1, added.path)
-
-    def _committed(self, version: int, name: str) -> int:
-        """The version that brought a data file, at least a given one, once it is there to stay."""
-        while name.encode() not in self._log.read(entry := f"{version:020}.json"):
-            version += 1  # somebody merged files meanwhile
-        if self._files.local:
-            sync_path(Path(self._log.path(entry)))
-            sync_path(Path(self._log.root))
-        self._heads.note(version, self._unstated(version))
-        return version
+            version = delta.version() + 1
+            while added.path.encode() not in self._log.read(entry := f"{version:020}.json"):
+                version += 1  # somebody merged files meanwhile
+            if self._files.local:
+                sync_path(Path(self._log.path(entry)))
+                sync_path(Path(self._log.root))
+            self._heads.note(version, self._unstated(version))
+            return version
 
     def rows_of(self, delta: DeltaTable) -> ds.Dataset:
         """The rows of a version; with delta-rs's own file system one process in seven aborted at its exit."""
@@ -251,7 +248,14 @@ class StepTable(StoredTable):
             names &= names if commits is None else {*wanted}
         else:
             names = {one for one in wanted if explained(self.files.path(one), partial(self.files.has, one))}
-        files = self._dataset_of(sorted(name for name in names if name.endswith(_SUFFIX)))
+        parquet, filesystem, own = ds.ParquetFileFormat(), self.files.filesystem(), pc.field("commit_id")
+        parts = [  # which commit each is of spares opening the others
+            parquet.make_fragment(name, filesystem, own == name.removesuffix(_SUFFIX))
+            for name in sorted(names)
+            if name.endswith(_SUFFIX)
+        ]
+        schema = self.declared.schema
+        files = ds.FileSystemDataset(parts, schema, parquet, filesystem) if parts else None
         if commits is not None and len(names) == len({*commits}):
             return files
         older = super().dataset()
@@ -259,12 +263,3 @@ class StepTable(StoredTable):
             return files or older
         schema = pa.unify_schemas([files.schema, older.schema])
         return ds.dataset([files.replace_schema(schema), older.replace_schema(schema)])
-
-    def _dataset_of(self, names: list[str]) -> ds.Dataset | None:
-        """The files as one dataset; which commit each is of spares opening the others."""
-        if not names:
-            return None
-        parquet, filesystem, commit = ds.ParquetFileFormat(), self.files.filesystem(), pc.field("commit_id")
-        commits = {name: commit == name.removesuffix(_SUFFIX) for name in names}
-        parts = [parquet.make_fragment(name, filesystem, own) for name, own in commits.items()]
-        return ds.FileSystemDataset(parts, self.declared.schema, parquet, filesystem)

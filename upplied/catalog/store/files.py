@@ -232,8 +232,7 @@ def turn(path: Path) -> Iterator[None]:
     """Wait for the others who do the same, for some seconds at most; a courtesy, which nothing depends on.
 
     Nobody overtakes: the first who waits holds a second lock, which whoever comes back for another turn
-    needs too. The kernel wakes them: looks now and then would mostly find the turn taken on a loaded
-    machine.
+    needs too. The kernel wakes them: looks now and then would mostly find the turn taken.
     """
     with _waited(_TURN_S, path.with_suffix(".next"), path):
         yield
@@ -241,11 +240,8 @@ def turn(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _waited(patience_s: float, *paths: Path) -> Iterator[bool]:
-    """Wait for the last of some locks, each held until the next one is; whether it is held.
-
-    A thread waits in the kernel, which knows no patience; whoever gives up leaves it behind to pass the
-    lock on.
-    """
+    """Wait for the last of some locks, each held until the next one is; whether it is held."""
+    # A thread waits in the kernel, which knows no patience; who gives up leaves it to pass the lock on.
     handles, closing = list[int](), threading.Lock()
     ended, left = threading.Event(), threading.Event()
 

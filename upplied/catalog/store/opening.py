@@ -61,8 +61,9 @@ class Identity:
         """The same; a place that is no catalog is an error."""
         if (name := self.id) is None:
             rule = "a folder with catalog.json, or tables of an earlier version"
-            remedy = "check the path and whether its disk is mounted"
-            remedy += "; `upplied structures add` makes a new one"
+            remedy = (
+                "check the path and whether its disk is mounted; `upplied structures add` makes a new one"
+            )
             raise CatalogError(self.files.root, "is no catalog", rule, remedy)
         return name
 
@@ -223,7 +224,13 @@ class OpenTable:
         """Make the table where there is none, and add the columns that an older program lacked."""
         self._identity.made()
         with self._lock:
-            delta = self._refreshed() or self._created()
+            if (delta := self._refreshed()) is None:
+                if self._files.local:
+                    Path(self.uri).mkdir(parents=True, exist_ok=True)
+                table, properties = self.declared, {**_PROPERTIES, **self._skipping}
+                about = {"name": table.name, "description": table.meaning, "raise_if_key_not_exists": False}
+                delta = DeltaTable.create(self.uri, table.schema, "ignore", configuration=properties, **about)
+                self._delta = delta
             columns = {field.name for field in delta.schema().fields}
             new = [field for field in self.declared.schema if field.name not in columns]
             if new:
@@ -249,14 +256,6 @@ class OpenTable:
         else:
             explained(self.uri, self._delta.update_incremental)
             _check_version(self._delta, self.uri)  # a newer program may have come meanwhile
-        return self._delta
-
-    def _created(self) -> DeltaTable:
-        if self._files.local:
-            Path(self.uri).mkdir(parents=True, exist_ok=True)
-        table, known = self.declared, {**_PROPERTIES, **self._skipping}
-        about = {"name": table.name, "description": table.meaning, "raise_if_key_not_exists": False}
-        self._delta = DeltaTable.create(self.uri, table.schema, "ignore", configuration=known, **about)
         return self._delta
 
     def _unstated(self, version: int) -> str:
