@@ -68,16 +68,12 @@ class Catalog(Deciding):
         ----------
         force : collection of str
             Rules that are overruled: ``preset``, ``verdict``, ``foreign``, ``altered``, ``rejected``,
-            ``recalled``, ``superseded`` (docs/checks.md).
+            ``recalled``, ``superseded`` (docs/checks.md); one that is broken besides is a `RefusedError`.
 
         Raises
         ------
         CatalogError
-            If the transfer is not known, or has no trajectory because it was refused or failed, or its
-            steps are not those that were planned.
-        RefusedError
-            If it is for comparison, falls short of its floors, was rejected or recalled, or another took
-            its place.
+            If the transfer is not known, has no trajectory, or its steps are not those that were planned.
         """
         row, broken = self.transfer(transfer_id, _JUDGED), dict[str, str]()
         path = self.path_of(row)  # compared with its hash: it is the one that its verdict is of
@@ -111,8 +107,7 @@ class Catalog(Deciding):
 
     def surface(self, transfer_id: str) -> SurfaceStates | None:
         """What one plan sees of its target; None where it was not kept."""
-        sha256 = self._sha256(transfer_id, "surface_sha256")
-        if sha256:
+        if sha256 := self._sha256(transfer_id, "surface_sha256"):
             return self.surfaces.get(sha256)
         return self.cache.get("surface", SurfaceStates, transfer_id, nameless=True)  # of version 0.1.0
 
@@ -174,8 +169,11 @@ class Catalog(Deciding):
             patch, off = nearest[looks.samples_sha256]
             at = int(np.searchsorted(looks.patch, patch))
             seen = bool(at < len(looks.patch) and looks.patch[at] == patch)
-            values = {name: row[name] for name in _FLIGHT}
-            values |= {"seen": seen, "patch": patch, "patch_off_m": off}
+            values = {name: row[name] for name in _FLIGHT} | {
+                "seen": seen,
+                "patch": patch,
+                "patch_off_m": off,
+            }
             values |= {name: float(getattr(looks, name)[at]) if seen else float("nan") for name in _LOOK}
             flights.append(values)
         table = pd.DataFrame(flights, columns=[*_FLIGHT, "seen", *_LOOK, "patch", "patch_off_m"])

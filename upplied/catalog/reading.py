@@ -39,9 +39,7 @@ class Reading:
             name: (StepTable if name in STEPS else StoredTable)(self.location, table, self.identity)
             for name, table in TABLES.items()
         }
-        self.contents: dict[str, ContentStore[Any]] = {
-            name: ContentStore(self.location, name) for name in CONTENTS
-        }
+        self.contents = {name: ContentStore[Any](self.location, name) for name in CONTENTS}
         self.surfaces = SurfaceStore(self.contents["surfaces"], self.contents["samples"])
         self.looks = self.contents["looks"]
         self.shards = FileStore(f"{self.location}/shards")  # jobs of runs at work
@@ -76,8 +74,8 @@ class Reading:
         as_of: When | None = None,
     ) -> pd.DataFrame:
         """Demonstrations, the current version of each; with `every`, older and retired ones as well."""
-        wanted = {"structure_id": structure, "site": site}
-        return queries.versions(self.tables["demonstrations"], wanted, every, as_of)
+        equal = {"structure_id": structure, "site": site}
+        return queries.versions(self.tables["demonstrations"], equal, every, as_of)
 
     def transfers(
         self,
@@ -105,23 +103,17 @@ class Reading:
             The first three of the target.
         status : {"ok", "refused", "failed"}, optional
             Of the newest plan: a pair whose newest plan is refused has none that is ok.
-        since : datetime or str, optional
-            Planned at this moment or later.
-        as_of : datetime or str, optional
-            As the catalog stood at that moment.
+        since, as_of : datetime or str, optional
+            Planned at this moment or later; as the catalog stood at that moment.
         version : int, optional
             As of a version of the table, as `history` lists them; `vacuum` says how far back.
-        every : bool
-            Older plans of each pair as well.
-        columns : sequence of str, optional
-            Only these are read.
+        every, in_force : bool
+            Older plans of each pair as well; or those that a person released and that are in force.
+        columns, ids : sequence of str, optional
+            Only these are read; only these plans are considered.
         purpose : str
             Of the newest: those of an experiment (``experiment NAME``) or of a gap (``gap FLIGHT``), which
             are never among the others.
-        ids : sequence of str, optional
-            Only these plans are considered.
-        in_force : bool
-            The plans that a person released and that are in force, instead of the newest.
         """
         # Which rows those are is told from a few columns; the others are read of these rows alone.
         declared, tables = TABLES["transfers"], self.tables
@@ -163,8 +155,7 @@ class Reading:
             plans = plans[plans["status"] == status]
         if since is not None:
             plans = plans[plans["planned_at"] >= moment(since)]
-        rest = [name for name in wanted if name not in plans]
-        if rest:
+        if rest := [name for name in wanted if name not in plans]:
             more = queries.completed(tables["transfers"], plans, rest, len(table), version)
             plans = pd.concat([plans.reset_index(drop=True), frame(decoded(more))], axis=1)
         plans = plans[list(wanted)].reset_index(drop=True)
@@ -206,10 +197,7 @@ class Reading:
     def flights(
         self, transfer_id: str | None = None, *, structure: str | None = None, kind: str | None = None
     ) -> pd.DataFrame:
-        """Flights of a plan, or round a structure, in the order they were added.
-
-        `kind` is ``flown`` or ``simulated``; None: both.
-        """
+        """Flights of a plan, or round a structure, as added; of `kind` ``flown``, ``simulated``, or both."""
         flights = self.by_commit("flights", ["transfer_id"], transfer_id=transfer_id, target_id=structure)
         flights["kind"] = flights["kind"].where(flights["kind"] != "", "simulated")
         return flights if kind is None else flights[flights["kind"] == kind].reset_index(drop=True)
@@ -241,11 +229,10 @@ class Reading:
         check_id(start, "transfer id")
         if len(self.tables["transfers"].read(pc.field("transfer_id") == start, ["transfer_id"])):
             return start  # without a look at all ids
-        matches = [name for name in self._ids("transfers") if name.startswith(start)]
+        if not (matches := [name for name in self._ids("transfers") if name.startswith(start)]):
+            raise self._unknown(start)
         if len(matches) > 1:
             raise CatalogError(f"transfer {start}", f"may be {len(matches)}: {', '.join(matches[:5])}")
-        if not matches:
-            raise self._unknown(start)
         return matches[0]
 
     def _unknown(self, transfer_id: str) -> CatalogError:

@@ -25,10 +25,8 @@ PASSPORT = (
 )  # fmt: skip
 _PLACES = {"keep_out_m": (-1, 2, 3), "geofence_m": (-1, 2), "rally_m": (-1, 3)}  # of surroundings: shapes
 _OPTICS = ("exposure_s", "trigger_s", "focus_m", "focal_mm", "f_number")  # null where they are not known
-#: The one JSON text of a value.
-json_text = json.JSONEncoder(
-    sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
-).encode
+_JSON = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+json_text = _JSON.encode  # the one JSON text of a value
 #: Of a row: when and by which commit it was added.
 ADDED = ("version", "added_at", "commit_id", "commit_version", "row_sha256")
 

@@ -61,9 +61,8 @@ class Identity:
         """The same; a place that is no catalog is an error."""
         if (name := self.id) is None:
             rule = "a folder with catalog.json, or tables of an earlier version"
-            remedy = (
-                "check the path and whether its disk is mounted; `upplied structures add` makes a new one"
-            )
+            remedy = "check the path and whether its disk is mounted"
+            remedy += "; `upplied structures add` makes a new one"
             raise CatalogError(self.files.root, "is no catalog", rule, remedy)
         return name
 

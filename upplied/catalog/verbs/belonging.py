@@ -26,8 +26,7 @@ from upplied.errors import CatalogError, SettingsError
 
 _NUMBERS = {"gsd_mm": (0.0, 1e5), "incidence_deg": (0.0, 90.0), "max_age_days": (0.0, 1e5)}  # above, up to
 _LONGEST = 100_000  # letters of a place: what is painted has many balls
-_MOST_LOOKS = 1000
-_MOST_ZONES = 1000
+_MOST_LOOKS = _MOST_ZONES = 1000
 
 
 class OwnSettings(Adding):
@@ -48,7 +47,6 @@ class OwnSettings(Adding):
             "labels HASH LABEL" of `add_labels`), `on`, and what is asked: `looks`, `gsd_mm`,
             `incidence_deg`, `max_age_days`. None takes the set back.
         by, note : str
-            Who asks, and why.
         """
         check_id(name, "name of requirements")
         about = self._owned(f"requirements {name}", scope, owner, by, note)
@@ -63,9 +61,8 @@ class OwnSettings(Adding):
         if len(zones) > _MOST_ZONES or len({zone["zone"] for zone in checked}) < len(zones):
             rule = f"{_MOST_ZONES} zones at most, each once"
             raise SettingsError(f"requirements {name}", "name a zone twice, or too many", rule)
-        zones_json = json_text(checked) if zones else ""
-        row = {"requirement_id": self.new_commit_id(), "name": name, "zones_json": zones_json, **about}
-        return self.add_rows("requirements", [row])
+        row = {"requirement_id": self.new_commit_id(), "name": name, **about}
+        return self.add_rows("requirements", [{**row, "zones_json": json_text(checked) if zones else ""}])
 
     def _owned(self, what: str, scope: str, owner: str, by: str, note: str) -> Row:
         """What rows that belong to a kind or a structure say alike; one that is not there is refused."""
@@ -134,10 +131,9 @@ class OwnSettings(Adding):
 
 def _zone(name: str, zone: Mapping[str, Any]) -> Row:
     what = f"requirements {name}, zone {str(zone.get('zone', '(unnamed)'))[:60]}"
-    unknown = sorted(set(zone) - {"zone", "where", "on", "looks", *_NUMBERS})
-    if unknown:
-        rule = f"zone, where, on, looks, {', '.join(_NUMBERS)}"
-        raise SettingsError(what, f"has {unknown[0][:60]!r}", rule)
+    allowed = ("zone", "where", "on", "looks", *_NUMBERS)
+    if unknown := sorted(set(zone) - set(allowed)):
+        raise SettingsError(what, f"has {unknown[0][:60]!r}", ", ".join(allowed))
     looks = zone.get("looks", 1)
     if not isinstance(looks, int) or isinstance(looks, bool) or not 1 <= looks <= _MOST_LOOKS:
         raise SettingsError(what, f"looks is {looks!r}", f"a whole number from 1 to {_MOST_LOOKS}")
@@ -177,15 +173,12 @@ class Zones:
 
     def named(self, kind: str, structure_id: str) -> str:
         """Hash of what a plan of the structure depends on by them; empty where nothing is asked."""
-        parts = [
-            [zone["where"], self._sha256.get(zone.get("on", ""), ""), *map(zone.get, PLANNED)]
-            for zone in self.of(kind, structure_id)
-        ]
+        parts, planned_by = [], ("on", "gsd_mm", "incidence_deg")
+        for zone in self.of(kind, structure_id):
+            parts.append(
+                [zone["where"], self._sha256.get(zone.get("on", ""), ""), *map(zone.get, planned_by)]
+            )
         return digest(sorted(parts, key=json_text)) if parts else ""
-
-
-#: What a zone asks for that a plan is made by.
-PLANNED = ("on", "gsd_mm", "incidence_deg")
 
 
 def zones_named(catalog: OwnSettings, kind: str, structure_id: str, name: str) -> list[Row]:
@@ -243,8 +236,9 @@ def _check(setting: str, value: Any) -> None:
     stage, dot, name = setting.partition(".")
     if setting == PRESET:
         if value is not None and value not in PRESETS:
-            rule = f"{FLOWN}: the one that is flown"
-            raise SettingsError(f"preset {str(value)[:60]!r}", "is unknown", rule)
+            raise SettingsError(
+                f"preset {str(value)[:60]!r}", "is unknown", f"{FLOWN}: the one that is flown"
+            )
         if value not in (None, FLOWN):  # gate, release and pages count on it
             rule = f"what belongs to kinds and structures is of {FLOWN}, the one that is flown"
             remedy = f"plan it beside: upplied transfer --preset {value} --experiment NAME"

@@ -55,23 +55,18 @@ class Deciding(OwnSettings):
         plans = plans.merge(newest.drop(columns="status"), how="left", on=PAIR)
         same = (plans["newer_draft"] == plans["transfer_id"]) | (plans["purpose"] != "")
         plans["newer_draft"] = plans["newer_draft"].where(~same).fillna("")
-        standing, hashes = self.standing(), self.structures().set_index("structure_id")["sha256"]
-        plans["target_changed"] = [
-            standing.judged.get(unit_of(row)) != hashes.get(row["target_id"])
-            for row in plans.to_dict("records")
-        ]
-        altered = custody.alterations(self, plans["transfer_id"].tolist(), standing)
+        now, hashes = self.standing(), self.structures().set_index("structure_id")["sha256"]
+        rows = plans.to_dict("records")
+        plans["target_changed"] = [now.judged.get(unit_of(it)) != hashes.get(it["target_id"]) for it in rows]
+        altered = custody.alterations(self, plans["transfer_id"].tolist(), now)
         plans["altered"] = plans["transfer_id"].map(altered).fillna("").astype(object)
         return plans
 
     def recalled(self, *, structure: str | None = None) -> pd.DataFrame:
         """Plans that were recalled and in whose place nobody released another."""
         now = self.standing()
-        left = {
-            row["transfer_id"]
-            for plan, row in now.why.items()
-            if now.state[plan] == "recalled" and now.last[unit_of(row)] == row["decision_id"]
-        }
+        rows = [now.why[plan] for plan, state in now.state.items() if state == "recalled"]
+        left = [row["transfer_id"] for row in rows if now.last[unit_of(row)] == row["decision_id"]]
         every = self.transfers(every=True, structure=structure, ids=sorted(left))
         used = set(self.structures()["structure_id"])
         return every[every["target_id"].isin(used)].reset_index(drop=True)
@@ -105,7 +100,6 @@ class Deciding(OwnSettings):
         Parameters
         ----------
         transfer_id, by, note : str
-            Which plan, who releases it, and why.
         force : sequence of str
             Rules that are overruled: preset, verdict, rejected, recalled, changed.
         after : str, optional
@@ -123,11 +117,10 @@ class Deciding(OwnSettings):
         Roster(self.location).check_may_release(by.strip())
         forced = self._check_release(row, now.of(transfer_id), tuple(force))
         unit = unit_of(row)
-        known = now.last.get(unit, "") if after is None else after
-        about = {"after": known, "forced": "; ".join(forced), "target_sha256": self._target_sha256(row)}
+        about = {"forced": "; ".join(forced), "target_sha256": self._target_sha256(row)}
+        about["after"] = now.last.get(unit, "") if after is None else after
         name = self._decide(row, "released", by, note, **about)
-        again = self.standing()
-        if name in again.void:
+        if name in (again := self.standing()).void:
             fault = "somebody decided about this pair meanwhile"
             if there := again.in_force.get(unit):
                 fault += f": {there['by']} released {there['transfer_id']}, which is in force"
@@ -153,8 +146,7 @@ class Deciding(OwnSettings):
 
     def _check_release(self, row: Row, state: str, force: tuple[str, ...]) -> list[str]:
         """The rules that are broken and overruled, in words; refuses where others are broken."""
-        unknown = sorted(set(force) - set(RELEASE_RULES))
-        if unknown:
+        if unknown := sorted(set(force) - set(RELEASE_RULES)):
             raise SettingsError(f"rule {unknown[0]!r}", "is unknown", f"one of {', '.join(RELEASE_RULES)}")
         what, purpose = f"release of {row['transfer_id']}", row["purpose"] or ""
         if purpose.startswith("experiment "):
@@ -169,8 +161,7 @@ class Deciding(OwnSettings):
             broken[state] = f"it was {state}"
         if row["target_sha256"] and row["target_sha256"] != self._target_sha256(row):
             broken["changed"] = f"{row['target_id']} changed since it was planned"
-        left = [rule for rule in broken if rule not in force]
-        if left:
+        if left := [rule for rule in broken if rule not in force]:
             fault = "; ".join([broken[left[0]], *(f"{rule}: {broken[rule]}" for rule in left[1:])])
             raise RefusedError(what, fault, RELEASE_RULES[left[0]], f"or overrule it: --force {left[0]}")
         return [f"{rule}: {fault}" for rule, fault in broken.items()]
@@ -179,7 +170,6 @@ class Deciding(OwnSettings):
         return str(self.newest("structures", row["target_id"])["sha256"])
 
     def _decide(self, row: Row, state: str, by: str, note: str, **about: str) -> str:
-        """Add a decision; its name."""
         check_text("a decision", "note", note)
         who, name, plan = author(by, "a decision"), self.new_commit_id(), row["transfer_id"]
         of_plan = ("transfer_id", "demonstration_id", "target_id", "purpose")
@@ -210,8 +200,6 @@ class Deciding(OwnSettings):
         state : {"open", "watched", "repaired", "dismissed"}, optional
         since : datetime or str, optional
             First added at this moment or later.
-        history : bool
-            Every change of state as well, in the order of commits.
         """
         rows = self.by_commit("findings", target_id=structure, kind=kind)
         first = rows.drop_duplicates("finding_id")
@@ -223,8 +211,7 @@ class Deciding(OwnSettings):
             newest = newest[newest["class"] == class_name]
         if since is not None:
             newest = newest[newest.index.isin(first["finding_id"][first["added_at"] >= moment(since)])]
-        entries = rows[rows["finding_id"].isin(newest.index)] if history else newest
-        return entries.reset_index(drop=True)
+        return (rows[rows["finding_id"].isin(newest.index)] if history else newest).reset_index(drop=True)
 
     def finding(self, start: str) -> Row:
         """The newest row of the one finding whose id begins so; none, or more than one, is an error."""

@@ -66,15 +66,9 @@ def compact(catalog: Reading) -> dict[str, int]:
 def vacuum(catalog: Reading, keep_days: float = KEEP_DAYS, cache_bytes: int = CACHE_BYTES) -> Removed:
     """Remove what nobody can ask for any more.
 
-    That is: data files that were merged or whose version is older than `keep_days`; points and
-    unfinished files of stopped writers, and what their plans see; jobs of killed runs; cache entries unused
-    for longest beyond `cache_bytes`. Rows are never removed: `as_of` reaches back to the first one.
-
-    Parameters
-    ----------
-    keep_days : float
-        Versions younger than this can still be asked for; at least an hour, so that the files of
-        writers at work are left alone.
+    That is: data files that were merged or whose version is older than `keep_days`, at least an hour, so that
+    files of writers at work stay; points and unfinished files of stopped writers, and what their plans see;
+    jobs of killed runs; cache entries unused for longest beyond `cache_bytes`. Rows are never removed.
     """
     hours = keep_days * 24
     if not hours >= SHORTEST_KEEP_HOURS:
@@ -107,8 +101,8 @@ def _drop_unnamed(
     """Remove files older than a moment that no row names in these columns of tables; how many."""
     if not (old := files.older(before)):
         return 0
-    columns_read = (catalog.tables[table].read(None, [name])[name] for table, name in columns)
-    named = {sha256 for column in columns_read for sha256 in column.to_pylist()}
+    read = (catalog.tables[table].read(None, [name])[0].to_pylist() for table, name in columns)
+    named = {sha256 for column in read for sha256 in column}
     gone = [name for name in old if name.removesuffix(".parquet") not in named]
     for name in gone:
         files.remove(name)
