@@ -95,7 +95,6 @@ def export_dataset(
 
 
 def _put(catalog: Catalog, place: Path, kind: str, sha256: str) -> None:
-    """Write what is kept by its content, and the samples that it names."""
     path = place / kind / file_name(sha256)
     if not path.exists():
         record = catalog.contents[kind].get(sha256)
@@ -124,11 +123,8 @@ def names_of(transfers: pd.DataFrame | Sequence[str]) -> list[str]:
 
 def describe(place: Path, about: dict[str, Any]) -> None:
     """Write what a person and a program need to know of the folder; `dataset.json` last."""
-    about |= {
-        "schema_version": SCHEMA_VERSION,
-        "made_by": f"upplied {upplied.__version__}",
-        "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
-    }
+    about |= {"schema_version": SCHEMA_VERSION, "made_by": f"upplied {upplied.__version__}"}
+    about["made_at"] = datetime.now(UTC).isoformat(timespec="seconds")
     lines = [f"- {count} rows in `{table}.parquet`" for table, count in about["rows"].items()]
     whom = f" Please name: {about['attribution']}." if about["attribution"] else ""
     text = resources.files(__package__).joinpath("texts", "dataset.md").read_text(encoding="utf-8")

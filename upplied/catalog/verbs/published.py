@@ -39,10 +39,13 @@ _ABOUT = "published.json"
 def export_tables(catalog: Catalog, folder: str | os.PathLike[str], force: bool = False) -> dict[str, int]:
     """Publish the current rows of every table as Parquet (``transfers.parquet``, ...); how many, by table.
 
+    Transfers are the newest plan of each demonstration, target and preset, but the one in force where a
+    person released one; waypoints and poses are those of the published rows, which are read before them, so
+    no trajectory is published without its points.
+
     Parameters
     ----------
     catalog, folder
-        The folder is made where it does not exist.
     force : bool
         Also replace a publication that is newer, of another catalog, or would shrink to nothing.
 
@@ -51,13 +54,6 @@ def export_tables(catalog: Catalog, folder: str | os.PathLike[str], force: bool 
     CatalogError
         If the folder cannot be written, holds what must not be replaced, or a trajectory is damaged.
         What was published still is.
-
-    Notes
-    -----
-    Transfers are the newest plan of each demonstration, target and preset, but the one in force where a
-    person released one; the others stay in the catalog. Waypoints and poses are those of the published
-    rows. The rows that name steps are read before the steps, so no trajectory is published without its
-    points.
     """
     catalog.identity.required()
     place = local_folder(folder)
@@ -89,8 +85,7 @@ def published_tables(folder: str | os.PathLike[str]) -> dict[str, Path]:
 def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, int]:
     """As `export_tables`, by who holds the lock of the folder."""
     before, now = current(place), Generation(catalog.identity.required(), columns=_COLUMNS)
-    tables = place / "tables"
-    was = Before(tables, before)
+    was = Before(tables := place / "tables", before)
     for name, table in catalog.tables.items():  # before the rows are read: they are at least as new
         now.versions[name], now.added[name] = table.newest()
     if was.is_newest(now):
@@ -110,7 +105,7 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
             if now.has_same(name, before) and was.linked(draft, file):
                 now.rows[name] = before.rows[name]
                 continue
-            asked_by = {"settings": "declared_settings"}.get(name, name)
+            asked_by = "declared_settings" if name == "settings" else name
             frame = frames[name] if name in frames else getattr(catalog, asked_by)()
             rows = pa.Table.from_pandas(frame, TABLES[name].schema, preserve_index=False)
             now.rows[name] = write(draft / file, TABLES[name], [rows])
@@ -133,8 +128,7 @@ def publish_generation(catalog: Catalog, place: Path, force: bool) -> dict[str, 
 def write(path: Path, declared: Table, parts: Iterable[pa.Table]) -> int:
     """Write a table as a Parquet file that is on the disk when this returns; its rows."""
     about = {"schema_version": str(SCHEMA_VERSION), "table": declared.name, "meaning": declared.meaning}
-    schema = declared.schema.with_metadata(about)
-    count = 0
+    schema, count = declared.schema.with_metadata(about), 0
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
         with pq.ParquetWriter(file, schema, compression="zstd") as writer:
@@ -171,8 +165,7 @@ def check(place: Path, before: Generation, now: Generation, transfers: int) -> N
     remedy = "publish into another folder, or replace it with --force"
     if before.catalog and now.catalog and before.catalog != now.catalog:
         raise CatalogError(str(place), "holds the publication of another catalog", "", remedy)
-    newer = [name for name, version in before.versions.items() if version > now.versions.get(name, -1)]
-    if newer:
+    if newer := [name for name, version in before.versions.items() if version > now.versions.get(name, -1)]:
         fault = f"holds a newer publication: {', '.join(newer)} had come further than the catalog has now"
         raise CatalogError(str(place), fault, "an older state never replaces a newer one", remedy)
     if before.rows.get("transfers", 0) and not transfers:
@@ -239,14 +232,12 @@ def switch(place: Path, draft: Path, now: Generation) -> None:
 
 
 def _link(path: Path, to: str) -> None:
-    """Make or turn a link in one step."""
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.draft")
     os.symlink(to, draft)
     os.replace(draft, path)
 
 
 def _generations(tables: Path) -> list[Path]:
-    """The folders of generations, oldest first."""
     folders = [path for path in tables.glob("g*") if _GENERATION.fullmatch(path.name) and path.is_dir()]
     return sorted(folders, key=lambda path: int(path.name[1:]))
 

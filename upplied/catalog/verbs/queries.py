@@ -45,7 +45,7 @@ class Units(dict[str, str]):
 def frame(table: pa.Table) -> pd.DataFrame:
     """A DataFrame; the unit of each column is in ``frame.attrs["units"]``."""
     rows = table.to_pandas()
-    units = {field.name: field.metadata[b"unit"].decode() for field in table.schema if field.metadata}
+    units = ((field.name, field.metadata[b"unit"].decode()) for field in table.schema if field.metadata)
     rows.attrs["units"] = Units(units)
     return rows
 
@@ -193,12 +193,8 @@ def runs(catalog: Catalog) -> pd.DataFrame:
     rows = catalog.transfers(every=True, columns=columns)
     counts = pd.crosstab(rows["run_id"], rows["status"])
     counts = counts.reindex(columns=["ok", "refused", "failed"], fill_value=0)
-    first = rows.groupby("run_id").agg(
-        first_at=("planned_at", "min"),
-        last_at=("planned_at", "max"),
-        code_version=("code_version", "last"),
-        method_version=("method_version", "last"),
-    )
+    told = {"first_at": ("planned_at", "min"), "last_at": ("planned_at", "max")}
+    first = rows.groupby("run_id").agg(**told, **{name: (name, "last") for name in columns[3:]})
     return first.join(counts).sort_values("last_at", ascending=False).reset_index()
 
 
@@ -221,7 +217,13 @@ def diff(catalog: Catalog, before: When | int, after: When | int | None = None) 
     replanned = joined["transfer_id_before"] != joined["transfer_id_after"]
     joined = joined[replanned].reset_index(drop=True)
     names = {"left_only": "gone", "right_only": "added", "both": "replanned"}
-    changes = joined[PAIR].assign(change=joined["_merge"].map(names).astype(str), why=_why(joined))
+    why = pd.Series("", index=joined.index, dtype=object)  # which inputs changed, in words
+    for column, name in ({f"{name}_sha256": name for name in _INPUTS} | _METHOD).items():
+        changed = (joined["_merge"] == "both") & (joined[f"{column}_before"] != joined[f"{column}_after"])
+        why[changed] += f", {name} changed"
+    changes = joined[PAIR].assign(
+        change=joined["_merge"].map(names).astype(str), why=why.str.removeprefix(", ")
+    )
     for name in _COMPARED:
         before_after = [f"{name}_before", f"{name}_after"]
         changes[before_after] = joined[before_after]
@@ -234,13 +236,3 @@ def _current(catalog: Catalog, when: When | int | None) -> pd.DataFrame:
     version, as_of = (when, None) if isinstance(when, int) else (None, when)
     columns = ["transfer_id", *PAIR, *_METHOD, *(f"{name}_sha256" for name in _INPUTS), *_COMPARED]
     return catalog.transfers(version=version, as_of=as_of, columns=columns)
-
-
-def _why(joined: pd.DataFrame) -> pd.Series:
-    """Which inputs changed, in words; empty for what was added or is gone."""
-    both = joined["_merge"] == "both"
-    reasons = pd.Series("", index=joined.index, dtype=object)
-    for column, name in ({f"{name}_sha256": name for name in _INPUTS} | _METHOD).items():
-        changed = both & (joined[f"{column}_before"] != joined[f"{column}_after"])
-        reasons[changed] += f", {name} changed"
-    return reasons.str.removeprefix(", ")

@@ -60,11 +60,8 @@ def recipe(catalog: Catalog, transfer_id: str) -> Recipe:
     row = catalog.transfer(transfer_id)
     flown = _version(catalog, "demonstrations", row["demonstration_id"], row["demonstration_sha256"])
     named = [(row[f"{role}_id"], row[f"{role}_sha256"]) for role in ("source", "target")]
-    named += [
-        one
-        for one in siblings_of(row)
-        if one[0] == row["parts_told_by"] or _versions(catalog, "structures", *one)
-    ]
+    told_by, asked = row["parts_told_by"], siblings_of(row)
+    named += [one for one in asked if one[0] == told_by or _versions(catalog, "structures", *one)]
     source, target, *siblings = (catalog.structure_of(_version(catalog, "structures", *one)) for one in named)
     settings = settings_of(row["settings_json"])
     return Recipe(row, catalog.demonstration_of(flown), source, target, settings, tuple(siblings))
@@ -94,9 +91,7 @@ def _versions(catalog: Catalog, table: str, name: str, sha256: str) -> dict[str,
 
 
 def _version(catalog: Catalog, table: str, name: str, sha256: str) -> Row:
-    """The newest version of that id with that hash."""
-    versions = _versions(catalog, table, name, sha256)
-    if not versions:
+    if not (versions := _versions(catalog, table, name, sha256)):
         what, rule = f"{table[:-1]} {name}", "a plan is reproduced from the inputs it had"
         raise CatalogError(what, f"no version with hash {sha256[:12] or '(none)'} is in the catalog", rule)
     return versions[name]

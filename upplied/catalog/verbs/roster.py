@@ -142,8 +142,7 @@ def check_name(name: str) -> str:
         raise SettingsError(what, "has letters that are written otherwise than they look", "", remedy)
     scripts = {unicodedata.name(letter, "").split(" ")[0] for letter in name if letter.isalpha()}
     unseen = "CZM" if scripts & {"LATIN", "CYRILLIC", "GREEK"} or not scripts else "CZ"
-    hidden = [letter for letter in name if unicodedata.category(letter)[0] in unseen and letter != " "]
-    if hidden:
+    if hidden := [each for each in name if unicodedata.category(each)[0] in unseen and each != " "]:
         raise SettingsError(what, f"has {hidden[0]!a}, which nobody sees", "letters, digits, signs", remedy)
     if len(scripts) > 1 and not any(scripts <= mixed for mixed in _TOGETHER):
         raise SettingsError(what, f"mixes {', '.join(sorted(scripts)).lower()} letters", "one script", remedy)
@@ -188,7 +187,7 @@ def new_key(name: str) -> str:
         raise InputError(str(path), "is there already", "one key for a name", "move it away to make another")
     serialization, ed25519, _ = _signing()
     key = ed25519.Ed25519PrivateKey.generate()
-    phrase = _passphrase()
+    phrase = os.environ.get("UPPLIED_KEY_PASSPHRASE", "").encode()
     locked = serialization.BestAvailableEncryption(phrase) if phrase else serialization.NoEncryption()
     content = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, locked)
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -207,9 +206,9 @@ def signature(roster: Roster, decision: Row) -> str:
             what = f"release by {decision['by']!r}"
             raise RefusedError(what, f"there is no key at {path}", "signed", remedy)
         return ""
-    serialization = _signing()[0]
+    serialization, phrase = _signing()[0], os.environ.get("UPPLIED_KEY_PASSPHRASE", "").encode() or None
     try:
-        key = serialization.load_pem_private_key(path.read_bytes(), _passphrase())
+        key = serialization.load_pem_private_key(path.read_bytes(), phrase)
     except (ValueError, TypeError, OSError) as error:
         remedy = "set UPPLIED_KEY_PASSPHRASE where it is encrypted"
         raise InputError(str(path), f"cannot be read: {error}", "a private key, PEM", remedy) from None
@@ -231,7 +230,3 @@ def _verifies(key: str, decision: Row) -> bool:
 
 def _text(decision: Row) -> bytes:
     return json_text({name: decision.get(name) or "" for name in _SIGNED}).encode()
-
-
-def _passphrase() -> bytes | None:
-    return os.environ.get("UPPLIED_KEY_PASSPHRASE", "").encode() or None

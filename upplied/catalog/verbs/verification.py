@@ -73,8 +73,7 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
         taken away since is a finding.
     """
     catalog.identity.required()
-    short = [head for head in heads if len(head) < _LEAST_DIGITS]
-    if short:
+    if short := [head for head in heads if len(head) < _LEAST_DIGITS]:
         raise SettingsError(f"head {short[0]!r}", "is too short", f"at least {_LEAST_DIGITS} digits")
     findings = list(_readable(custody.changed_files(catalog)))
     held, unreadable, of_rows = dict[str, pa.Table](), list[Finding](), list[Finding]()
@@ -86,13 +85,9 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
             unreadable.append(_unreadable(error))
     if unreadable:  # what refers to a table that cannot be read cannot be judged
         return [*findings, *unreadable]
-    findings += of_rows
-    findings += _lost_heads(catalog, heads)
-    findings += _readable(_not_as_released(catalog))
-    findings += _references(held)
+    findings += [*of_rows, *_lost_heads(catalog, heads), *_readable(_not_as_released(catalog))]
     contents = {name: custody.stored_contents(store) for name, store in catalog.contents.items()}
-    findings += _meshes(held, contents)
-    findings += _contents(catalog, held, contents)
+    findings += [*_references(held), *_meshes(held, contents), *_contents(catalog, held, contents)]
     findings += _settings(held["transfers"].select(["transfer_id", *_SETTINGS]))
     for name in ("poses", "waypoints"):
         faults = custody.step_faults(catalog, name, held[STEPS[name]])
@@ -101,7 +96,6 @@ def verify(catalog: Catalog, heads: Collection[str] = ()) -> list[Finding]:
 
 
 def _not_as_released(catalog: Catalog) -> Iterator[Fault]:
-    """Plans in force that are not what was released."""
     now = catalog.standing()
     plans = [row["transfer_id"] for row in now.in_force.values()]
     for plan, wrong in custody.alterations(catalog, plans, now).items():
@@ -109,7 +103,6 @@ def _not_as_released(catalog: Catalog) -> Iterator[Fault]:
 
 
 def _lost_heads(catalog: Catalog, heads: Collection[str]) -> Iterator[Finding]:
-    """Heads that were noted earlier and that no row has."""
     chained = [table for table in catalog.tables.values() if table.declared.is_chained] if heads else []
     known = [sha256 for table in chained for sha256 in table.read(None, [ROW_SHA256])[0].to_pylist()]
     for head in heads:
@@ -123,8 +116,7 @@ def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[F
     since = "" if delta is None else delta.metadata().configuration.get(HASHED_KEY, "")
     key, name = table.declared.names[0], table.declared.name
     values, bare = Values(name, skipped=DERIVED if name == "transfers" else ()), list[str]()
-    held = [encoded(table.declared.schema.empty_table().select(columns))]
-    count = 0
+    held, count = [encoded(table.declared.schema.empty_table().select(columns))], 0
 
     def parts() -> Iterator[pa.Table]:
         nonlocal count
@@ -139,8 +131,8 @@ def _every_row(table: StoredTable, columns: list[str]) -> tuple[pa.Table, list[F
             yield rows
 
     changed = [Finding(f"{name} {row}", wrong) for row, wrong in breaks(table.declared, parts())]
-    findings = [*values.findings(), *changed]
-    findings += [Finding(f"{name} {row}", "has no hash: it was changed after it was written") for row in bare]
+    unhashed = [Finding(f"{name} {row}", "has no hash: it was changed after it was written") for row in bare]
+    findings = [*values.findings(), *changed, *unhashed]
     if count < added:
         findings.append(Finding(name, f"has {count} rows, and {added} were added: some were taken away"))
     return pa.concat_tables(held).unify_dictionaries(), findings
@@ -232,7 +224,6 @@ def _texts(column: pa.ChunkedArray) -> pa.Array:
 
 
 def _owners(rows: pa.Table, column: str, values: list[str], name: int | str = 0) -> dict[str, list[str]]:
-    """The names of the rows that have each of some values."""
     texts = rows[column].cast(pa.string())
     own = rows.filter(pc.is_in(texts, pa.array(values, pa.string())))
     owners: dict[str, list[str]] = {value: [] for value in values}
@@ -245,10 +236,9 @@ def _meshes(held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[
     """Counts of structures that are not those of their meshes."""
     for sha256, rows in held["structures"].to_pandas().groupby("mesh_sha256"):
         counts = contents["meshes"].sizes.get(sha256)
-        wrong = rows[rows[_COUNTS].ne([*counts]).any(axis=1)] if counts else rows[:0]
+        wrong = rows[rows[_COUNTS].ne([*counts]).any(axis=1)]["structure_id"] if counts else ()
         if len(wrong):
-            named = some(wrong["structure_id"])
-            yield Finding(f"mesh {sha256}", f"has {counts} parts, other than stated of {named}")
+            yield Finding(f"mesh {sha256}", f"has {counts} parts, other than stated of {some(wrong)}")
 
 
 def _contents(catalog: Catalog, held: dict[str, pa.Table], contents: dict[str, Folder]) -> Iterator[Finding]:
