@@ -51,8 +51,7 @@ def transfer_row(key: str, plan: Plan, provenance: Mapping[str, Any]) -> Row:
     """The row of `transfers`, without the commit that adds it.
 
     `key` is the hash of all that the plan depends on. The provenance has any of `PROVENANCE`: `settings`
-    (else those of the preset), `planned_at` (else now), `siblings` by id and hash; another name is a
-    `CatalogError`.
+    (else those of the preset), `planned_at` (else now), `siblings` by id and hash; others are refused.
     """
     unknown = sorted(set(provenance) - set(PROVENANCE))
     if unknown:

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from upplied.catalog.schema.steps import pose_arrays, poses_sha256, step_table, zoom_of
 from upplied.catalog.schema.tables import TABLES, Table
 from upplied.geometry.polylines import leg_lengths
-from upplied.records import Camera, Demonstration, Lens, Placement, Record, Structure, Surroundings
+from upplied.records import Camera, Demonstration, Lens, Placement, Structure, Surroundings
 
 Row = dict[str, Any]
 
@@ -36,10 +36,6 @@ def same_named(record: Any, table: str) -> list[str]:
     return [field.name for field in fields(record) if field.name in TABLES[table].names]
 
 
-def _columns(record: Record, table: str) -> Row:
-    return {name: getattr(record, name) for name in same_named(record, table)}
-
-
 def structure_row(structure: Structure, mesh_sha256: str) -> Row:
     """The row of `structures`, without the moment and commit that add it."""
     size = np.ptp(structure.vertices, axis=0)
@@ -49,7 +45,7 @@ def structure_row(structure: Structure, mesh_sha256: str) -> Row:
     for name in ("keep_out_m", "geofence_m", *(["rally_m"] if len(around.rally_m) else [])):
         surroundings[name] = np.asarray(getattr(around, name), float).tolist()
     return {
-        **_columns(structure, "structures"),
+        **{name: getattr(structure, name) for name in same_named(structure, "structures")},
         "mesh_sha256": mesh_sha256,
         "n_vertices": len(structure.vertices),
         "n_triangles": len(structure.triangles),
@@ -94,7 +90,7 @@ def demonstration_row(demonstration: Demonstration) -> Row:
     steps[demonstration.breaks - 1] = 0.0
     poses = demonstration.t_ns, demonstration.positions, demonstration.quat_xyzw
     return {
-        **_columns(demonstration, "demonstrations"),
+        **{name: getattr(demonstration, name) for name in same_named(demonstration, "demonstrations")},
         "poses_sha256": poses_sha256(*poses, fov_deg=demonstration.fov_deg),
         "n_poses": len(demonstration),
         "duration_s": float(demonstration.t_ns[-1] - demonstration.t_ns[0]) * 1e-9,

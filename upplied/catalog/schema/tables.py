@@ -10,8 +10,7 @@ one would misread, which then refuses; newer ones read older tables as they are.
 - 2: rows stand in the order of commits (`commit_version`; -1 in a row of version 1, and among those the
   clocks count as before), and `transfers.added_at` tells when a plan was added, not when it was planned.
 - 3: rows carry a hash (`row_sha256`), and those of tables that belong to one place follow each other
-  (`before_sha256`): the first that does follows the hash of all that came before there were hashes.
-  The steps of a commit are a file (`upplied.catalog.store.delta`); those of earlier commits stay in tables.
+  (`before_sha256`; the first one all of before). The steps of a commit are a file (`catalog.store.delta`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A row has that of its own content and, in the tables of one place, of the row before it: who noted the last
 one (`head_of`) can tell that no row was changed since. Of a log each entry, or checkpoint, states the hashes
-that none before it states, the newest `identity.Heads`.
+that none before it states, the newest `opening.Heads`.
 """
 
 from __future__ import annotations

@@ -25,6 +25,10 @@ from upplied.checks import check_id
 from upplied.errors import CatalogError
 from upplied.files import sync_path
 
+Columns = list[str] | None
+Where = ds.Expression | None
+Commits = Collection[str] | None  # of steps: the rows of these alone, others may lack
+
 _ORDER = "upplied.rows"  # the transaction that numbers rows advance
 
 
@@ -39,9 +43,7 @@ class StoredTable(OpenTable):
         self._columns_added = False
         self._names: dict[str, pa.ChunkedArray] = {}  # of rows, by data file
 
-    def dataset(
-        self, version: int | None = None, commits: Collection[str] | None = None
-    ) -> ds.Dataset | None:
+    def dataset(self, version: int | None = None, commits: Commits = None) -> ds.Dataset | None:
         """The rows of a version, else the newest; None without any. Of `commits` alone, others may lack."""
         with self._lock:
             if (delta := self._refreshed()) is None:
@@ -57,10 +59,10 @@ class StoredTable(OpenTable):
 
     def read(
         self,
-        where: ds.Expression | None = None,
-        columns: list[str] | None = None,
+        where: Where = None,
+        columns: Columns = None,
         version: int | None = None,
-        commits: Collection[str] | None = None,
+        commits: Commits = None,
     ) -> pa.Table:
         """The rows that fit, in the declared columns and types; those an older program lacked are null."""
         columns, dataset = columns or self.declared.names, self.dataset(version, commits)
@@ -69,19 +71,13 @@ class StoredTable(OpenTable):
         rows = explained(self.uri, partial(dataset.to_table, self._present(dataset, columns), where))
         return self._selected(rows, columns)
 
-    def narrow(
-        self, columns: list[str], where: ds.Expression | None = None, version: int | None = None
-    ) -> pa.Table:
+    def narrow(self, columns: list[str], where: Where = None, version: int | None = None) -> pa.Table:
         """As `read`, for questions over every row: texts that repeat are kept once (dictionaries)."""
         parts = [encoded(rows) for rows in self.batches(columns, where, version)]
         return pa.concat_tables(parts).unify_dictionaries()
 
     def batches(
-        self,
-        columns: list[str] | None,
-        where: ds.Expression | None = None,
-        version: int | None = None,
-        commits: Collection[str] | None = None,
+        self, columns: Columns, where: Where = None, version: int | None = None, commits: Commits = None
     ) -> Iterator[pa.Table]:
         """As `read`, some rows at a time, the first none; of None, what only a newer program knows too."""
         dataset = self.dataset(version, commits)
@@ -104,11 +100,11 @@ class StoredTable(OpenTable):
             while (batch := explained(self.uri, partial(next, batches, None))) is not None:
                 yield self._selected(pa.table(batch), columns)
 
-    def _present(self, dataset: ds.Dataset, columns: list[str] | None) -> list[str] | None:
+    def _present(self, dataset: ds.Dataset, columns: Columns) -> Columns:
         names = None if columns is None else needed(self.declared, columns)
         return names and [name for name in names if name in dataset.schema.names]
 
-    def _selected(self, rows: pa.Table | None, columns: list[str] | None) -> pa.Table:
+    def _selected(self, rows: pa.Table | None, columns: Columns) -> pa.Table:
         """Some columns of rows of any schema in the declared types, or of None all; of None, no rows."""
         names, declared = columns or self.declared.names, self.declared.schema
         wanted = pa.schema([declared.field(name) for name in needed(self.declared, names)])
@@ -119,7 +115,7 @@ class StoredTable(OpenTable):
                 known = known.append_column(field, rows[field.name])
         return known
 
-    def whole(self, where: ds.Expression | None = None) -> pa.Table:
+    def whole(self, where: Where = None) -> pa.Table:
         """The rows that fit, with the columns that only a newer program knows as well."""
         return pa.concat_tables(self.batches(None, where), promote_options="default")
 
@@ -236,9 +232,7 @@ class StepTable(StoredTable):
         explained(self.files.path(name), lambda: self.files.write(name, content))
         return commit
 
-    def dataset(
-        self, version: int | None = None, commits: Collection[str] | None = None
-    ) -> ds.Dataset | None:
+    def dataset(self, version: int | None = None, commits: Commits = None) -> ds.Dataset | None:
         """The steps of all commits, or of some; None where there are none."""
         if version is not None:
             return super().dataset(version)

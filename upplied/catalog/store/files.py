@@ -100,7 +100,6 @@ class FileStore:
         sync_path(path.parent)
 
     def _first(self, name: str, content: bytes) -> bytes:
-        """What the first of several who create a file in an object store would write."""
         # Pyarrow always replaces what is there; delta-rs puts the first entry of a log where there is none.
         uri = self.path(name + _FIRST)
         try:
@@ -159,8 +158,6 @@ def cache_folder(location: str) -> Path:
 
 T = TypeVar("T")
 
-_SETTINGS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_REGION")
-
 
 def explained(what: str, act: Callable[[], T], *passed: type[Exception], doing: str = "") -> T:
     """Do it; what the storage raises becomes an error that people read, of what it was `doing`."""
@@ -199,7 +196,8 @@ def _remedy_of_store(uri: str) -> str:
     bucket = re.sub(r"^[a-z0-9]+://([^/]*).*$", r"\1", uri)
     endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL") or ""
     where = re.sub(r"//[^/@]*@", "//", endpoint) or "the store's own (AWS_ENDPOINT_URL is not set)"
-    missing = [name for name in _SETTINGS if not os.environ.get(name)]
+    needed = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_REGION")
+    missing = [name for name in needed if not os.environ.get(name)]
     if "AWS_REGION" in missing and os.environ.get("AWS_DEFAULT_REGION"):
         missing.remove("AWS_REGION")
     if endpoint.startswith("http://") and os.environ.get("AWS_ALLOW_HTTP", "").lower() != "true":

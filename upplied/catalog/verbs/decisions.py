@@ -1,7 +1,6 @@
 """What people decide about plans and find on structures, and what the check of a changed structure finds.
 
-Each release names the last decision that it knew of; of two at once the second commit does not count
-(`standing`).
+Each release names the last decision that it knew of; of two at once the second commit does not count.
 """
 
 from __future__ import annotations
@@ -108,8 +107,7 @@ class Deciding(OwnSettings):
         Raises
         ------
         RefusedError
-            If the plan has no path, is an experiment, breaks a rule that is not overruled, or somebody
-            else decided about the pair meanwhile.
+            If the plan has no path, is an experiment, breaks another rule, or somebody decided meanwhile.
         """
         row = self._plan(transfer_id)
         custody.check_releasable(self, row)
@@ -193,13 +191,7 @@ class Deciding(OwnSettings):
     ) -> pd.DataFrame:
         """Findings as they stand, in the order of their first commits; with `history`, every row of them.
 
-        Parameters
-        ----------
-        structure, kind, class_name : str, optional
-            That they are on, and what they are, as `class` has it.
-        state : {"open", "watched", "repaired", "dismissed"}, optional
-        since : datetime or str, optional
-            First added at this moment or later.
+        On a structure or those of a kind, in a `state` of `STATES`, of a class, first added `since` a moment.
         """
         rows = self.by_commit("findings", target_id=structure, kind=kind)
         first = rows.drop_duplicates("finding_id")
@@ -234,10 +226,8 @@ class Deciding(OwnSettings):
         return row
 
     def flight_photos(self, flight_id: str | None = None, *, structure: str | None = None) -> pd.DataFrame:
-        """Photos of flights that were registered, of one flight, of one structure, or all.
-
-        Of what was registered of a file, or of its name and bytes in another folder, the newest row counts.
-        """
+        """Photos of flights that were registered, of one flight, of one structure, or all."""
+        # Of what was said of a file, or of its name and bytes in another folder, the newest row counts.
         rows = self.by_commit("flight_photos", flight_id=flight_id, target_id=structure)
         for same in (["name", "sha256"], ["path"]):
             rows = rows.drop_duplicates(["flight_id", *same], keep="last")

@@ -137,10 +137,7 @@ def describe(place: Path, about: dict[str, Any]) -> None:
 
 
 def check_files(place: Path) -> tuple[str, set[str]]:
-    """Compare the files with their hashes; the dataset's name (else the folder's), and the files' names.
-
-    One missing, changed or unlisted is an error.
-    """
+    """The dataset's name (else the folder's) and its files, of which none is missing, changed or unlisted."""
     try:
         if not (path := place / DATASET).is_file() or path.stat().st_size > _MAX_ABOUT_BYTES:
             raise OSError("it is no file, or too large")

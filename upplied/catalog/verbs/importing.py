@@ -137,12 +137,10 @@ def _measured_anew(
 
 
 def _read(place: Path, name: str) -> pa.Table:
-    """Rows of a table, exported by this or an earlier program."""
     what = str(place / f"{name}.parquet")
     try:
         exported = pq.read_table(what)
-        lacking = missing(TABLES[name], exported.schema.names)
-        if lacking:
+        if lacking := missing(TABLES[name], exported.schema.names):
             raise CatalogError(what, f"has not the declared columns: no {', '.join(lacking)}")
         return upgraded(TABLES[name], in_schema(exported, TABLES[name].schema))
     except (OSError, pa.ArrowException) as error:
@@ -154,13 +152,11 @@ def _by_owner(steps: pa.Table) -> dict[tuple[str, str], pa.Table]:
     ordered = steps.sort_by([(name, "ascending") for name in (*owner, "seq")])
     starts = run_starts(ordered, owner)
     ids, commits = (ordered[name].take(pa.array(starts)).to_pylist() for name in owner)
-    counts = np.diff(starts, append=len(ordered))
-    parts = map(ordered.slice, starts.tolist(), counts.tolist())
+    parts = map(ordered.slice, starts.tolist(), np.diff(starts, append=len(ordered)).tolist())
     return dict(zip(zip(ids, commits, strict=True), parts, strict=True))
 
 
 def _steps(place: Path, owned: dict[tuple[str, str], pa.Table], name: str, row: Row) -> pa.Table:
-    """The steps of a row, checked against it."""
     owner = row[TABLES[name].names[0]], row["commit_id"]
     steps = owned.get(owner, TABLES[name].schema.empty_table())
     if any(unlike(name, steps, {owner: (row[f"n_{name}"], row[f"{name}_sha256"])})):
@@ -169,7 +165,6 @@ def _steps(place: Path, owned: dict[tuple[str, str], pa.Table], name: str, row: 
 
 
 def _stored(place: Path, listed: set[str], kind: str, sha256: str) -> Any:
-    """The record that a dataset keeps in a file by its content."""
     name = f"{kind}/{file_name(sha256)}"
     if name not in listed:  # and so was not checked
         rule, remedy = f"what plans name is in {DATASET}", "export the dataset again"
@@ -194,8 +189,7 @@ def _unknown(catalog: Catalog, name: str, records: list[Any], replace: bool) -> 
     """Those that no version here says the same as; the others are left as they are."""
     key = TABLES[name].names[0]
     every = catalog.structures(every=True) if name == "structures" else catalog.demonstrations(every=True)
-    known = {(row[key], row["sha256"]) for row in every[[key, "sha256"]].to_dict("records")}
-    names = set(every[key])
+    known, names = set(every[[key, "sha256"]].itertuples(index=False, name=None)), set(every[key])
     new = [record for record in records if (getattr(record, key), record.sha256) not in known]
     clashes = sorted(getattr(record, key) for record in new if getattr(record, key) in names)
     if clashes and not replace:

@@ -36,7 +36,6 @@ SHORTEST_KEEP_HOURS = 1.0  # a writer that takes longer between points and row w
 CACHE_BYTES = 20 << 30
 TARGET_BYTES = 64 << 20  # of a data file
 DECODED_BYTES = 256 << 20  # of its rows in memory, where merging holds them some three times
-_ROWS_WEIGHED = 100
 _MANY = 16  # files that are merged while a table is written; their rows differ by less than so many times
 _TIDIED_BYTES = 16 << 20  # of rows in memory: a writer has little to spare; the rest is for `merge`
 
@@ -56,10 +55,7 @@ class Removed:
 
 
 def compact(catalog: Reading) -> dict[str, int]:
-    """Merge small data files, in the order of commits; returns how many files were merged, by table.
-
-    Readers and writers go on meanwhile, and older versions can still be asked for.
-    """
+    """Merge small data files, in the order of commits, while others read and write; how many, by table."""
     return {name: merge(table, TARGET_BYTES) for name, table in catalog.tables.items()}
 
 
@@ -119,7 +115,6 @@ def _drop_shards(shards: FileStore, before: datetime) -> int:
 
 
 def _remove_drafts(root: Path, before: datetime) -> int:
-    """Files that stopped writers began and never finished."""
     removed = 0
     for pattern in ("*/*.parquet#*", "*/_delta_log/*.tmp*", "**/.*.draft"):
         for path in root.glob(pattern):
@@ -142,8 +137,7 @@ def tidy(table: StoredTable, version: int) -> None:
     """Merge small files of a table now and then, beside those who write it; questions stay quick.
 
     Every sixteenth commit does so, in a thread that only the end of the process waits for, and for files of
-    about one size, so that a row is written again only as its file grows sixteenfold. What hinders it is no
-    matter of the rows.
+    about one size, so that a row is written again only as its file grows sixteenfold. Errors are logged.
     """
     beside = table.beside() if version % _MANY == 0 else table
 
@@ -159,7 +153,6 @@ def tidy(table: StoredTable, version: int) -> None:
 
 
 def _merged(table: StoredTable, delta: DeltaTable, chosen: list[File]) -> int:
-    """Merge some files; how many."""
     if len(chosen) < 2:
         return 0
     # One file after the other, with texts that repeat once: a row's settings alone take kilobytes.
@@ -213,5 +206,5 @@ def _row_bytes(table: StoredTable, delta: DeltaTable, files: list[File]) -> floa
     """What a row takes in memory, bytes, estimated from some."""
     if not files:
         return 0.0
-    some = table.rows_in(delta, [files[0]["path"]]).head(_ROWS_WEIGHED, use_threads=False)
+    some = table.rows_in(delta, [files[0]["path"]]).head(100, use_threads=False)
     return some.nbytes / max(len(some), 1)

@@ -124,7 +124,6 @@ def files_of(now: Generation, plans: pd.DataFrame, frames: dict[str, pd.DataFram
 
 
 def _step_files(name: str, owners: pd.DataFrame, weights: Weights) -> Files:
-    """The files of the steps of these owners, each with its `kind` and `target_id`."""
     key, count = TABLES[name].names[0], f"n_{name}"
     owners = owners.loc[owners[count] > 0, [key, "commit_id", f"{name}_sha256", count, "kind", "target_id"]]
     order = pc.sort_indices(pa.array(owners[key], pa.string())).to_numpy()  # of each there is one row
@@ -141,8 +140,7 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weights: Weights) 
     """Rows by file, in so many files as all rows weigh; each is named by some columns of its rows."""
     rows.attrs.clear()  # which pandas copies with every choice of rows
     made_of = digest([SCHEMA_VERSION, TABLES[name].names])
-    texts = queries.named(rows, columns)
-    files: Files = {}
+    texts, files = queries.named(rows, columns), Files()
     for kind, at in rows.groupby("kind").indices.items():
         folder = f"{name}.parquet/{check_id(str(kind), 'kind')}"
         count = _count(name, weights[kind])
@@ -213,7 +211,6 @@ def _steps(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[t
 
 
 def _lots(files: Files, weights: Iterable[float], most: int) -> Iterator[list[str]]:
-    """Some files at a time, of about so much weight."""
     numbered = zip((held // most for held in accumulate(weights)), files, strict=True)
     for _, lot in groupby(numbered, itemgetter(0)):
         yield [file for _, file in lot]

@@ -43,17 +43,9 @@ def export_tables(catalog: Catalog, folder: str | os.PathLike[str], force: bool 
     person released one; waypoints and poses are those of the published rows, which are read before them, so
     no trajectory is published without its points.
 
-    Parameters
-    ----------
-    catalog, folder
-    force : bool
-        Also replace a publication that is newer, of another catalog, or would shrink to nothing.
-
-    Raises
-    ------
-    CatalogError
-        If the folder cannot be written, holds what must not be replaced, or a trajectory is damaged.
-        What was published still is.
+    A folder that cannot be written, or holds what must not be replaced without `force` (a publication that is
+    newer, of another catalog, or would shrink to nothing), or a damaged trajectory is a `CatalogError`; what
+    was published still is.
     """
     catalog.identity.required()
     place = local_folder(folder)
@@ -71,10 +63,7 @@ def local_folder(folder: str | os.PathLike[str]) -> Path:
 
 
 def published_tables(folder: str | os.PathLike[str]) -> dict[str, Path]:
-    """Where the tables of the current generation lie: paths that stay as they are while others publish.
-
-    Where nothing is published that is a `CatalogError`.
-    """
+    """Paths of the tables of the current generation, which stay; a `CatalogError` where there is none."""
     place = Path(folder) / "tables" / "current"
     if not place.exists():
         raise CatalogError(str(folder), "nothing is published there")

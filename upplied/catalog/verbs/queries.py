@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from upplied.catalog.database import Catalog
 
 When = datetime | str
+Equal = Mapping[str, str | None]  # column -> its text; any where it is None
 
 NAMED = ["transfer_id", "commit_id", *NEWEST]  # what tells a row of `transfers` from all others
 _FEW = 0.25  # share of the rows up to which they are looked for by name
@@ -75,9 +76,7 @@ class PlannedTrajectory(Trajectory):
         return poses.interpolate(self, np.atleast_1d(np.asarray(t_s, float)))
 
 
-def matching(
-    equal: Mapping[str, str | None], among: Mapping[str, Iterable[str] | None] | None = None
-) -> ds.Expression | None:
+def matching(equal: Equal, among: Mapping[str, Iterable[str] | None] | None = None) -> ds.Expression | None:
     """The rows whose columns are equal to these texts, or among these, where any are asked for."""
     parts = [pc.field(name) == value for name, value in equal.items() if value is not None]
     for name, values in (among or {}).items():
@@ -133,9 +132,7 @@ def steps(table: StoredTable, row: Row) -> pa.Table:
     return checked(declared.name, own_steps.take(pc.sort_indices(own_steps["seq"])), stated)
 
 
-def versions(
-    table: StoredTable, equal: Mapping[str, str | None], every: bool, as_of: When | None
-) -> pd.DataFrame:
+def versions(table: StoredTable, equal: Equal, every: bool, as_of: When | None) -> pd.DataFrame:
     """Versions of each id counted in the order of commits, then narrowed to what was asked."""
     name = table.declared.names[0]
     versions = frame(table.read(until(as_of))).sort_values([name, *COMMIT], kind="stable")
@@ -171,10 +168,7 @@ _COMPARED = (
 
 
 def history(catalog: Catalog, limit: int | None = None) -> pd.DataFrame:
-    """Commits, newest first: when, to which table, its version after it, what was done, rows added.
-
-    All, or the newest `limit`, as far back as the tables keep their log; `as_of` reaches to the first row.
-    """
+    """Commits that logs still have, or `limit`, newest first: when, table, its version, what, rows added."""
     commits = []
     for name, table in catalog.tables.items():
         delta = table.delta()
@@ -199,18 +193,11 @@ def runs(catalog: Catalog) -> pd.DataFrame:
 
 
 def diff(catalog: Catalog, before: When | int, after: When | int | None = None) -> pd.DataFrame:
-    """What is different between two moments, one row per change, worst loss of coverage first.
+    """What is different between two moments, or versions of `transfers`; `after` is now where it is not said.
 
-    Parameters
-    ----------
-    before, after : datetime, str or int
-        A moment, or a version of `transfers`; `after` is now where it is not said.
-
-    Returns
-    -------
-    DataFrame
-        demonstration_id, target_id, preset, change (added, replanned, gone), why (which inputs
-        changed), and for each measure its value before, after, and the difference.
+    One row per change, worst loss of coverage first: demonstration_id, target_id, preset, change (added,
+    replanned, gone), why (which inputs changed), and for each measure its value before, after, and the
+    difference.
     """
     sides = [_current(catalog, before), _current(catalog, after)]
     joined = sides[0].merge(sides[1], how="outer", on=PAIR, suffixes=("_before", "_after"), indicator=True)

@@ -1,7 +1,6 @@
 """Who may release plans: a file of names and public keys; and signatures, which are checked offline.
 
-Without it everybody may and nothing is signed. It is ``roster.json`` beside the tables, or
-``UPPLIED_ROSTER``.
+Without it everybody may and nothing is signed. It is ``roster.json`` beside the tables or ``UPPLIED_ROSTER``.
 """
 
 from __future__ import annotations
