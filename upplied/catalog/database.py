@@ -62,18 +62,14 @@ class Catalog(Deciding):
     def trajectory(self, transfer_id: str, force: Collection[str] = ()) -> queries.PlannedTrajectory:
         """One planned trajectory, to be flown; it can be asked for its pose at any time.
 
-        Plans that may not be flown are looked at through `plan` and `waypoints`.
+        Plans that may not be flown are looked at through `plan` and `waypoints`. One that is not known, has
+        no trajectory, or whose steps are not those that were planned, is a `CatalogError`.
 
         Parameters
         ----------
         force : collection of str
             Rules that are overruled: ``preset``, ``verdict``, ``foreign``, ``altered``, ``rejected``,
             ``recalled``, ``superseded`` (docs/checks.md); one that is broken besides is a `RefusedError`.
-
-        Raises
-        ------
-        CatalogError
-            If the transfer is not known, has no trajectory, or its steps are not those that were planned.
         """
         row, broken = self.transfer(transfer_id, _JUDGED), dict[str, str]()
         path = self.path_of(row)  # compared with its hash: it is the one that its verdict is of

@@ -29,7 +29,6 @@ from upplied.files import replace_file
 from upplied.records import Bools, Floats, Ints, Record, Structure, SurfaceStates
 
 log = logging.getLogger(__name__)
-
 R = TypeVar("R")
 
 

@@ -9,6 +9,7 @@ from datetime import datetime
 from functools import partial
 from io import BytesIO
 from pathlib import Path
+from typing import TypeAlias
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -26,7 +27,8 @@ from upplied.errors import CatalogError
 from upplied.files import sync_path
 
 Columns = list[str] | None
-Where = ds.Expression | None
+Where: TypeAlias = ds.Expression | None
+Version = int | None
 Commits = Collection[str] | None  # of steps: the rows of these alone, others may lack
 
 _ORDER = "upplied.rows"  # the transaction that numbers rows advance
@@ -43,7 +45,7 @@ class StoredTable(OpenTable):
         self._columns_added = False
         self._names: dict[str, pa.ChunkedArray] = {}  # of rows, by data file
 
-    def dataset(self, version: int | None = None, commits: Commits = None) -> ds.Dataset | None:
+    def dataset(self, version: Version = None, commits: Commits = None) -> ds.Dataset | None:
         """The rows of a version, else the newest; None without any. Of `commits` alone, others may lack."""
         with self._lock:
             if (delta := self._refreshed()) is None:
@@ -58,11 +60,7 @@ class StoredTable(OpenTable):
             return self._dataset[1]
 
     def read(
-        self,
-        where: Where = None,
-        columns: Columns = None,
-        version: int | None = None,
-        commits: Commits = None,
+        self, where: Where = None, columns: Columns = None, version: Version = None, commits: Commits = None
     ) -> pa.Table:
         """The rows that fit, in the declared columns and types; those an older program lacked are null."""
         columns, dataset = columns or self.declared.names, self.dataset(version, commits)
@@ -71,13 +69,13 @@ class StoredTable(OpenTable):
         rows = explained(self.uri, partial(dataset.to_table, self._present(dataset, columns), where))
         return self._selected(rows, columns)
 
-    def narrow(self, columns: list[str], where: Where = None, version: int | None = None) -> pa.Table:
+    def narrow(self, columns: list[str], where: Where = None, version: Version = None) -> pa.Table:
         """As `read`, for questions over every row: texts that repeat are kept once (dictionaries)."""
         parts = [encoded(rows) for rows in self.batches(columns, where, version)]
         return pa.concat_tables(parts).unify_dictionaries()
 
     def batches(
-        self, columns: Columns, where: Where = None, version: int | None = None, commits: Commits = None
+        self, columns: Columns, where: Where = None, version: Version = None, commits: Commits = None
     ) -> Iterator[pa.Table]:
         """As `read`, some rows at a time, the first none; of None, what only a newer program knows too."""
         dataset = self.dataset(version, commits)
@@ -232,7 +230,7 @@ class StepTable(StoredTable):
         explained(self.files.path(name), lambda: self.files.write(name, content))
         return commit
 
-    def dataset(self, version: int | None = None, commits: Commits = None) -> ds.Dataset | None:
+    def dataset(self, version: Version = None, commits: Commits = None) -> ds.Dataset | None:
         """The steps of all commits, or of some; None where there are none."""
         if version is not None:
             return super().dataset(version)

@@ -179,25 +179,20 @@ def _brief(error: Exception) -> str:
 
 
 def remedy_of(what: str, message: str) -> str:
-    """What a person can do about it."""
-    if "://" in what:
-        return _remedy_of_store(what)
-    if "No space" in message or "os error 28" in message or "File too large" in message:
-        return "free some space; nothing was changed"
-    if "ermission" in message or "ead-only" in message:
-        return "ask for the right to read and write there; nothing was changed"
-    if "arquet" in message or "Json error" in message:
-        return "take that file, or the table's folder, from a backup; nothing was changed"
-    return ""
-
-
-def _remedy_of_store(uri: str) -> str:
-    """Which bucket was asked for, where, and which settings are missing; never what is in them."""
-    bucket = re.sub(r"^[a-z0-9]+://([^/]*).*$", r"\1", uri)
+    """What a person can do about it; of a store which bucket was requested where, and what is not set."""
+    if "://" not in what:
+        if "No space" in message or "os error 28" in message or "File too large" in message:
+            return "free some space; nothing was changed"
+        if "ermission" in message or "ead-only" in message:
+            return "ask for the right to read and write there; nothing was changed"
+        if "arquet" in message or "Json error" in message:
+            return "take that file, or the table's folder, from a backup; nothing was changed"
+        return ""
+    bucket = re.sub(r"^[a-z0-9]+://([^/]*).*$", r"\1", what)
     endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL") or ""
     where = re.sub(r"//[^/@]*@", "//", endpoint) or "the store's own (AWS_ENDPOINT_URL is not set)"
     needed = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_REGION")
-    missing = [name for name in needed if not os.environ.get(name)]
+    missing = [name for name in needed if not os.environ.get(name)]  # never what is in them
     if "AWS_REGION" in missing and os.environ.get("AWS_DEFAULT_REGION"):
         missing.remove("AWS_REGION")
     if endpoint.startswith("http://") and os.environ.get("AWS_ALLOW_HTTP", "").lower() != "true":

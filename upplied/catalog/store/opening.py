@@ -31,7 +31,6 @@ from upplied.catalog.store.files import FileStore, explained
 from upplied.errors import CatalogError
 
 log = logging.getLogger(__name__)
-
 T = TypeVar("T")
 
 _FILE = "catalog.json"
@@ -258,7 +257,6 @@ class OpenTable:
         return self._delta
 
     def _unstated(self, version: int) -> str:
-        """The hashes that `unstated` tells of the log, as JSON."""
         if self._stated[0] != version:
             self._stated = version, json.dumps(unstated(self._log, version))
         return self._stated[1]

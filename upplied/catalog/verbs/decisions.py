@@ -115,7 +115,10 @@ class Deciding(OwnSettings):
         Roster(self.location).check_may_release(by.strip())
         forced = self._check_release(row, now.of(transfer_id), tuple(force))
         unit = unit_of(row)
-        about = {"forced": "; ".join(forced), "target_sha256": self._target_sha256(row)}
+        about = {
+            "forced": "; ".join(forced),
+            "target_sha256": self.newest("structures", row["target_id"])["sha256"],
+        }
         about["after"] = now.last.get(unit, "") if after is None else after
         name = self._decide(row, "released", by, note, **about)
         if name in (again := self.standing()).void:
@@ -157,15 +160,12 @@ class Deciding(OwnSettings):
             broken["verdict"] = row["not_flyable"] or "it was planned by a version without a verdict"
         if state in ("rejected", "recalled"):
             broken[state] = f"it was {state}"
-        if row["target_sha256"] and row["target_sha256"] != self._target_sha256(row):
+        if (was := row["target_sha256"]) and was != self.newest("structures", row["target_id"])["sha256"]:
             broken["changed"] = f"{row['target_id']} changed since it was planned"
         if left := [rule for rule in broken if rule not in force]:
             fault = "; ".join([broken[left[0]], *(f"{rule}: {broken[rule]}" for rule in left[1:])])
             raise RefusedError(what, fault, RELEASE_RULES[left[0]], f"or overrule it: --force {left[0]}")
         return [f"{rule}: {fault}" for rule, fault in broken.items()]
-
-    def _target_sha256(self, row: Row) -> str:
-        return str(self.newest("structures", row["target_id"])["sha256"])
 
     def _decide(self, row: Row, state: str, by: str, note: str, **about: str) -> str:
         check_text("a decision", "note", note)

@@ -38,6 +38,9 @@ def import_dataset(
 ) -> dict[str, int]:
     """Take the content of an exported folder into a catalog, after checking all; rows added, by table.
 
+    A folder that is not whole, does not match its hashes, or contradicts itself or the catalog is a
+    `CatalogError`; nothing is added then.
+
     Parameters
     ----------
     catalog, folder
@@ -47,12 +50,6 @@ def import_dataset(
     measured : callable
         Computes the measures of a plan anew, from what it was made from; one that says other ones is an
         error. Without it nothing proves the measures of a dataset, and `imported_from` tells so.
-
-    Raises
-    ------
-    CatalogError
-        If the folder is not whole, does not match its hashes, or contradicts itself or the
-        catalog. Nothing is added then.
     """
     place = Path(folder)
     dataset, listed = check_files(place)

@@ -202,8 +202,7 @@ def _files(delta: DeltaTable) -> list[File]:
     return sorted(files, key=lambda file: (file["modification_time"], file["path"]))
 
 
-def _row_bytes(table: StoredTable, delta: DeltaTable, files: list[File]) -> float:
-    """What a row takes in memory, bytes, estimated from some."""
+def _row_bytes(table: StoredTable, delta: DeltaTable, files: list[File]) -> float:  # in memory, about
     if not files:
         return 0.0
     some = table.rows_in(delta, [files[0]["path"]]).head(100, use_threads=False)
