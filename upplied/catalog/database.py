@@ -207,5 +207,4 @@ class Catalog(Deciding):
 
     def add_edit(self, row: Mapping[str, Any]) -> int:
         """Keep a change of a plan: a row of `edits` without its commit; one that is known adds nothing."""
-        known = set(self.edits()["edit_id"])
-        return 0 if row["edit_id"] in known else self.add_rows("edits", [dict(row)])
+        return 0 if row["edit_id"] in set(self.edits()["edit_id"]) else self.add_rows("edits", [dict(row)])

@@ -141,8 +141,7 @@ def _values(record: Any) -> dict[str, Any]:
 
 
 def _viewpoint_flags(plan: Plan, path: Trajectory) -> Bools:
-    flags = np.zeros(len(path), bool) if plan.is_viewpoint is None else plan.is_viewpoint
-    return np.asarray(flags, bool)
+    return np.asarray(np.zeros(len(path), bool) if plan.is_viewpoint is None else plan.is_viewpoint, bool)
 
 
 def _json_value(value: Any) -> Any:

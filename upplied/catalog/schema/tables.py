@@ -16,7 +16,6 @@ one would misread, which then refuses; newer ones read older tables as they are.
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
@@ -119,12 +118,6 @@ def needed(table: Table, columns: list[str]) -> list[str]:
     """These columns, and the one that `added_at` is filled from in older rows."""
     more = ["planned_at"] if "added_at" in columns and "planned_at" in table.names else []
     return list(dict.fromkeys([*columns, *more]))
-
-
-def missing(table: Table, names: Collection[str]) -> list[str]:
-    """Columns without which rows are of no schema that there ever was."""
-    filled = {*names, "commit_version", "added_at"}
-    return [c.name for c in table.columns if c.required and c.name not in filled]
 
 
 def upgraded(table: Table, rows: pa.Table) -> pa.Table:

@@ -104,10 +104,8 @@ def _link(before: str, content: str) -> str:
 
 
 def content_hashes(rows: pa.Table) -> list[str]:
-    """The hash of each row, but for its own hash and that of the row before it.
-
-    Null and empty fields count for nothing: columns that came later leave older hashes as they are.
-    """
+    """The hash of each row, but for its own hash and that of the row before it."""
+    # Null and empty fields count for nothing: columns that came later leave older hashes as they are.
     names, hashes = sorted(set(rows.column_names) - {_HASH, _BEFORE}), list[str]()
     for start in range(0, len(rows), _ROWS):
         bounds, text = _texts(rows.select(names).slice(start, _ROWS))

@@ -222,11 +222,9 @@ def locked(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def turn(path: Path) -> Iterator[None]:
-    """Wait for the others who do the same, for some seconds at most; a courtesy, which nothing depends on.
-
-    Nobody overtakes: the first who waits holds a second lock, which whoever comes back for another turn
-    needs too. The kernel wakes them: looks now and then would mostly find the turn taken.
-    """
+    """Wait for the others who do the same, for some seconds at most; a courtesy, which nothing depends on."""
+    # Nobody overtakes: the first who waits holds a second lock, which whoever comes back for another turn
+    # needs too. The kernel wakes them: looks now and then would mostly find the turn taken.
     with _waited(_TURN_S, path.with_suffix(".next"), path):
         yield
 

@@ -195,8 +195,7 @@ def _makes_way(stored: Row | None, status: str, run_id: str = "", foreign: bool 
         return True
     if is_foreign(stored):
         return not foreign
-    failed_again = status == "failed" and run_id in ("", stored["run_id"])
-    return stored["status"] == "failed" and not failed_again
+    return stored["status"] == "failed" and not (status == "failed" and run_id in ("", stored["run_id"]))
 
 
 def _repeated(table: StoredTable, stored: Sequence[Row], changes: Mapping[str, Any]) -> pa.Table:

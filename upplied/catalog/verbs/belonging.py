@@ -46,12 +46,10 @@ class OwnSettings(Adding):
             Each with `zone` (its name), `where` (landmarks, part_0, "box X Y Z X Y Z", "ball X Y Z R", m,
             "labels HASH LABEL" of `add_labels`), `on`, and what is asked: `looks`, `gsd_mm`,
             `incidence_deg`, `max_age_days`. None takes the set back.
-        by, note : str
         """
         check_id(name, "name of requirements")
         about = self._owned(f"requirements {name}", scope, owner, by, note)
-        structures = self.structures()
-        kinds = dict(zip(structures["structure_id"], structures["kind"], strict=True))
+        kinds = dict(self.structures()[["structure_id", "kind"]].itertuples(index=False, name=None))
         kind = owner if scope == "kind" else kinds[owner]
         checked = [_zone(name, zone) for zone in zones]
         for zone in checked:
@@ -91,8 +89,7 @@ class OwnSettings(Adding):
     def set(self, scope: str, owner: str, values: Mapping[str, Any], by: str, note: str = "") -> int:
         """Set settings of a kind or a structure, which its plans are then made with.
 
-        `values` are by setting, as ``{"route.clearance_m": 3.0}``; None takes one back; the others as for
-        `require`.
+        `values` are by setting, as ``{"route.clearance_m": 3.0}``; None takes one back; else as `require`.
         """
         about = self._owned("a setting", scope, owner, by, note)
         commit, new = self.new_commit_id(), list[Row]()

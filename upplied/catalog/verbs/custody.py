@@ -151,8 +151,7 @@ def stored_plans(catalog: Reading, transfer_ids: Collection[str]) -> tuple[pa.Ta
     rows = catalog.tables["transfers"].whole(pc.field("transfer_id").isin(ids))
     rows = ordering.in_order(rows, newest=False)
     own = rows.select([name for name in rows.column_names if name not in _NOT_ITS_OWN])
-    names = rows["transfer_id"].to_pylist()
-    return rows, dict(zip(names, content_hashes(own), strict=True))
+    return rows, dict(zip(rows["transfer_id"].to_pylist(), content_hashes(own), strict=True))
 
 
 _PART = re.compile(r"part-([0-9a-f]{64})-[0-9a-f]{8}\.parquet")

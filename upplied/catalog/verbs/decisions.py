@@ -67,8 +67,7 @@ class Deciding(OwnSettings):
         rows = [now.why[plan] for plan, state in now.state.items() if state == "recalled"]
         left = [row["transfer_id"] for row in rows if now.last[unit_of(row)] == row["decision_id"]]
         every = self.transfers(every=True, structure=structure, ids=sorted(left))
-        used = set(self.structures()["structure_id"])
-        return every[every["target_id"].isin(used)].reset_index(drop=True)
+        return every[every["target_id"].isin(set(self.structures()["structure_id"]))].reset_index(drop=True)
 
     def foremost(self, columns: Sequence[str], ids: Sequence[str] | None = None) -> pd.DataFrame:
         """The newest plans, but the one in force in the place of the newest of its pair and preset.
@@ -98,7 +97,6 @@ class Deciding(OwnSettings):
 
         Parameters
         ----------
-        transfer_id, by, note : str
         force : sequence of str
             Rules that are overruled: preset, verdict, rejected, recalled, changed.
         after : str, optional

@@ -148,8 +148,7 @@ def check_files(place: Path) -> tuple[str, set[str]]:
     if version > SCHEMA_VERSION:
         fault = f"has schema version {version}"
         raise CatalogError(str(place), fault, f"at most {SCHEMA_VERSION}", "use a newer version")
-    needed = {f"{name}.parquet" for name in EXCHANGED}
-    for name in sorted(needed | set(files)):
+    for name in sorted({f"{table}.parquet" for table in EXCHANGED} | set(files)):
         path = place / name
         if name not in files or _relative(place, path) != name or ".." in Path(name).parts:
             raise CatalogError(f"{place}: {name[:200]}", "is not listed, or lies outside the folder")
@@ -176,8 +175,7 @@ def splits_of(
 ) -> dict[str, dict[str, dict[str, list[Any]]]]:
     """What is for training of some plans and demonstrations (all in use): the content of ``splits.json``.
 
-    By structure: none on two sides, each kind on all where it has enough members; by kind: one after the
-    other left out.
+    By structure: none on two sides, each kind on all where it has enough members; by kind: each left out.
     """
     kinds, flights = kinds_of(catalog), catalog.demonstrations()
     flown = dict(zip(flights["demonstration_id"], flights["structure_id"], strict=True))
@@ -204,8 +202,7 @@ def splits_of(
 
 def kinds_of(catalog: Catalog) -> dict[str, str]:
     """The kind of each structure in the fleet."""
-    structures = catalog.structures()
-    return dict(zip(structures["structure_id"], structures["kind"], strict=True))
+    return dict(catalog.structures()[["structure_id", "kind"]].itertuples(index=False, name=None))
 
 
 def split_of(kinds: Mapping[str, str]) -> dict[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from upplied.catalog.database import Catalog
 from upplied.catalog.schema import codec, plan_rows, rows
 from upplied.catalog.schema.rows import Row
 from upplied.catalog.schema.steps import run_starts, unlike
-from upplied.catalog.schema.tables import TABLES, in_schema, missing, upgraded
+from upplied.catalog.schema.tables import TABLES, in_schema, upgraded
 from upplied.catalog.store.contents import CONTENTS, NAMED_CONTENTS, States, file_name
 from upplied.catalog.verbs.exporting import DATASET, EXCHANGED, check_files
 from upplied.catalog.verbs.ordering import by_commit
@@ -63,14 +64,10 @@ def import_dataset(
             for value in tables[name][column].unique().to_pylist():
                 check_id(value, f"{place}: {name}.{column}")
     steps = {name: _by_owner(tables[name]) for name in ("poses", "waypoints")}
-    structures = [
-        rows.structure_of(row, _stored(place, listed, "meshes", row["mesh_sha256"]))
-        for row in by_commit(tables["structures"])
-    ]
-    demonstrations = [
-        rows.demonstration_of(row, _steps(place, steps["poses"], "poses", row))
-        for row in by_commit(tables["demonstrations"])
-    ]
+    mesh, poses = partial(_stored, place, listed, "meshes"), partial(_steps, place, steps["poses"], "poses")
+    structures = [rows.structure_of(row, mesh(row["mesh_sha256"])) for row in by_commit(tables["structures"])]
+    flown = by_commit(tables["demonstrations"])
+    demonstrations = [rows.demonstration_of(row, poses(row)) for row in flown]
     plans = tables["transfers"].to_pylist()
     for row in plans:
         if plan_rows.transfer_id(row["key"]) != row["transfer_id"]:
@@ -137,7 +134,8 @@ def _read(place: Path, name: str) -> pa.Table:
     what = str(place / f"{name}.parquet")
     try:
         exported = pq.read_table(what)
-        if lacking := missing(TABLES[name], exported.schema.names):
+        there = {*exported.schema.names, "commit_version", "added_at"}  # which older rows are filled with
+        if lacking := [c.name for c in TABLES[name].columns if c.required and c.name not in there]:
             raise CatalogError(what, f"has not the declared columns: no {', '.join(lacking)}")
         return upgraded(TABLES[name], in_schema(exported, TABLES[name].schema))
     except (OSError, pa.ArrowException) as error:

@@ -134,11 +134,9 @@ def merge(table: StoredTable, size_bytes: int) -> int:
 
 
 def tidy(table: StoredTable, version: int) -> None:
-    """Merge small files of a table now and then, beside those who write it; questions stay quick.
-
-    Every sixteenth commit does so, in a thread that only the end of the process waits for, and for files of
-    about one size, so that a row is written again only as its file grows sixteenfold. Errors are logged.
-    """
+    """Merge small files of a table now and then, beside those who write it; questions stay quick."""
+    # Every sixteenth commit does so, in a thread that only the end of the process waits for, and for files of
+    # about one size, so that a row is written again only as its file grows sixteenfold. Errors are logged.
     beside = table.beside() if version % _MANY == 0 else table
 
     def act() -> None:

@@ -148,13 +148,11 @@ def _files(name: str, rows: pd.DataFrame, columns: list[str], weights: Weights) 
         bucket = np.array([zlib.crc32(target.encode()) % count for target in targets.tolist()])[number]
         order = np.argsort(bucket, kind="stable")
         held, bucket = texts.take(pa.array(at[order])).to_pylist(), bucket[order]
-        ends = [*(np.flatnonzero(np.diff(bucket)) + 1), len(order)]
-        for first, end in pairwise([0, *ends]):
+        for first, end in pairwise([0, *(np.flatnonzero(np.diff(bucket)) + 1), len(order)]):
             sha256 = hashlib.sha256("\n".join([made_of, *held[first:end]]).encode()).hexdigest()
             file = f"{folder}/{bucket[first] + 1:04}-of-{count:04}-{sha256[:16]}.parquet"
             files[file] = rows.iloc[at[order[first:end]]]
-    nothing = {f"{name}.parquet/none-{made_of[:16]}.parquet": rows[:0]}
-    return files if any(weights.values()) else nothing
+    return files if any(weights.values()) else {f"{name}.parquet/none-{made_of[:16]}.parquet": rows[:0]}
 
 
 def rows_of(catalog: Catalog, was: Before, name: str, files: Files) -> Iterator[tuple[str, pa.Table]]:

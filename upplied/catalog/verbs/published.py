@@ -123,8 +123,7 @@ def write(path: Path, declared: Table, parts: Iterable[pa.Table]) -> int:
         with pq.ParquetWriter(file, schema, compression="zstd") as writer:
             for rows in parts:
                 for at in range(0, len(rows), _ROW_GROUP):  # decoded so many at a time
-                    part = decoded(rows.slice(at, _ROW_GROUP))
-                    writer.write_table(part.select(schema.names).cast(schema))
+                    writer.write_table(decoded(rows.slice(at, _ROW_GROUP)).select(schema.names).cast(schema))
                 count += len(rows)
         file.flush()
         os.fsync(file.fileno())

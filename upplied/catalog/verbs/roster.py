@@ -65,8 +65,7 @@ class Roster:
             place = Path(self.path)
             if self._files.local and (not place.is_file() or place.stat().st_size > _MOST_BYTES):
                 raise OSError("it is no file, or too large")
-            document = json.loads(self._files.read(self._name))
-            people = [Person(**one) for one in document["people"]]
+            people = [Person(**one) for one in json.loads(self._files.read(self._name))["people"]]
             for one in people:
                 if not all(isinstance(value, str) for value in vars(one).values()):
                     raise ValueError("its people are not texts")

@@ -219,8 +219,7 @@ def _texts(column: pa.ChunkedArray) -> pa.Array:
 
 
 def _owners(rows: pa.Table, column: str, values: list[str], name: int | str = 0) -> dict[str, list[str]]:
-    texts = rows[column].cast(pa.string())
-    own = rows.filter(pc.is_in(texts, pa.array(values, pa.string())))
+    own = rows.filter(pc.is_in(rows[column].cast(pa.string()), pa.array(values, pa.string())))
     owners: dict[str, list[str]] = {value: [] for value in values}
     for value, owner in zip(own[column].to_pylist(), own[name].to_pylist(), strict=True):
         owners[value].append(owner)
@@ -261,8 +260,7 @@ def _settings(transfers: pa.Table) -> Iterator[Finding]:
     for (text, sha256), rows in as_frame(transfers).groupby(_SETTINGS, observed=True):
         try:
             settings = settings_of(text)
-            known = settings.sha256 == sha256 or settings.text != text
-            wrong = "" if known else "do not match it"
+            wrong = "" if settings.sha256 == sha256 or settings.text != text else "do not match it"
         except (UppliedError, ValueError) as error:
             wrong = f"cannot be read: {error}"
         if wrong:
