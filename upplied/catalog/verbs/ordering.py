@@ -117,7 +117,7 @@ def settled_plans(
 
 
 def in_order(table: pa.Table, newest: bool) -> pa.Table:
-    """One row per plan, its newest, ordered by pair and commit; with `newest`, the last of each pair alone."""
+    """One row per plan, its newest, ordered by pair and commit; with `newest`, the last of each pair."""
     # A failure may be followed, racing writers may add a plan twice, and one may become current again.
     pairs, chosen = np.zeros(len(table), np.int64), np.arange(len(table))
     for name in SLOT:  # a number per row that is the same for the same pair, and grows with its names
