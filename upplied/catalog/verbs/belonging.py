@@ -229,7 +229,6 @@ def changes_for(
 
 
 def _check(setting: str, value: Any) -> None:
-    """Refuse a setting that there is not, or a value that it does not take."""
     stage, dot, name = setting.partition(".")
     if setting == PRESET:
         if value is not None and value not in PRESETS:

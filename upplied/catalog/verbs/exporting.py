@@ -104,8 +104,7 @@ def _put(catalog: Catalog, place: Path, kind: str, sha256: str) -> None:
 
 
 def _only(frame: pd.DataFrame, column: str, names: Any) -> pd.DataFrame:
-    """The newest version of each, retired or not."""
-    return frame[frame[column].isin(set(names))].drop_duplicates(column, keep="last")
+    return frame[frame[column].isin(set(names))].drop_duplicates(column, keep="last")  # retired or not
 
 
 def new_folder(folder: str | os.PathLike[str]) -> Path:
