@@ -125,7 +125,7 @@ def promote(
     where: Where = HERE,
 ) -> int:
     """Store a flight as a demonstration, to be transferred to other structures."""
-    from upplied.fleet.promoting import promote_flight
+    from upplied.fleet.flights import promote_flight
 
     outcome = promote_flight(where.opened(), flight, by, name, force)
     say(f"{outcome.demonstration_id}: a demonstration of {outcome.structure_id}")

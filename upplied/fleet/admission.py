@@ -123,9 +123,8 @@ def check_structures(
 ) -> list[Ingested]:
     """Read the structures of a manifest and say what is wrong; nothing is kept.
 
-    Each is judged among those of a catalog, where there is one, and among the others of the manifest; it
-    is "good", "odd" (with what a person should look at) or "failed" (with the reason). Parameters are those
-    of `upplied.fleet.ingest_structures`.
+    Each is judged among those of a catalog, where there is one, and among the others of the manifest: "good",
+    "odd" (with what a person should look at) or "failed" (with the reason). Parameters: `ingest_structures`.
     """
     entries = (rules or RuleOptions()).of(read_manifest(manifest))
     results: list[Ingested | tuple[Ingested, tuple[Verdict, ...], Member]] = []

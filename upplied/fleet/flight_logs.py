@@ -41,8 +41,6 @@ _OF_FLIGHT = ("photos_missing", "cross_track_p95_m", "flown_pct", "silent_s")
 
 @dataclass(frozen=True)
 class Judged:
-    """A flight as it was found to be: its row, its path on the plan, and what it saw."""
-
     row: Row
     path: Trajectory
     surface: Cloud
@@ -58,13 +56,13 @@ def add_flight_log(
 ) -> Row:
     """Read the log of a flight, lay it on its plan and keep what came of it: its row of `flights`.
 
-    A known log adds nothing.
+    A known log adds nothing; an `InputError` where log or photos cannot be read, or are of another structure;
+    refused where the log lies on no plan.
 
     Parameters
     ----------
-    catalog : Catalog
-    log : path
-        Of any family of logs that demonstrations are read from.
+    catalog, log
+        The log is of any family that demonstrations are read from.
     transfer_id : str
         The plan that was flown; empty: the one of the structure that the log lies on best, among those
         in force, or the newest where none is.
@@ -73,13 +71,6 @@ def add_flight_log(
         it the camera is taken to see all the time.
     accuracy_m : float, optional
         Of the logged positions, m, as of RTK: the log is corrected by no more.
-
-    Raises
-    ------
-    InputError
-        If the log or the photos cannot be read, or are of another structure.
-    RefusedError
-        If the log lies on no plan.
     """
     if accuracy_m is not None and not 0 <= accuracy_m < np.inf:
         raise InputError("accuracy", f"is {accuracy_m:g} m", "0 m or more")
@@ -89,7 +80,6 @@ def add_flight_log(
 
 
 def _added(workers: Workers, catalog: Catalog, log: str | Path, *given: Any) -> Row:
-    """Judge a log in a worker and keep what came of it."""
     try:
         judged: Judged = workers.run(judge_log, catalog.location, str(log), *given)
     except JobKilled as death:
@@ -128,13 +118,12 @@ def judge_log(
     photo_s = None if photo_ns is None else np.asarray((photo_ns - flown.t_ns[0]) * 1e-9, np.float64)
     # Where it flew, and what it saw, nothing stood that is only supposed: what was scanned counts.
     scene = scene_of(catalog.structure(row["target_id"]))
-    logged = flown.trajectory, scene, flown.camera, photo_s
-    judged = judged_on_plan(catalog, row, laid.on, *logged)
-    parts = ["flown", row["transfer_id"], row["waypoints_sha256"], flown.sha256]
-    parts.append("" if photo_ns is None else hashlib.sha256(photo_ns.tobytes()).hexdigest())
+    judged = judged_on_plan(catalog, row, laid.on, flown.trajectory, scene, flown.camera, photo_s)
+    photos_sha256 = "" if photo_ns is None else hashlib.sha256(photo_ns.tobytes()).hexdigest()
+    made_of = [row["transfer_id"], row["waypoints_sha256"], flown.sha256, photos_sha256]
     wind = flown.wind
     own = {
-        "flight_id": digest(parts),
+        "flight_id": digest(["flown", *made_of]),
         "kind": "flown",
         "flown_at": moment_of(int(flown.t_ns[0])),
         "log_sha256": flown.sha256,
@@ -169,12 +158,11 @@ def judged_on_plan(
     assert plan.trajectory is not None
     viewpoint_s = plan.trajectory.t_s[np.flatnonzero([] if plan.is_viewpoint is None else plan.is_viewpoint)]
     rule = settings_of(row["settings_json"]).inspection
-    where = surface, camera, scene, photo_s, planned_with, rule
-    flown = as_flown(plan.trajectory, viewpoint_s, on, logged, *where)
+    known = surface, camera, scene, photo_s, planned_with, rule
+    flown = as_flown(plan.trajectory, viewpoint_s, on, logged, *known)
     looks = flown.looks
-    of_plan = ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")
     columns = {
-        **{name: row[name] for name in of_plan},
+        **{name: row[name] for name in ("transfer_id", "demonstration_id", "target_id", "waypoints_sha256")},
         **{name: getattr(on, name) for name in _OF_ALIGNMENT},
         **{name: getattr(flown, name) for name in _OF_FLIGHT},
         "clock_error_s": on.clock_error_s if np.isfinite(on.clock_error_s) else None,
@@ -202,9 +190,9 @@ def _share_pct(flags: Bools | None, required: Bools) -> float | None:
 def keep_looks(catalog: Catalog, judged: Judged) -> str:
     """Store how a flight saw the samples of its surface; the hash of it."""
     surface, looks = judged.surface, judged.flown.looks
+    seen = looks.seen, looks.values, looks.pictures, looks.assumed
     inspected = {name: getattr(looks, name) for name in ("inspected", "inspected_if_corrected")}
-    where = surface.points, surface.normals, looks.seen, looks.values, looks.pictures, looks.assumed
-    return catalog.put_looks(*where, **inspected)
+    return catalog.put_looks(surface.points, surface.normals, *seen, **inspected)
 
 
 def required_of(
@@ -256,9 +244,8 @@ def left_out(catalog: Catalog, row: Row, zones: bool = True) -> str:
 
 def zones_left_out(catalog: Catalog, row: Row) -> str:
     """The zones that some safe camera can see and that were not seen as they ask, in words."""
-    target = catalog.structure(str(row["target_id"]))
     camera = catalog.demonstration(str(row["demonstration_id"])).camera
-    asking = zones_asked(catalog, row, target, camera)
+    asking = zones_asked(catalog, row, catalog.structure(str(row["target_id"])), camera)
     if asking is None:
         return ""
     judged = asking.judged(*looked(catalog, flown_with(catalog, row), asking.surface))
