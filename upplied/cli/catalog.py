@@ -159,6 +159,8 @@ FormatOption = Annotated[
 ]
 NameOption = Annotated[str, Parameter(help="Name with a version, such as boxes-v1; by default the folder's.")]
 PresetOption = Annotated[str, Parameter(help="Preset, or all; by default recommended, if present.")]
+ReplaceOption = Annotated[bool, Parameter(help="Store entries of the same name as newer versions.")]
+VerifyOption = Annotated[bool, Parameter(help="Compute the measures of every plan again and compare.")]
 DaysOption = Annotated[float, Parameter(help="Days for which older versions stay readable.")]
 
 
@@ -236,12 +238,7 @@ def export(
 
 @app.command(name="import")
 def import_(
-    folder: Path,
-    /,
-    *,
-    replace: Annotated[bool, Parameter(help="Store entries of the same name as newer versions.")] = False,
-    verify: Annotated[bool, Parameter(help="Compute the measures of every plan again and compare.")] = False,
-    where: Where = HERE,
+    folder: Path, /, *, replace: ReplaceOption = False, verify: VerifyOption = False, where: Where = HERE
 ) -> int:
     """Import an exported folder after checking it.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from upplied.cli import findings, options, terminal
-from upplied.cli.options import FindingArgument, FlightArgument, PointArgument, StructureArgument, Texts
+from upplied.cli.options import FindingId, FlightId, PointArgument, StructureId, Texts
 from upplied.cli.terminal import HERE, ID_DIGITS, PRINTED, Results, Where, errors, say
 from upplied.outputs.labels import LABELS
 
@@ -23,7 +23,11 @@ PlanOption = Annotated[str, Parameter(help="ID of the flown plan; by default the
 PhotosOption = Annotated[
     Path | None, Parameter(help="File with the times of photos, in nanoseconds of the log's clock.")
 ]
-ForceOption = Annotated[Texts, Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")]
+Force = Annotated[Texts, Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")]
+Name = Annotated[str, Parameter(help="Name of the demonstration; by default one is generated.")]
+Kind = Annotated[str, Parameter(help="Kind of the flight: flown or simulated.")]
+OnlyKind = Annotated[str | None, Parameter(help="Kind of the flight: flown or simulated.")]
+Size = Annotated[float, Parameter(help="Width of the area to show, in metres.")]
 
 
 @app.command
@@ -57,10 +61,7 @@ def add(
 
 @app.command(name="list")
 def list_flights(
-    *,
-    structure: options.OnlyStructure = None,
-    kind: Annotated[str | None, Parameter(help="Kind of the flight: flown or simulated.")] = None,
-    results: Results = PRINTED,
+    *, structure: options.OnlyStructure = None, kind: OnlyKind = None, results: Results = PRINTED
 ) -> int:
     """List the flights in the order of their import."""
     flights = results.opened().flights(structure=structure, kind=kind)
@@ -69,14 +70,14 @@ def list_flights(
 
 
 @app.command(name="show")
-def show_one(flight: FlightArgument, /, *, results: Results = PRINTED) -> int:
+def show_one(flight: FlightId, /, *, results: Results = PRINTED) -> int:
     """Show all details of one flight."""
     _show(results.opened().flight(flight), results)
     return 0
 
 
 @app.command
-def gap(flight: FlightArgument, /, *, where: Where = HERE) -> int:
+def gap(flight: FlightId, /, *, where: Where = HERE) -> int:
     """Plan the shortest safe flight over the surface that a flight missed; the result is a draft."""
     from upplied.fleet.gaps import plan_gap
 
@@ -94,12 +95,7 @@ def gap(flight: FlightArgument, /, *, where: Where = HERE) -> int:
 
 @app.command
 def history(
-    structure: StructureArgument,
-    point: PointArgument,
-    /,
-    *,
-    kind: Annotated[str, Parameter(help="Kind of the flight: flown or simulated.")] = "",
-    results: Results = PRINTED,
+    structure: StructureId, point: PointArgument, /, *, kind: Kind = "", results: Results = PRINTED
 ) -> int:
     """Show when the patch nearest to a point was seen, from which distance and at which angle."""
     looks = results.opened().looks_at(structure, point, kind)
@@ -116,13 +112,7 @@ def history(
 
 @app.command
 def promote(
-    flight: FlightArgument,
-    /,
-    *,
-    by: options.ByOption,
-    name: Annotated[str, Parameter(help="Name of the demonstration; by default one is generated.")] = "",
-    force: ForceOption = (),
-    where: Where = HERE,
+    flight: FlightId, /, *, by: options.By, name: Name = "", force: Force = (), where: Where = HERE
 ) -> int:
     """Store a flight as a demonstration, to be transferred to other structures."""
     from upplied.fleet.flights import promote_flight
@@ -179,7 +169,7 @@ LOOKED = LookResults()
 
 
 @findings.app.command(name="looks")
-def looks_of(finding: FindingArgument, /, *, results: LookResults = LOOKED) -> int:
+def looks_of(finding: FindingId, /, *, results: LookResults = LOOKED) -> int:
     """List every photo of every flight that shows a finding."""
     from upplied.findings.looks import off_surface, spot_of
 
@@ -195,12 +185,7 @@ def looks_of(finding: FindingArgument, /, *, results: LookResults = LOOKED) -> i
 
 
 def looks(
-    structure: StructureArgument,
-    point: PointArgument,
-    /,
-    *,
-    size: Annotated[float, Parameter(help="Width of the area to show, in metres.")] = 0.5,
-    results: LookResults = LOOKED,
+    structure: StructureId, point: PointArgument, /, *, size: Size = 0.5, results: LookResults = LOOKED
 ) -> int:
     """List every photo of every flight that shows the place of the surface nearest to a point."""
     from upplied.findings.looks import spot_at

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from upplied.cli.options import Texts
+from upplied.cli.options import Texts, Words
 from upplied.cli.terminal import HERE, Where, complain, errors, progress, say
 from upplied.extras import extra, required
 
@@ -32,6 +32,8 @@ OneDemonstration = Annotated[str | None, Parameter(help="Only this demonstration
 PagesOption = Annotated[int, Parameter(help="Maximum number of pages; plans that need attention come first.")]
 ForceOption = Annotated[bool, Parameter(help="Replace a newer publication, or one of another catalog.")]
 PagesPortOption = Annotated[int, Parameter(help="Port on this machine; 0 takes any free one.")]
+FollowOption = Annotated[bool, Parameter(negative="--no-watch", help="Follow the run until it ends.")]
+EveryOption = Annotated[bool, Parameter(help="Report successful runs as well.")]
 OpenOption = Annotated[bool, Parameter("--open", negative="--no-open", help="Open the browser as well.")]
 
 
@@ -158,11 +160,7 @@ def watch(folder: Path, *, flights: FlightsOption = False, port: PortOption = 42
 
 
 @fleet.command
-def run(
-    *parameters: Annotated[str, Parameter(allow_leading_hyphen=False)],
-    watch: Annotated[bool, Parameter(negative="--no-watch", help="Follow the run until it ends.")] = True,
-    port: PortOption = 4200,
-) -> int:
+def run(*parameters: Words, watch: FollowOption = True, port: PortOption = 4200) -> int:
     """Run transfer-fleet now, on the server at PREFECT_API_URL, else the one of `upplied serve`.
 
     Parameters
@@ -183,12 +181,7 @@ def run(
 
 
 @fleet.command
-def notify(
-    url: str,
-    *,
-    every_run: Annotated[bool, Parameter(help="Report successful runs as well.")] = False,
-    port: PortOption = 4200,
-) -> int:
+def notify(url: str, *, every_run: EveryOption = False, port: PortOption = 4200) -> int:
     """Send a message whenever a run fails, is lost or leaves failures; a new address replaces the old one.
 
     Parameters

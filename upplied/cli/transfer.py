@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from upplied import fleet
 from upplied.cli.demonstrations import best as best_for
-from upplied.cli.options import Choices, WorkersOption
+from upplied.cli.options import Choices, Cores
 from upplied.cli.terminal import PRINTED, Results, Where, complain, errors, progress, say
 from upplied.errors import InputError, RefusedError, SettingsError
 from upplied.outputs.labels import LABELS
@@ -45,7 +45,7 @@ def transfer(
     experiment: ExperimentOption = "",
     best: BestOption = "",
     reproduce: ReproduceOption = None,
-    workers: WorkersOption = 0,
+    workers: Cores = 0,
     timeout: TimeoutOption = 600.0,
     results: Results = PRINTED,
 ) -> int:
@@ -111,7 +111,7 @@ def plan(
     set_: SetOption = (),
     retry_failed: Annotated[bool, Parameter(help="Include pairs that failed before.")] = False,
     experiment: ExperimentOption = "",
-    workers: WorkersOption = 0,
+    workers: Cores = 0,
     timeout: TimeoutOption = 600.0,
     results: Results = PRINTED,
 ) -> int:
