@@ -158,7 +158,6 @@ def _evenly(frames: Frames, path: Trajectory, steps: list[float], end: float, re
 
 
 def _at(frames: Frames, path: Trajectory, time_s: float) -> Frames:
-    """The picture at one moment."""
     return Frames(interpolate(path, np.array([time_s])), frames.camera, frames.scene)
 
 

@@ -205,7 +205,6 @@ def _followed(planned: Floats, air: Floats, error: Floats, vehicle: Vehicle) -> 
 
 
 def _limited(acceleration: Floats, vehicle: Vehicle) -> Floats:
-    """The acceleration that tilt and motors allow."""
     most = _GRAVITY_MPS2 * np.tan(np.radians(vehicle.max_tilt_deg))
     x, y, climb = acceleration
     level = np.hypot(x, y)

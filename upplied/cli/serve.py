@@ -76,7 +76,6 @@ def report(
 
 
 def pairs_in(catalog: Catalog) -> int:
-    """How many pairs of a demonstration and a target there are."""
     return len(catalog.transfers(columns=["demonstration_id", "target_id"]).drop_duplicates())
 
 

@@ -44,7 +44,6 @@ class Where:
     ] = "catalog"
 
     def opened(self) -> Catalog:
-        """The catalog."""
         from upplied.catalog import open_catalog
 
         return open_catalog(self.location)
@@ -177,12 +176,10 @@ def plain(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def point_text(point: Sequence[float]) -> str:
-    """A point, m, for a title."""
     return f"({', '.join(f'{value:g}' for value in point)}) m"
 
 
 def number(value: Any) -> float | None:
-    """A value as a number; None if it is missing."""
     return None if value is None or value != value else float(value)
 
 

@@ -150,7 +150,6 @@ def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
 
 
 def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> Result:
-    """Plan the jobs of a decision, with a progress bar."""
     from upplied.fleet.edits import carry_edits
 
     resources = fleet.Resources(workers, fleet.Limits(timeout))
@@ -162,7 +161,6 @@ def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> R
 
 
 def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]:
-    """The newest plans of a request with exactly its settings."""
     from upplied.fleet.decisions import SettingsOf
 
     table = catalog.transfers(every=True)
@@ -180,7 +178,6 @@ def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]
 
 
 def show_plans(demonstration: str, rows: list[dict[str, Any]], results: Results) -> None:
-    """Print the measures of each plan, and below them reasons and warnings."""
     from upplied.outputs.pairs import shown_status
     from upplied.outputs.verdicts import resolution
 
@@ -202,7 +199,6 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], results: Results)
 
 
 def show_decision(decision: Decision, results: Results) -> None:
-    """Print the pairs that would be planned, with the reasons."""
     columns = ("demonstration", "target", "preset", "why")
     pairs = [(job.demonstration_id, job.target_id, job.settings.preset, job.why) for job in decision.jobs]
     most = len(pairs) if results.json else 40

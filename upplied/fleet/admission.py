@@ -109,7 +109,6 @@ class Admission:
 
 
 def shape_of(structure: Structure) -> ShapeFeatures:
-    """The features of a structure that no catalog remembers."""
     clouds = settings_for("recommended").clouds
     return shape_features(surface_samples(structure, scene_of(structure), clouds))
 

@@ -105,8 +105,6 @@ class SettingsOf:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One demonstration to carry to one target with one preset."""
-
     demonstration_id: str
     source_id: str
     target_id: str
@@ -124,8 +122,6 @@ class Job:
 
 @dataclass(frozen=True)
 class Decision:
-    """What a run would do."""
-
     jobs: list[Job]
     unchanged: int
 
@@ -139,10 +135,7 @@ class Decision:
 def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decision:
     """Which plans are missing: demonstrations to all other structures of their kind, or to the named targets.
 
-    Raises
-    ------
-    InputError
-        If the plan_request names what the catalog does not hold, or a target of another kind.
+    An `InputError` where the request names what the catalog does not hold, or a target of another kind.
     """
     plan_request = plan_request or PlanRequest()
     table = catalog.structures()
@@ -182,21 +175,19 @@ def decide(catalog: Catalog, plan_request: PlanRequest | None = None) -> Decisio
 
 
 def _pairs(
-    demonstrations: Mapping[str, Demonstration],
-    structures: Mapping[str, Structure],
-    plan_request: PlanRequest,
+    demonstrations: Mapping[str, Demonstration], structures: Mapping[str, Structure], request: PlanRequest
 ) -> Iterator[tuple[Demonstration, Structure, Structure]]:
-    for demonstration_id in plan_request.demonstrations or demonstrations:
+    for demonstration_id in request.demonstrations or demonstrations:
         demonstration = demonstrations[demonstration_id]
         source = structures.get(demonstration.structure_id)
         if source is None:
-            if plan_request.demonstrations:
+            if request.demonstrations:
                 fault = f"was flown on {demonstration.structure_id}, which the catalog does not hold"
                 raise InputError(f"demonstration {demonstration_id}", fault, "", "add that structure first")
             continue
-        for target_id in plan_request.targets or structures:
+        for target_id in request.targets or structures:
             target = structures[target_id]
-            if target.kind == source.kind and (target is not source or plan_request.targets):
+            if target.kind == source.kind and (target is not source or request.targets):
                 yield demonstration, source, target
 
 
@@ -207,17 +198,15 @@ def _check_known(what: str, names: tuple[str, ...], known: Mapping[str, object])
 
 
 def _check_kinds(
-    plan_request: PlanRequest,
-    demonstrations: Mapping[str, Demonstration],
-    structures: Mapping[str, Structure],
+    request: PlanRequest, demonstrations: Mapping[str, Demonstration], structures: Mapping[str, Structure]
 ) -> None:
     """A target of a kind that nothing was flown on would be passed over in silence."""
     flown = {
         structures[demonstrations[name].structure_id].kind
-        for name in plan_request.demonstrations or demonstrations
+        for name in request.demonstrations or demonstrations
         if demonstrations[name].structure_id in structures
     }
-    for name in plan_request.targets:
+    for name in request.targets:
         if structures[name].kind not in flown:
             fault = f"is of kind {structures[name].kind}, flown was {' and '.join(sorted(flown)) or 'none'}"
             rule = "a demonstration is carried to structures of its own kind"

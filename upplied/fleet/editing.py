@@ -117,16 +117,13 @@ class Editing:
 
     @cached_property
     def scene(self) -> Scene:
-        """Of the structure, with what was never scanned of it."""
         return scene_for(self.target, self.stored.plan.supposed)
 
     @cached_property
     def surface(self) -> Cloud:
-        """Samples of the structure as it was scanned."""
         return surface_samples(self.target, scene_of(self.target), self.recipe.settings.clouds)
 
     def _forbidding(self, airspace: AirspaceLimits) -> Structure:
-        """The structure with the boxes that are forbidden."""
         if not (airspace.boxes or self.earlier.airspace.boxes):
             return self.target
         around = self.target.surroundings

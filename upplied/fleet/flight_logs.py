@@ -262,6 +262,5 @@ def zones_asked(catalog: Catalog, row: Row, target: Structure, camera: Camera) -
 
 
 def flown_with(catalog: Catalog, row: Row) -> list[Row]:
-    """The flight and all that were really flown."""
     every = flown_rows(catalog, str(row["target_id"]))
     return every + [row] * (row["flight_id"] not in {each["flight_id"] for each in every})

@@ -121,7 +121,6 @@ def _through_gate(catalog: Catalog, row: Row, force: tuple[str, ...]) -> None:
 
 
 def measured(basis: Recipe, plan: Plan) -> Measures:
-    """The measures of a plan, computed from its trajectory and its inputs."""
     assert plan.trajectory is not None
     inputs = (basis.demonstration, basis.source, basis.target, basis.settings)
     return measure_flown(plan.trajectory, plan, *inputs, siblings=basis.siblings).measures
@@ -273,7 +272,6 @@ def promote_flight(
 
 
 def _broken(row: Row, clearance_m: float, plan: Row) -> list[tuple[str, str]]:
-    """The rules that a flight breaks, and what was found."""
     broken = []
     if row["kind"] != "flown":
         broken.append(("flown", f"is {row['kind'] or 'simulated'}"))

@@ -116,7 +116,6 @@ def _as_far(
 
 
 def _lacking(flight: GapFlight) -> int:
-    """How many samples no pose shows."""
     return int(flight.unattainable.sum()) + sum(int(none.sum()) for _, none in flight.zones)
 
 

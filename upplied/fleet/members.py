@@ -34,8 +34,6 @@ _NEARLY_ALIKE = 0.35  # unlikeness of members of one form, nearly all (airliners
 
 @dataclass(frozen=True)
 class Member:
-    """One structure as the others see it."""
-
     structure_id: str
     kind: str
     shape: ShapeFeatures
@@ -43,7 +41,6 @@ class Member:
 
     @property
     def size_m(self) -> float:
-        """Diagonal of its box, m."""
         return float(np.linalg.norm(self.shape.extent_m))
 
     def __str__(self) -> str:

@@ -28,8 +28,6 @@ _OFF_PLAN_M = 10.0  # what a pose that belongs to no plan weighs, beside how far
 
 @dataclass(frozen=True)
 class Laid:
-    """A flight on its plan."""
-
     row: Row  # of the plan
     flown: Demonstration
     on: Alignment
@@ -121,7 +119,6 @@ def _anywhere(
 
 
 def _best(catalog: Catalog, log: str, tried: list[tuple[Row, Demonstration]]) -> Laid:
-    """The plan that the path lies on best."""
     candidates, why = list[Laid](), []
     for row, flown in tried:
         try:

@@ -39,8 +39,6 @@ Shard = tuple[Job, ...]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one job."""
-
     job: Job
     plan: Plan
     seconds: float
@@ -108,12 +106,10 @@ def plan_job(job: Job, plan_of: Callable[[Catalog, Job], Plan] = transferred) ->
 
 
 def this_process() -> str:
-    """This host and process, as ``host/number``."""
     return f"{socket.gethostname()}/{os.getpid()}"
 
 
 def without_path(job: Job, status: str, reason: str) -> Plan:
-    """A plan that says why there is none."""
     pair = job.demonstration_id, job.source_id, job.target_id, job.kind
     return Plan(*pair, job.settings.preset, status, reason)
 
@@ -127,7 +123,6 @@ class Recent:
         self._bytes = 0
 
     def __call__(self, stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
-        """The record of this stage and key."""
         name = stage, key
         if name not in self._held:
             self._held[name] = self._memo(stage, record_type, key, compute)
@@ -140,7 +135,6 @@ class Recent:
 
 
 def nbytes(value: Any) -> int:
-    """Bytes of the arrays in a record."""
     if isinstance(value, np.ndarray):
         return value.nbytes
     if is_dataclass(value) and not isinstance(value, type):

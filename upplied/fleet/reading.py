@@ -193,7 +193,6 @@ def _tried(learn: Callable[[], Read], name: str) -> Read | None:
 
 
 def is_project(file: FileKind) -> bool:
-    """Whether a file is that of the cameras of a project."""
     return file.is_flight and file.path.is_file() and kind_of(file.path) in KINDS
 
 

@@ -46,19 +46,9 @@ class Resources:
 class Run(AbstractContextManager["Run"]):
     """Plans jobs from one catalog; shards may be worked from any thread.
 
-    Parameters
-    ----------
-    catalog : Catalog
-        Holds the demonstrations and structures, and receives the plans.
-    jobs : sequence of Job
-        From `upplied.fleet.decide`.
-    run_id, engine : str
-        Kept with every row; the latter is whose processes these are, with the name of its worker.
-    resources : Resources
-    progress : callable
-        Called with each outcome, in the order they come.
-    plan : callable
-        What plans a job in a worker process, by its name there.
+    The catalog receives the plans of the jobs (of `decide`); `run_id` and `engine`, whose processes these are
+    with the name of its worker, are kept with every row. `progress` is called with each outcome, in the order
+    they come; `plan` plans a job in a worker process, by its name there.
     """
 
     def __init__(
@@ -108,8 +98,7 @@ def transfer(
     """
     run = Run(catalog, jobs, run_id, resources, progress, plan=plan)
     with ThreadPoolExecutor(run.threads) as threads, run:
-        for _ in threads.map(run.plan, range(len(run.shards))):
-            pass
+        list(threads.map(run.plan, range(len(run.shards))))
     return run.result
 
 
@@ -179,10 +168,9 @@ def shards(jobs: Sequence[Job], workers: int, targets: int = 0) -> list[Shard]:
 
 def shard_name(shard: Shard) -> str:
     """What a shard does, in words."""
-    if len(shard) == 1:
-        return str(shard[0])
     first, last = shard[0].target_id, shard[-1].target_id
-    return f"{len(shard)} plans to {first}" + ("" if first == last else f" ... {last}")
+    several = f"{len(shard)} plans to {first}" + ("" if first == last else f" ... {last}")
+    return several if len(shard) > 1 else str(shard[0])
 
 
 BATCH = 100  # outcomes that are committed together at the latest
@@ -202,7 +190,6 @@ class Keeper:
         self.result = Result()
 
     def add(self, outcome: Outcome) -> None:
-        """Take one outcome in."""
         if outcome.detail:
             log.error("%s: %s\n%s", outcome.job, outcome.plan.reason, outcome.detail)
         with self._lock:
@@ -251,20 +238,17 @@ class Result:
     troubles: list[tuple[str, str, str]] = field(default_factory=list)  # job, status, reason
 
     def count(self, job: Job, status: str, reason: str) -> None:
-        """Count what came of one job."""
         setattr(self, status, getattr(self, status) + 1)
         if status != "ok":
             self.troubles.append((str(job), status, reason))
 
     def include(self, other: Result) -> None:
-        """Add the counts of another shard."""
         for status in _STATUSES:
             setattr(self, status, getattr(self, status) + getattr(other, status))
         self.troubles += other.troubles
 
     @property
     def total(self) -> int:
-        """All outcomes."""
         return sum(getattr(self, status) for status in _STATUSES)
 
     def __str__(self) -> str:

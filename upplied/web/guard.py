@@ -146,24 +146,20 @@ class Login:
         self._name = f"upplied_{secrets.token_hex(4)}"  # two servers of one machine share their cookies
 
     def accepts(self, password: object) -> bool:
-        """Whether this is the password, with or without its name."""
         if not isinstance(password, str):
             return False
         known = (self._password, self._password.partition(":")[2] or self._password)
         return any(_equal(password, each) for each in known)
 
     def may_read(self, request: Request) -> bool:
-        """Whether a request comes from somebody who signed in."""
         cookie = request.cookies.get(self._name, "")
         return _equal(cookie, self._cookie) or self.may_change(request) or self.accepts(_basic(request))
 
     def may_change(self, request: Request) -> bool:
-        """Whether a request comes from a page of ours on which somebody signed in."""
         scheme, _, token = request.headers.get("Authorization", "").partition(" ")
         return scheme == "Bearer" and _equal(token, self.token)
 
     def give_cookie(self, answer: Response) -> Response:
-        """An answer with the cookie that lets a browser read."""
         answer.set_cookie(self._name, self._cookie, httponly=True, samesite="strict", path="/")
         return answer
 

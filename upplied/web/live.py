@@ -33,8 +33,6 @@ from upplied.records import Camera, Cloud, Floats, Plan, Structure, Trajectory
 
 
 class Decisions:
-    """Decisions about the plans of a catalog."""
-
     def __init__(self, catalog: Catalog) -> None:
         self.catalog = catalog
 
@@ -69,7 +67,6 @@ def signed(request: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def text_of(request: Mapping[str, Any], name: str) -> str:
-    """The text of this name."""
     value = request.get(name)
     if not isinstance(value, str):
         raise InputError(name, "is not a text")
@@ -83,7 +80,6 @@ class ZoneRequests:
         self._catalog, self._editing, self._origin = catalog, editing, origin
 
     def drawn(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The samples of a described zone, for drawing."""
         patches = self._zones.requirements.patches(text_of(request, "where"))
         points = (self._editing.surface.points[patches] - self._origin).astype(np.float32)
         return {"points": packed(points), "share_pct": 100 * float(patches.mean())}
@@ -107,7 +103,6 @@ class ZoneRequests:
         return {"message": f"Set {name} of {target.structure_id} now requires {count}."}
 
     def judged(self, plan: Plan) -> list[dict[str, Any]]:
-        """The result of each required zone for a plan."""
         return self._zones.judged(plan=plan)
 
     @cached_property
@@ -168,7 +163,6 @@ class LivePages:
 
 
 def _missions(pair: Pair) -> dict[str, str]:
-    """Addresses of the missions of a pair whose plan is released."""
     plan = pair.main
     kinds = ("brief", *FORMATS) if plan.get("state") == "released" else ()
     return {kind: f"../missions/{plan['transfer_id']}/{kind}" for kind in kinds}

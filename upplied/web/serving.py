@@ -69,7 +69,6 @@ class Web:
         return self.login.give_cookie(JSONResponse({"token": self.login.token}))
 
     async def asset(self, request: Request) -> Response:
-        """A file of the package."""
         name = request.path_params["name"]
         if name not in self.assets:
             raise HTTPException(404, "This page does not exist.")
@@ -93,7 +92,6 @@ class Web:
         return Response(content, media_type=_TYPES[dot + ending])
 
     async def mission(self, request: Request) -> Response:
-        """A mission as a file, through the gate."""
         if not self.login.may_read(request):
             return HTMLResponse(pages.login_page(), 401)
         plan, kind = request.path_params["plan"], request.path_params["kind"]
@@ -103,11 +101,9 @@ class Web:
         return Response(content, media_type=media_type, headers=headers)
 
     async def studio(self, request: Request) -> Response:
-        """A request of the studio's page, and its answer."""
         return await self._answer(request, partial(self.sessions.answer, **request.path_params))
 
     async def decide(self, request: Request) -> Response:
-        """A decision about a plan: reviewed, released or rejected."""
         return await self._answer(request, self.decisions.decide)
 
     async def _answer(self, request: Request, act: Callable[[Mapping[str, Any]], dict[str, Any]]) -> Response:
@@ -150,7 +146,6 @@ async def _refused(request: Request, error: Exception) -> Response:
 
 
 async def _fault(request: Request, error: Exception) -> Response:
-    """A fault of the program, without its insides."""
     return JSONResponse({"refused": "The program failed. Its log says more."}, 500)
 
 
@@ -202,7 +197,6 @@ class Server:
 
     @contextmanager
     def running(self) -> Iterator[Server]:
-        """Answer as long as the block lasts."""
         thread = threading.Thread(target=self.run, daemon=True)
         thread.start()
         try:

@@ -34,8 +34,6 @@ _DIFFERENCES = LABELS["differences"]
 
 
 class Sessions:
-    """The plans that are open in the studio, by their ids."""
-
     def __init__(self, catalog: Catalog) -> None:
         self._lock, self._stages = threading.Lock(), dict[str, str]()
         self._session = lru_cache(_MOST_OPEN)(partial(self._opened, catalog))
