@@ -49,15 +49,12 @@ def photographed(
 ) -> Photographed:  # fmt: skip
     """The photo points of a path of N poses at the times they are planned for.
 
+    What the path shows of the samples of the surface its photos are to show, not much more coarsely.
+
     Parameters
     ----------
-    path, camera, scene : Trajectory, Camera, Scene
-    surface : Cloud
-        M samples; what the path shows of them its photos are to show, not much more coarsely.
-    interval_s : float
-        Least time between two photos.
-    most_mps2 : float
-        Acceleration allowed at the bends beside a photo; the path's own where that is more.
+    interval_s, most_mps2 : float
+        Least time between two photos; acceleration allowed at the bends beside one, or the path's own.
     overlap : (along, across), optional
         Required overlap, 0 to 1. Along is held by slowing the flight where need be; across is what the
         passes of the path give, and is measured.
@@ -182,8 +179,7 @@ def _exactly(
 def share_shown(path: Trajectory, photo: Bools, camera: Camera, scene: Scene, surface: Cloud) -> float:
     """Share, 0 to 1, of the samples that photos at some poses show as finely as the whole path; NaN for none.
 
-    A photo, at some of the path's poses (N,), does where it shows a sample no coarser than 1.25 times the
-    finest look of the path.
+    A photo (N,) does where it shows a sample no coarser than 1.25 times the finest look of the path.
     """
     frames = Frames(path, camera, scene)
     reach = np.array([_reach(frames, at, surface) for at in range(len(path))])

@@ -27,8 +27,8 @@ def info(*, results: Results = PRINTED) -> int:
     store = results.opened()
     tables = {name: getattr(store, name)() for name in ("structures", "demonstrations", "transfers")}
     counts = {name: len(table) for name, table in tables.items()}
-    for status, plans in tables["transfers"]["status"].value_counts().sort_index().items():
-        counts[f"transfers {status}"] = int(plans)
+    plans = tables["transfers"]["status"].value_counts().sort_index()
+    counts |= {f"transfers {status}": int(number) for status, number in plans.items()}
     rows = [{"what": what, "count": number} for what, number in counts.items()]
     results.show(f"catalog {store.location}", rows)
     return 0
@@ -49,9 +49,8 @@ def show_one(id: str, /, *, results: Results = PRINTED) -> int:
         rows += [{"what": table, **row} for row in rows_of(frame[frame[f"{table}_id"] == id])]
     try:
         name = store.find_transfer(id)
-        plans = store.transfers(every=True)
         current = name in set(store.transfers(columns=["transfer_id"])["transfer_id"])
-        same = plans[plans["transfer_id"] == name]
+        same = store.transfers(every=True, ids=[name])
         rows += [{"what": "plan", "current": current, **row} for row in rows_of(same)]
         rows += [{"what": "overruled for", **row} for row in rows_of(store.overruled(name))]
     except CatalogError:

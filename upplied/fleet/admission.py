@@ -123,7 +123,7 @@ def check_structures(
     """Read the structures of a manifest and say what is wrong; nothing is kept.
 
     Each is judged among those of a catalog, where there is one, and among the others of the manifest: "good",
-    "odd" (with what a person should look at) or "failed" (with the reason). Parameters: `ingest_structures`.
+    "odd" (with what a person should look at) or "failed" (with the reason).
     """
     entries = (rules or RuleOptions()).of(read_manifest(manifest))
     results: list[Ingested | tuple[Ingested, tuple[Verdict, ...], Member]] = []

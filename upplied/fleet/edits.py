@@ -155,10 +155,7 @@ def standing_edit(catalog: Catalog, demonstration_id: str, target_id: str) -> Ro
 
 
 def carry_edits(catalog: Catalog) -> list[str]:
-    """Take the changes that people made over to newer drafts of `recommended`; what a person should see.
-
-    What cannot be taken over is told and kept. To call it again changes nothing.
-    """
+    """Take people's changes over to newer drafts of `recommended`, once; what cannot be is told and kept."""
     edits = catalog.edits()
     if not len(edits):
         return []

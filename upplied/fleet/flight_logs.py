@@ -61,8 +61,6 @@ def add_flight_log(
 
     Parameters
     ----------
-    catalog, log
-        The log is of any family that demonstrations are read from.
     transfer_id : str
         The plan that was flown; empty: the one of the structure that the log lies on best, among those
         in force, or the newest where none is.
@@ -147,18 +145,16 @@ def judged_on_plan(
 ) -> Judged:
     """What every flight says of itself, by the columns of `flights`, the surface it was judged on, and how.
 
-    The row is the plan's, `on` the flight on it; `photo_s` (F,), s, are the times of its photos from the
-    first pose.
+    The row is the plan's, `on` the flight on it; `photo_s` (F,), s, its photos from the first pose.
     """
-    target, plan = catalog.structure(row["target_id"]), catalog.plan(row["transfer_id"])
+    plan = catalog.plan(row["transfer_id"])
     planned_with = catalog.demonstration(row["demonstration_id"]).camera
     if camera is None or vars(camera) == vars(Camera()):
         camera = planned_with
-    surface, required = required_of(catalog, row, plan, target, camera)
+    surface, required = required_of(catalog, row, plan, catalog.structure(row["target_id"]), camera)
     assert plan.trajectory is not None
     viewpoint_s = plan.trajectory.t_s[np.flatnonzero([] if plan.is_viewpoint is None else plan.is_viewpoint)]
-    rule = settings_of(row["settings_json"]).inspection
-    known = surface, camera, scene, photo_s, planned_with, rule
+    known = surface, camera, scene, photo_s, planned_with, settings_of(row["settings_json"]).inspection
     flown = as_flown(plan.trajectory, viewpoint_s, on, logged, *known)
     looks = flown.looks
     columns = {
@@ -213,8 +209,7 @@ def add_flight_logs(catalog: Catalog, logs: Sequence[str | Path]) -> list[dict[s
     """Each log, or those of each folder, into the catalog, on the plan in force that it lies on best.
 
     Returns of each its name, status (added, unchanged, failed), reason and findings; `flight` is its id,
-    `left_out` says in words how much of what its plan shows it did not, and which zones no flight showed
-    as they ask; it is empty where it inspected all as asked.
+    `left_out` what of its plan and which zones it did not show, in words.
     """
     known = set(catalog.flights(kind="flown")["flight_id"])
     rows = []
@@ -228,7 +223,7 @@ def add_flight_logs(catalog: Catalog, logs: Sequence[str | Path]) -> list[dict[s
                 file |= {"flight": row["flight_id"], "findings": row["findings"]}
                 file["left_out"] = left_out(catalog, row, zones=file["status"] == "added")
             except UppliedError as error:
-                file |= {"reason": str(error)}
+                file["reason"] = str(error)
             rows.append(file)
     return rows
 

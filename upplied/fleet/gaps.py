@@ -40,8 +40,8 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     row = catalog.flight(start)
     flight_id = str(row["flight_id"])
     if not row["looks_sha256"]:
-        fault = "was stored by a version without looks"
-        raise RefusedError(f"flight {start}", fault, "", "fly it or add it again")
+        what, remedy = f"flight {start}", "fly it or add it again"
+        raise RefusedError(what, "was stored by a version without looks", "", remedy)
     basis = recipe(catalog, str(row["transfer_id"]))
     target = catalog.structure(str(row["target_id"]))
     flown = catalog.plan(str(row["transfer_id"]))
@@ -49,8 +49,8 @@ def plan_gap(catalog: Catalog, start: str) -> str:
     surface, required = required_of(catalog, basis.row, flown, target, camera)
     inspected = np.zeros(len(surface), bool)
     inspected[catalog.looks.get(str(row["looks_sha256"])).as_asked] = True
-    settings = basis.settings
-    route, scene = settings.route, scene_for(target, flown.supposed)
+    settings, scene = basis.settings, scene_for(target, flown.supposed)
+    route = settings.route
     clearance = route.clearance_m if route.enforce else USUAL_CLEARANCE_M
     airspace = Airspace(scene, clearance, target.surroundings, route.ground_clearance_m)
     zones, untold = missed_zones(catalog, row, target, camera)
@@ -149,12 +149,12 @@ def _plan(
         state[patch[~done]] = np.where(none[~done], _UNATTAINABLE, _MISSED)
         state[patch[done & (state[patch] == _OTHER)]] = _SHOWN
     path = flight.trajectory
-    shown, all_of_it = int(flight.shows.sum()), int(missing.sum())
     headline = "shows what zones miss"
-    if all_of_it:
-        headline = f"shows {100 * shown / all_of_it:.1f} % of the gap as near and as frontally as planned"
-    headline += f"; by known safe legs {flight.bound_m:.0f} m are needed at least"
-    headline += f", it flies {flight.length_m:.0f} m"
+    if missing.any():
+        share_pct = 100 * int(flight.shows.sum()) / int(missing.sum())
+        headline = f"shows {share_pct:.1f} % of the gap as near and as frontally as planned"
+    legs = f"by known safe legs {flight.bound_m:.0f} m are needed at least"
+    headline += f"; {legs}, it flies {flight.length_m:.0f} m"
     of_zones = [zone.summary(*both) for zone, both in zip(zones, flight.zones, strict=True)]
     return Plan(
         *(flown.demonstration_id, flown.source_id, flown.target_id, flown.kind),
@@ -216,11 +216,10 @@ def missed_zones(
 
 def key_of(zones: list[Zone]) -> list[str]:
     """What a plan for these zones is named by, beside its flight; nothing where there are none."""
-    parts = []
+    names, parts = ("zone", "set", "version"), []
     for zone in zones:
-        gap, named = zone.gap, [zone.row[name] for name in ("zone", "set", "version")]
-        demanded = [zone.demand.looks, gap.farthest_m, gap.incidence_deg]
-        parts.append([*named, *demanded, gap.cloud.points.tolist()])
+        demanded = [zone.demand.looks, zone.gap.farthest_m, zone.gap.incidence_deg]
+        parts.append([*(zone.row[name] for name in names), *demanded, zone.gap.cloud.points.tolist()])
     return [digest(parts)] if parts else []
 
 

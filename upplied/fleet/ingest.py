@@ -40,18 +40,11 @@ def ingest_structures(
     prune: bool = False,
     rules: RuleOptions | None = None,
 ) -> list[Ingested]:
-    """Read the structures of a manifest and keep those that are new or changed.
+    """Read the structures of a manifest (`structures.toml` or a CSV) and keep those that are new or changed.
 
-    Parameters
-    ----------
-    catalog, manifest, rules
-        The manifest is `structures.toml` or a CSV; an `InputError` if it cannot be read.
-    workers : int
-        Processes; 0 takes one per core.
-    progress : callable
-        Called with what became of each file.
-    prune : bool
-        Retire structures that the manifest no longer names, and with them their plans; history stays.
+    An `InputError` if it cannot be read. `workers` are processes (0: one per core); `progress` is called with
+    what became of each file; `prune` retires structures that the manifest no longer names, and with them
+    their plans, whose history stays.
     """
     entries = (rules or RuleOptions()).of(read_manifest(manifest))
     ingested, known = _added(catalog, entries, workers, progress)
@@ -93,8 +86,6 @@ def ingest_demonstrations(
 
     Parameters
     ----------
-    catalog, workers, progress
-        As above.
     logs : paths
         Logs, photogrammetry projects, missions, folders of photos, or folders of all of these; their content
         decides what each is (`upplied.inputs.sources.door`). A project that names no structure brings its own

@@ -171,7 +171,6 @@ def _kind(
     between = [float(unlikeness(a.shape, library_of([b.shape for b in kin if b is not a])).min())
                for a in kin] if len(kin) > 1 else [0.0]  # fmt: skip
     if best > max(bounds.odd_unlikeness, 1.2 * float(np.median(between))):
-        like = kin[int(unlike.argmin())].structure_id
-        words = f"its form is unlike every other {new.kind} here"
-        words += f", the most alike ({like}) misses by {best:.2f}"
+        most_alike = f"the most alike ({kin[int(unlike.argmin())].structure_id}) misses by {best:.2f}"
+        words = f"its form is unlike every other {new.kind} here, {most_alike}"
         yield broken(RULES["kind"], words, f"at most {bounds.odd_unlikeness:g}")

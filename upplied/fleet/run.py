@@ -92,10 +92,7 @@ def transfer(
     progress: Callable[[Outcome], None] = lambda outcome: None,
     plan: PlanJob = plan_job,
 ) -> Result:
-    """Plan every job and keep the outcomes, without any engine; parameters as those of `Run`.
-
-    What is kept does not depend on the number of workers.
-    """
+    """Plan every job in a `Run` without any engine; what is kept does not depend on how many workers."""
     run = Run(catalog, jobs, run_id, resources, progress, plan=plan)
     with ThreadPoolExecutor(run.threads) as threads, run:
         list(threads.map(run.plan, range(len(run.shards))))
@@ -112,8 +109,8 @@ def plan_here(
 ) -> Result:
     """Plan jobs one after the other for a process of somebody else's engine, and count the outcomes.
 
-    Jobs that were kept meanwhile, by whomever, are left out, so a shard that an engine starts twice is
-    planned once. The planning is done in a guarded process beside this one, which stays for the next shard.
+    Jobs that were kept meanwhile, by whomever, are left out: a shard that is started twice is planned once.
+    The planning is done in a guarded process beside this one, which stays for the next shard.
     """
     required("open3d", "plan")
     catalog = open_catalog(location)

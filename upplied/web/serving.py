@@ -153,19 +153,11 @@ _HANDLERS = {HTTPException: _refused, UppliedError: _refused, Exception: _fault}
 
 
 class Server:
-    """A server of a catalog's pages.
+    """A server of a catalog's pages at host and port (0: any free one; an `OSError` if it is taken).
 
-    Parameters
-    ----------
-    catalog : Catalog
-    port, host
-        The address to bind, an `OSError` if it is taken; port 0 is any free one.
-    login : Login, optional
-        Of the service; by default one of this run, whose token is in `address`.
-    names : frozenset of str, optional
-        Allowed names in requests; by default those of this machine, with this port.
-    bound : int
-        An open file that is bound to the port, instead of host and port.
+    `login` is that of the service, by default one of this run, whose token is in `address`; `names` are
+    allowed in requests, by default those of this machine, with this port; `bound` is an open file that is
+    bound to the port, instead of host and port.
     """
 
     def __init__(

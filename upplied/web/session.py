@@ -97,7 +97,8 @@ class Session:
         rows = self.catalog.transfers(every=True, structure=row["target_id"])
         now = rows[rows["transfer_id"] == self._draft].iloc[-1].to_dict()
         plan, placement = self.editing.stored.plan, self.editing.target.placement
-        path = flown_path(plan)[0]
+        path, scene, force = flown_path(plan)[0], self.editing.scene, self._force_row
+        ahead = None if force is None else self.catalog.plan(force["transfer_id"]).trajectory
         clearance_m = self.editing.clearance_m(AirspaceLimits())
         broken = place_breaches(path, self.editing.target, plan.supposed, clearance_m)
         judged = JudgedEdit(plan, tuple(broken), plan.not_flyable)
@@ -113,7 +114,7 @@ class Session:
             "usual_m": clearance_m,
             "declared_boxes": self.editing.target.surroundings.keep_out_m.tolist(),
             "viewpoints": self._rows(self.editing.stored),
-            "in_force": self._in_force(),
+            "in_force": None if ahead is None else path_data(profile(ahead, scene), self._origin),
             **self._shown(judged, Edit(), AirspaceLimits(), self.editing.stored),
         }
 
@@ -235,9 +236,3 @@ class Session:
         if same.empty or same.iloc[-1]["transfer_id"] == row["transfer_id"]:
             return None
         return {str(name): value for name, value in same.iloc[-1].items()}
-
-    def _in_force(self) -> dict[str, Any] | None:
-        """The path of the plan in force, if it is another plan."""
-        row = self._force_row
-        path = None if row is None else self.catalog.plan(row["transfer_id"]).trajectory
-        return None if path is None else path_data(profile(path, self.editing.scene), self._origin)
