@@ -159,7 +159,6 @@ def _at(frames: Frames, path: Trajectory, time_s: float) -> Frames:
 
 
 def _shared(before: Frames, frames: Frames, at: int) -> float:
-    """Share of what a place shows that the photo before shows too."""
     hits = frames.hits(at)
     return float(before.shows(0, hits).mean()) if len(hits) else 1.0
 

@@ -70,7 +70,6 @@ def code_version() -> str:
 
 
 def method() -> dict[str, str]:
-    """What of the program belongs into the key of a result."""
     return {"sources": sources_sha256(), "libraries": libraries()}
 
 

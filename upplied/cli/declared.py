@@ -97,7 +97,6 @@ def require(
 def _with_labels(
     store: Catalog, zones: list[dict[str, Any]], labels: object, file: Path, owner: str
 ) -> list[dict[str, Any]]:
-    """The zones with the place of those that name a label of faces."""
     from upplied.inputs.columns import read_face_labels
 
     label_files: dict[str, str] = {}

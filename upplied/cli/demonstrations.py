@@ -81,7 +81,6 @@ def add(
 
 
 def _points(register: tuple[str, ...]) -> tuple[tuple[str, tuple[float, ...]], ...]:
-    """Landmarks in the log's frame, from NAME=X,Y,Z."""
     points = []
     for word in register:
         name, _, place = word.partition("=")

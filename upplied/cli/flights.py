@@ -145,7 +145,6 @@ class LookResults(Results):
     simulated: Annotated[bool, Parameter(help="Include simulated flights.")] = False
 
     def show_looks(self, store: Catalog, title: str, spot: Spot) -> int:
-        """Print the looks at a place and write the crops; 1 if a photo is missing."""
         from upplied.findings.looks import FLOWN, looks_at_spot, looks_frame
 
         with errors.status("casting rays"):

@@ -153,7 +153,6 @@ def _open3d_version() -> str:
 
 
 def _open3d() -> str:
-    """One ray that must hit."""
     import numpy as np
 
     from upplied.geometry.scene import Scene

@@ -132,7 +132,6 @@ def say(text: object) -> None:
 
 
 def complain(text: object) -> None:
-    """Print a line on standard error without wrapping."""
     errors.print(str(text), markup=False, soft_wrap=True)
 
 
@@ -209,7 +208,6 @@ def _left_out(cells: Mapping[str, Sequence[str]], spare: Sequence[str]) -> list[
 
 
 def hint(line: str) -> None:
-    """Print a dim line, on a terminal only."""
     if console.is_terminal:
         console.print(line, markup=False, soft_wrap=True, style="dim")
 

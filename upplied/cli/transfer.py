@@ -135,7 +135,6 @@ def plan(
 
 
 def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """``route.clearance_m=3`` and the like as stage -> setting -> value."""
     stages: dict[str, dict[str, Any]] = {}
     for text in given:
         name, equals, value = text.partition("=")

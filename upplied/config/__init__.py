@@ -68,7 +68,6 @@ class Settings:
 
     @cached_property
     def text(self) -> str:
-        """The JSON of every setting, as it is written."""
         plain = asdict(self)
         return json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 

@@ -33,7 +33,6 @@ class RuleOptions:
     bounds: StructureSettings = field(default_factory=StructureSettings)
 
     def of(self, entries: Sequence[StructureEntry]) -> list[StructureEntry]:
-        """The entries, with that said of each."""
         allow = known_rules.check_allowed(self.allow, known_rules.RULES)
         return [
             replace(entry, allow=(*entry.allow, *allow), strict=self.strict, bounds=self.bounds)
@@ -64,7 +63,6 @@ class Admission:
     def verdicts(
         self, new: Member, entry: StructureEntry, together: Sequence[Member] = ()
     ) -> tuple[Verdict, ...]:
-        """The rules that a structure breaks among others, as they count for its entry."""
         kinds = {one.kind for one in self._known}
         others = [one for one in self._known if one.structure_id != new.structure_id]
         others += [one for one in together if one.kind not in kinds and one.structure_id != new.structure_id]

@@ -78,7 +78,6 @@ class PlanRequest:
 
     @property
     def purpose(self) -> str:
-        """What the plans are for, as `transfers` says it."""
         return f"experiment {check_id(self.experiment, 'experiment')}" if self.experiment else ""
 
 
@@ -230,8 +229,6 @@ Candidate = tuple[Demonstration, Structure, Structure, Settings, Siblings]
 
 
 class Past:
-    """What the catalog's plans were made from."""
-
     def __init__(self, catalog: Catalog) -> None:
         self._catalog = catalog
         self._known: dict[tuple[str, ...], tuple[str, ...]] = {}  # causes by what rows say of the program
@@ -249,7 +246,6 @@ class Past:
         return {name: place for place, name in enumerate(zip(*texts, strict=True))}
 
     def why(self, candidate: Candidate, key: str) -> str:
-        """What changed since the newest plan of the pair, in words."""
         demonstration, source, target, settings, siblings = candidate
         place = self._places.get((demonstration.demonstration_id, target.structure_id, settings.preset))
         if place is None:

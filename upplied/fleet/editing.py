@@ -38,15 +38,12 @@ class Base:
 
     @cached_property
     def viewpoints(self) -> list[Viewpoint]:
-        """Its viewpoints, in the order of flight."""
         path, flags = flown_path(self.plan)
         return viewpoints_of(path, flags)
 
 
 @dataclass(frozen=True)
 class JudgedEdit:
-    """A plan as it was changed, and what is to be said against it."""
-
     plan: Plan  # with its measures
     broken: tuple[str, ...]  # rules of the place, in words: it must not be kept
     short: str  # why it must not be flown, in words; it may be kept

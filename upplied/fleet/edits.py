@@ -43,7 +43,6 @@ def write_edit(catalog: Catalog, transfer_id: str, path: str | Path) -> Path:
 
 
 def viewpoint_row(number: int, viewpoint: Viewpoint) -> dict[str, float]:
-    """A viewpoint as a file, or a page, has it."""
     values = (*viewpoint.position, viewpoint.yaw_deg, viewpoint.pitch_deg)
     row = {name: round(value, 4) for name, value in zip(_COLUMNS, values, strict=True)}
     return {"viewpoint": number, **row}
@@ -94,7 +93,6 @@ def read_edit(
 
 
 def words_of(edit: Edit, airspace: AirspaceLimits, base: Base) -> str:
-    """What was changed, in words; empty where nothing was."""
     return ", ".join(filter(None, (edit.words, airspace.words, "planned again" if base.airspace else "")))
 
 
@@ -187,7 +185,6 @@ def carry_edits(catalog: Catalog) -> list[str]:
 
 
 def _carried(catalog: Catalog, row: Row, edit: Row) -> tuple[str, ...]:
-    """Keep the plan of a row with a change taken over; what of it was lost, in words."""
     editing, change = Editing(catalog, row["transfer_id"]), edit_from_json(edit["edit_json"])
     base, again, lost = editing.carried(change)
     if again == Edit() and not change.airspace.words:

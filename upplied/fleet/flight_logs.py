@@ -86,7 +86,6 @@ def _added(workers: Workers, catalog: Catalog, log: str | Path, *given: Any) -> 
 
 
 def keep(catalog: Catalog, judged: Judged) -> Row:
-    """Add a judged flight to the catalog, unless it is there; its row."""
     same = catalog.flights(judged.row["transfer_id"])
     same = same[same["flight_id"] == judged.row["flight_id"]]
     if len(same):
@@ -179,7 +178,6 @@ def judged_on_plan(
 
 
 def _share_pct(flags: Bools | None, required: Bools) -> float | None:
-    """Share of the required samples that are flagged, %; None where not known, or nothing is required."""
     return None if flags is None or not required.any() else 100 * float(flags[required].mean())
 
 
@@ -248,7 +246,6 @@ def zones_left_out(catalog: Catalog, row: Row) -> str:
 
 
 def zones_asked(catalog: Catalog, row: Row, target: Structure, camera: Camera) -> RequiredZones | None:
-    """The zones that are asked of the target of a flight (its row); None where none are."""
     zones = Zones(catalog).of(target.kind, target.structure_id)
     if not zones:
         return None

@@ -93,7 +93,6 @@ def fly_drafts(catalog: Catalog, keys: Iterable[str]) -> list[str]:
 def simulated_row(
     catalog: Catalog, flight_id: str, row: Row, path: Trajectory, columns: Mapping[str, Any]
 ) -> Row:
-    """The row of a simulated flight of a plan (`row`), with its wind, seed and measures (`columns`)."""
     plan, target = catalog.plan(row["transfer_id"]), catalog.structure(row["target_id"])
     assert plan.trajectory is not None
     scene = scene_for(target, plan.supposed)
@@ -110,7 +109,6 @@ def simulated_row(
 
 
 def _through_gate(catalog: Catalog, row: Row, force: tuple[str, ...]) -> None:
-    """Refuse a plan that breaks a rule of the gate; keep which rules were overruled."""
     limit_m = settings_of(row["settings_json"]).route.clearance_m
     target, state = catalog.structure(row["target_id"]), catalog.standing().of(row["transfer_id"])
     faults = [*gate.broken_by(plan_of(catalog, row), target, limit_m)]
@@ -134,8 +132,6 @@ _LOST_POINTS = 1.0  # of inspected coverage, from which on a plan that stays in 
 
 @dataclass(frozen=True)
 class Rechecked:
-    """What came of judging one plan in force again."""
-
     transfer_id: str
     target_id: str
     recalled: bool

@@ -80,7 +80,6 @@ def plan_gap(catalog: Catalog, start: str) -> str:
 
 
 def derived_from(basis: Recipe, target_sha256: str) -> dict[str, Any]:
-    """The provenance of a plan that is made from another one."""
     inputs = {name: basis.row[name] for name in ("demonstration_sha256", "source_sha256")}
     made_by = {"method_version": METHOD_VERSION, "settings": basis.settings, "target_sha256": target_sha256}
     return inputs | recorded() | made_by
@@ -139,7 +138,6 @@ def _plan(
     zones: Sequence[Zone],
     untold: tuple[str, ...],
 ) -> Plan:
-    """The record of a gap flight: measures of the path, and what of the gap it shows."""
     state = np.full(len(surface), _OTHER, np.int64)
     state[missing] = _MISSED
     state[flight.unattainable] = _UNATTAINABLE
@@ -185,7 +183,6 @@ class Zone:
     gap: ZoneGap
 
     def summary(self, shown: Bools, unattainable: Bools) -> str:
-        """What a flight makes of it, in square metres."""
         cloud, named = self.gap.cloud, f"zone {self.row['zone']} ({self.row['set']} {self.row['version']})"
         area, all_of_it = square_metres(cloud, shown), square_metres(cloud, np.ones(len(cloud), bool))
         text = f"{named}: shows {area:.1f} of {all_of_it:.1f} m2 that was not seen as it asks"
@@ -231,7 +228,6 @@ def nearest(surface: Cloud, cloud: Cloud) -> Ints:
 
 
 def _farthest_m(demand: Demand, camera: Camera) -> float:
-    """From how far off a pixel covers little enough, m; 0 where the camera's pixels are not known."""
     if demand.gsd_mm is None:
         return float("inf")
     return 1e-3 * demand.gsd_mm * focal_px(camera.width_px, camera.hfov_deg) if camera.width_px else 0.0

@@ -145,7 +145,6 @@ def passed_over(logs: Iterable[str | Path]) -> list[Ingested]:
 
 
 def _listed(file: FileKind, ingested: Ingested | None) -> Ingested:
-    """What became of a file, with what it is."""
     if ingested is not None:
         words = f"{file.words}: {ingested.words}" if ingested.words else file.words
         return replace(ingested, file=str(file.path), words=words)
@@ -159,7 +158,6 @@ def _place(catalog: Catalog) -> tuple[str, Path]:
 
 
 def placements_of(structures: pd.DataFrame) -> dict[str, Placement]:
-    """Where the known structures stand, for logs in latitude and longitude."""
     placed = structures[structures["lat_deg"].notna()]
     columns = ["structure_id", "lat_deg", "lon_deg", "alt_m", "heading_deg", "datum"]
     return {row[0]: Placement(*row[1:]) for row in placed[columns].itertuples(index=False)}

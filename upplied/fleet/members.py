@@ -133,7 +133,6 @@ def _axes(
     axes: tuple[str, str],
     symmetric: bool,
 ) -> Iterator[Verdict]:
-    """Whether it fits the others of its kind better when it is turned."""
     library = library_of([one.shape for one in kin])
     nearest_turn = [float(unlikeness(turned(new.shape, turn), library).min()) for turn in _TURNS]
     stands = _TURNS[:, 2, 2] > 0.5
@@ -158,7 +157,6 @@ def _axes(
 def _kind(
     new: Member, kin: Sequence[Member], unlike: Floats, others: Sequence[Member], bounds: StructureSettings
 ) -> Iterator[Verdict]:
-    """Whether it looks like its kind, or rather like another."""
     best = float(unlike.min())
     elsewhere = unlikeness(new.shape, library_of([one.shape for one in others])) if others else np.array([])
     if len(elsewhere) and elsewhere.min() < min(bounds.alike, bounds.other_kind_share * best):

@@ -34,7 +34,6 @@ class Laid:
 
     @property
     def off_m(self) -> float:
-        """How badly it lies on it, m."""
         return self.on.residual_p95_m + _OFF_PLAN_M * (1 - float(self.on.on_plan.mean()))
 
 

@@ -51,7 +51,6 @@ _memo: Memo = no_memo
 
 
 def prepare(location: str) -> None:
-    """Open the catalog and load what planning needs, once per process."""
     global _catalog, _memo
     _catalog = open_catalog(location)
     _memo = Recent(_catalog.cache)
@@ -70,7 +69,6 @@ def _required(
 
 
 def transferred(catalog: Catalog, job: Job) -> Plan:
-    """The plan of a job that carries a demonstration to a target."""
     demonstration = _demonstration(catalog, job.demonstration_id)
     source, target = _structure(catalog, job.source_id), _structure(catalog, job.target_id)
     siblings = [_structure(catalog, name) for name, _ in job.siblings]
@@ -83,7 +81,6 @@ def transferred(catalog: Catalog, job: Job) -> Plan:
 
 
 def superseded(job: Job) -> Plan:
-    """What comes of a job whose inputs are others by now."""
     return without_path(job, "superseded", "its inputs changed after the run began; the next run plans it")
 
 

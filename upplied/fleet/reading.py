@@ -36,8 +36,6 @@ Stored = TypeVar("Stored", Structure, Demonstration)
 
 @dataclass(frozen=True)
 class Ingested:
-    """What became of one file."""
-
     name: str  # the id, or the file where no id is known
     # "added", "unchanged", "retired", "failed", "readable" (a trial), or "passed over": no flight
     status: str

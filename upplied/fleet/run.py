@@ -141,7 +141,6 @@ def attempt(workers: Workers, job: Job, plan: PlanJob = plan_job) -> Outcome:
 
 
 def cores() -> int:
-    """Cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -164,7 +163,6 @@ def shards(jobs: Sequence[Job], workers: int, targets: int = 0) -> list[Shard]:
 
 
 def shard_name(shard: Shard) -> str:
-    """What a shard does, in words."""
     first, last = shard[0].target_id, shard[-1].target_id
     several = f"{len(shard)} plans to {first}" + ("" if first == last else f" ... {last}")
     return several if len(shard) > 1 else str(shard[0])

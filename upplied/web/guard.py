@@ -122,7 +122,6 @@ def foreign_page(headers: Sequence[tuple[bytes, bytes]], method: str) -> str:
 
 
 def allowed_names() -> frozenset[str]:
-    """The names of this machine's loopback, and those that the environment declares."""
     named = os.environ.get(HOSTS, "").split(",")
     return frozenset(LOOPBACK) | {name.strip().lower() for name in named if name.strip()}
 

@@ -37,7 +37,6 @@ class Decisions:
         self.catalog = catalog
 
     def last(self, transfer_id: str) -> str:
-        """The last decision about the pair of a plan; empty if there is none."""
         rows = self.catalog.transfers(every=True, ids=[transfer_id]).to_dict("records")
         return self.catalog.standing().last.get(unit_of(rows[-1]), "") if rows else ""
 
@@ -59,7 +58,6 @@ class Decisions:
 
 
 def signed(request: Mapping[str, Any]) -> tuple[str, str]:
-    """The name and the note in a request; a request without a name is refused."""
     by, note = request.get("by", ""), request.get("note", "")
     if not isinstance(by, str) or not isinstance(note, str) or not by.strip():
         raise InputError("the decision", "has no name", "who decides", "write your name")

@@ -61,7 +61,6 @@ class Web:
         self.app = Starlette(routes=routes, exception_handlers=_HANDLERS)
 
     async def sign_in(self, request: Request) -> Response:
-        """The cookie for a browser and the token for its page, in exchange for the password."""
         given = await _json(request)
         if not self.login.accepts(given.get("password")):
             await asyncio.sleep(_WRONG_S)
@@ -76,7 +75,6 @@ class Web:
         return Response(self.assets[name], media_type=kind, headers=_FRESH)
 
     async def page(self, request: Request) -> Response:
-        """A page for a signed-in person, or the page for signing in."""
         room, name = request.path_params.get("room", ""), request.path_params.get("name", "index.html")
         stem, dot, ending = name.rpartition(".")
         if room == "studio":

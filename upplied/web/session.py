@@ -156,7 +156,6 @@ class Session:
         return answer
 
     def _aim(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The place on the surface in the middle of a viewpoint's picture; None if there is none."""
         base, edit, _ = self._read(request)
         at = request.get("viewpoint")
         if not isinstance(at, int) or not 0 <= at < len(base.viewpoints):
@@ -184,7 +183,6 @@ class Session:
         return answer | {name: round(value, 3) for name, value in took.items()}
 
     def _shown(self, judged: JudgedEdit, edit: Edit, airspace: AirspaceLimits, base: Base) -> dict[str, Any]:
-        """A judged plan as the page draws it, with its verdict in words."""
         path, _ = flown_path(judged.plan)
         measures = vars(judged.plan.measures)
         standoff = {"standoff_mode": self.editing.recipe.row.get("standoff_mode")}
@@ -203,7 +201,6 @@ class Session:
         }
 
     def _differences(self, measures: Mapping[str, Any]) -> list[str]:
-        """Differences from the plan in force, and from the plan as it was opened, in words."""
         sentences = []
         others = {"the plan in force": self._force_row, "the plan as opened": self.editing.recipe.row}
         for name, row in others.items():
