@@ -28,6 +28,7 @@ _AS_FINE = 1.25  # times the finest that the path shows a sample, by distance an
 _EDGE_ON = 0.1  # cosine of the incidence, below which it counts as that
 _HALVINGS = 7  # of the time between two places, for a required overlap
 _SAME_S = 1e-6
+Span = tuple[float, float]  # two times, s
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,9 +113,7 @@ def _along(frames: Frames, useful: list[int], path: Trajectory, interval_s: floa
     return chosen
 
 
-def _last(
-    frames: Frames, useful: list[int], path: Trajectory, wanted: float, ends: tuple[float, float]
-) -> float:
+def _last(frames: Frames, useful: list[int], path: Trajectory, wanted: float, ends: Span) -> float:
     """The last place between two times whose picture, like all before it, overlaps enough with the first."""
     times, before, last = frames.poses.t_s[useful], _at(frames, path, ends[0]), ends[0]
     for at in range(int(np.searchsorted(times, ends[0] + _SAME_S)), len(times)):
@@ -163,9 +162,7 @@ def _shared(before: Frames, frames: Frames, at: int) -> float:
     return float(before.shows(0, hits).mean()) if len(hits) else 1.0
 
 
-def _exactly(
-    before: Frames, frames: Frames, path: Trajectory, wanted: float, ends: tuple[float, float]
-) -> float:
+def _exactly(before: Frames, frames: Frames, path: Trajectory, wanted: float, ends: Span) -> float:
     """The time between two at which the overlap with the photo before falls to the required one."""
     low, high = ends
     for _ in range(_HALVINGS):

@@ -158,8 +158,8 @@ FormatOption = Annotated[
 ]
 NameOption = Annotated[str, Parameter(help="Name with a version, such as boxes-v1; by default the folder's.")]
 PresetOption = Annotated[str, Parameter(help="Preset, or all; by default recommended, if present.")]
-ReplaceOption = Annotated[bool, Parameter(help="Store entries of the same name as newer versions.")]
-VerifyOption = Annotated[bool, Parameter(help="Compute the measures of every plan again and compare.")]
+Replace = Annotated[bool, Parameter(help="Store entries of the same name as newer versions.")]
+Verify = Annotated[bool, Parameter(help="Compute the measures of every plan again and compare.")]
 DaysOption = Annotated[float, Parameter(help="Days for which older versions stay readable.")]
 
 
@@ -236,9 +236,7 @@ def export(
 
 
 @app.command(name="import")
-def import_(
-    folder: Path, /, *, replace: ReplaceOption = False, verify: VerifyOption = False, where: Where = HERE
-) -> int:
+def import_(folder: Path, /, *, replace: Replace = False, verify: Verify = False, where: Where = HERE) -> int:
     """Import an exported folder after checking it.
 
     Parameters

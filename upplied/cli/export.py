@@ -18,7 +18,7 @@ Format = Annotated[
     Parameter(help="Format of the mission."),
 ]
 _OUTPUT = ("--output", "-o")
-MissionFile = Annotated[Path, Parameter(_OUTPUT, help="File to write; several flights are numbered.")]
+File = Annotated[Path, Parameter(_OUTPUT, help="File to write; several flights are numbered.")]
 Html = Annotated[Path, Parameter(_OUTPUT, help="HTML file to write.")]
 TowardsOption = Annotated[float, Parameter(help="Wind direction in degrees, counter-clockwise from +X.")]
 render = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
@@ -29,9 +29,7 @@ ViewOption = Annotated[
 Flags = Annotated[MissionOptions | None, Parameter("*")]
 
 
-def export(
-    transfer: PlanId, /, *, to: Format, output: MissionFile, flags: Flags = None, where: Where = HERE
-) -> int:
+def export(transfer: PlanId, /, *, to: Format, output: File, flags: Flags = None, where: Where = HERE) -> int:
     """Write a plan as a mission file for an autopilot or a map, with its assumptions as notes.
 
     Each flight is a file. Vehicle and clearance come from the parameters of the plan (`upplied settings`)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli import findings, options, terminal
-from upplied.cli.options import FindingId, FlightId, PointArgument, StructureId, Texts
+from upplied.cli import findings, terminal
+from upplied.cli.options import AtPoint, By, FindingId, FlightId, OnlyStructure, StructureId, Texts
 from upplied.cli.terminal import HERE, ID_DIGITS, PRINTED, Results, Where, errors, say
 from upplied.outputs.labels import LABELS
 
@@ -26,7 +26,7 @@ PhotosOption = Annotated[
 Force = Annotated[Texts, Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")]
 Name = Annotated[str, Parameter(help="Name of the demonstration; by default one is generated.")]
 Kind = Annotated[str, Parameter(help="Kind of the flight: flown or simulated.")]
-OnlyKind = Annotated[str | None, Parameter(help="Kind of the flight: flown or simulated.")]
+Kinds = Annotated[str | None, Parameter(help="Kind of the flight: flown or simulated.")]
 Size = Annotated[float, Parameter(help="Width of the area to show, in metres.")]
 
 
@@ -60,9 +60,7 @@ def add(
 
 
 @app.command(name="list")
-def list_flights(
-    *, structure: options.OnlyStructure = None, kind: OnlyKind = None, results: Results = PRINTED
-) -> int:
+def list_flights(*, structure: OnlyStructure = None, kind: Kinds = None, results: Results = PRINTED) -> int:
     """List the flights in the order of their import."""
     flights = results.opened().flights(structure=structure, kind=kind)
     results.show_frame("flights", flights, LABELS["flights"], ("findings", "plan", "clearance m"))
@@ -94,9 +92,7 @@ def gap(flight: FlightId, /, *, where: Where = HERE) -> int:
 
 
 @app.command
-def history(
-    structure: StructureId, point: PointArgument, /, *, kind: Kind = "", results: Results = PRINTED
-) -> int:
+def history(structure: StructureId, point: AtPoint, /, *, kind: Kind = "", results: Results = PRINTED) -> int:
     """Show when the patch nearest to a point was seen, from which distance and at which angle."""
     looks = results.opened().looks_at(structure, point, kind)
     title = f"views of {terminal.point_text(point)} on {structure}"
@@ -111,9 +107,7 @@ def history(
 
 
 @app.command
-def promote(
-    flight: FlightId, /, *, by: options.By, name: Name = "", force: Force = (), where: Where = HERE
-) -> int:
+def promote(flight: FlightId, /, *, by: By, name: Name = "", force: Force = (), where: Where = HERE) -> int:
     """Store a flight as a demonstration, to be transferred to other structures."""
     from upplied.fleet.flights import promote_flight
 
@@ -137,7 +131,7 @@ def _show(row: dict[str, Any], results: Results) -> None:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class LookResults(Results):
+class Looks(Results):
     """The flights whose looks count, and the folder for crops of their photos."""
 
     out: Annotated[Path | None, Parameter(help="Folder for crops side by side, with a page.")] = None
@@ -164,11 +158,11 @@ class LookResults(Results):
         return int(bool(missing))
 
 
-LOOKED = LookResults()
+LOOKED = Looks()
 
 
 @findings.app.command(name="looks")
-def looks_of(finding: FindingId, /, *, results: LookResults = LOOKED) -> int:
+def looks_of(finding: FindingId, /, *, results: Looks = LOOKED) -> int:
     """List every photo of every flight that shows a finding."""
     from upplied.findings.looks import off_surface, spot_of
 
@@ -183,9 +177,7 @@ def looks_of(finding: FindingId, /, *, results: LookResults = LOOKED) -> int:
     return results.show_looks(store, f"finding {row['finding_id']}", spot)
 
 
-def looks(
-    structure: StructureId, point: PointArgument, /, *, size: Size = 0.5, results: LookResults = LOOKED
-) -> int:
+def looks(structure: StructureId, point: AtPoint, /, *, size: Size = 0.5, results: Looks = LOOKED) -> int:
     """List every photo of every flight that shows the place of the surface nearest to a point."""
     from upplied.findings.looks import spot_at
 

@@ -12,7 +12,7 @@ from upplied.errors import SettingsError
 Cores = Annotated[int, Parameter(help="Number of processes; 0 uses one per core.")]
 Point = tuple[float, float, float]
 Texts = tuple[str, ...]
-PointArgument = Annotated[Point, Parameter(help="X Y Z of the point in metres, in the structure's frame.")]
+AtPoint = Annotated[Point, Parameter(help="X Y Z of the point in metres, in the structure's frame.")]
 OnlyStructure = Annotated[str | None, Parameter(help="Only this structure.")]
 OnlyKind = Annotated[str | None, Parameter(help="Only structures of this kind.")]
 DemonstrationId = Annotated[str, Parameter(help="ID of the demonstration.")]

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 keys = App(name="keys", help="Manage who may release plans, and their signing keys.")
 _RULES = "Rule to overrule: preset, verdict, rejected, recalled or changed."
 Force = Annotated[Texts, Parameter(help=_RULES)]
-Written = Annotated[Path | None, Parameter(help="Write the viewpoints to this file for editing.")]
-Edited = Annotated[Path | None, Parameter("--from", help="Import the edited file.")]
+Out = Annotated[Path | None, Parameter(help="Write the viewpoints to this file for editing.")]
+From = Annotated[Path | None, Parameter("--from", help="Import the edited file.")]
 
 
 def review(transfer: PlanId, /, *, by: By = "", note: Note = "", results: Results = PRINTED) -> int:
@@ -78,9 +78,7 @@ def in_force(*, structure: OnlyStructure = None, kind: OnlyKind = None, results:
     return int(bool(len(recalled) or len(altered)))
 
 
-def edit(
-    transfer: PlanId, /, *, out: Written = None, read: Edited = None, by: By = "", where: Where = HERE
-) -> int:
+def edit(transfer: PlanId, /, *, out: Out = None, read: From = None, by: By = "", where: Where = HERE) -> int:
     """Edit a plan as a file: move, turn or remove viewpoints, add keep-out boxes.
 
     The viewpoints are written as JSON; the edited file is imported as a new draft.

@@ -31,10 +31,10 @@ FileOption = Annotated[Path | None, Parameter(help="One HTML file with everythin
 OneDemonstration = Annotated[str | None, Parameter(help="Only this demonstration in the single file.")]
 PagesOption = Annotated[int, Parameter(help="Maximum number of pages; plans that need attention come first.")]
 ForceOption = Annotated[bool, Parameter(help="Replace a newer publication, or one of another catalog.")]
-PagesPortOption = Annotated[int, Parameter(help="Port on this machine; 0 takes any free one.")]
+PagesPort = Annotated[int, Parameter(help="Port on this machine; 0 takes any free one.")]
 FollowOption = Annotated[bool, Parameter(negative="--no-watch", help="Follow the run until it ends.")]
 EveryOption = Annotated[bool, Parameter(help="Report successful runs as well.")]
-OpenOption = Annotated[bool, Parameter("--open", negative="--no-open", help="Open the browser as well.")]
+Open = Annotated[bool, Parameter("--open", negative="--no-open", help="Open the browser as well.")]
 
 
 def report(
@@ -79,9 +79,7 @@ def pairs_in(catalog: Catalog) -> int:
     return len(catalog.transfers(columns=["demonstration_id", "target_id"]).drop_duplicates())
 
 
-def studio(
-    transfer: str = "", /, *, port: PagesPortOption = 0, open_: OpenOption = True, where: Where = HERE
-) -> int:
+def studio(transfer: str = "", /, *, port: PagesPort = 0, open_: Open = True, where: Where = HERE) -> int:
     """Open the fleet, or one plan, in the browser: look, edit, release or reject.
 
     The pages are served to this machine alone, until Ctrl-C.

@@ -84,20 +84,18 @@ class Admission:
             if taken := [new[name] for name, read in results if isinstance(read, Structure)]:
                 self._known.extend(taken)  # for those that come after
 
-    def _judged(
-        self, structure: Structure, new: Mapping[str, Member], entry: StructureEntry
-    ) -> Structure | str:
+    def _judged(self, read: Structure, new: Mapping[str, Member], entry: StructureEntry) -> Structure | str:
         member = new[entry.structure_id]
         verdicts = self.verdicts(member, entry, list(new.values()))
-        every = (*from_json(structure.verdicts_json), *verdicts)
+        every = (*from_json(read.verdicts_json), *verdicts)
         try:
             known_rules.refuse(f"{entry.path} ({entry.structure_id})", every)
         except InputError as error:
             return str(error)
         if not verdicts:
-            return structure
-        notes = "; ".join(filter(None, (structure.notes, *(verdict.found for verdict in verdicts))))
-        return replace(structure, verdicts_json=known_rules.to_json(every), notes=notes)
+            return read
+        notes = "; ".join(filter(None, (read.notes, *(verdict.found for verdict in verdicts))))
+        return replace(read, verdicts_json=known_rules.to_json(every), notes=notes)
 
     def _member(self, structure: Structure) -> Member:
         assert self._shapes is not None

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 
@@ -90,9 +89,7 @@ def fly_drafts(catalog: Catalog, keys: Iterable[str]) -> list[str]:
     return problems
 
 
-def simulated_row(
-    catalog: Catalog, flight_id: str, row: Row, path: Trajectory, columns: Mapping[str, Any]
-) -> Row:
+def simulated_row(catalog: Catalog, flight_id: str, row: Row, path: Trajectory, columns: Row) -> Row:
     plan, target = catalog.plan(row["transfer_id"]), catalog.structure(row["target_id"])
     assert plan.trajectory is not None
     scene = scene_for(target, plan.supposed)

@@ -85,25 +85,23 @@ def derived_from(basis: Recipe, target_sha256: str) -> dict[str, Any]:
     return inputs | recorded() | made_by
 
 
-def _as_far(
-    flown: Plan, airspace: Airspace, flight_at: Callable[[float], GapFlight]
-) -> tuple[GapFlight, str]:
+def _as_far(flown: Plan, airspace: Airspace, fly_at: Callable[[float], GapFlight]) -> tuple[GapFlight, str]:
     """The flight at the clearance of its plan, else at the safety distance, and which it is, in words."""
     assert flown.trajectory is not None
     limit = airspace.clearance_m
     wish = path_clearance(airspace.scene, flown.trajectory.positions).certain_m - _WITHIN_M
     if wish <= limit:
-        return flight_at(limit), f"keeps the safety distance of {limit:g} m, as its plan does"
+        return fly_at(limit), f"keeps the safety distance of {limit:g} m, as its plan does"
     first: GapFlight | None = None
     why = ""
     try:
-        first = flight_at(wish)
+        first = fly_at(wish)
         if not _lacking(first):
             return first, f"keeps {wish:.1f} m from the structure, as its plan does"
     except RefusedError as refusal:
         why = refusal.finding
     try:
-        second = flight_at(limit)
+        second = fly_at(limit)
     except RefusedError:
         if first is None:
             raise
