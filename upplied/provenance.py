@@ -75,12 +75,8 @@ def method() -> dict[str, str]:
 
 def recorded() -> dict[str, str]:
     """What is kept of the program beside a plan, by the columns of `transfers`."""
-    return {
-        "code_version": code_version(),
-        "sources_sha256": sources_sha256(),
-        "libraries": libraries(),
-        "machine": machine(),
-    }
+    known = {"code_version": code_version(), "sources_sha256": sources_sha256()}
+    return known | {"libraries": libraries(), "machine": machine()}
 
 
 def causes(row: Mapping[str, object], method_version: str) -> list[str]:

@@ -23,9 +23,8 @@ Html = Annotated[Path, Parameter(_OUTPUT, help="HTML file to write.")]
 TowardsOption = Annotated[float, Parameter(help="Wind direction in degrees, counter-clockwise from +X.")]
 render = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
 PictureOption = Annotated[Path, Parameter(_OUTPUT, help="PNG file to write.")]
-ViewOption = Annotated[
-    str | None, Parameter(help="View: three-quarter, other side, perspective, side, front, top or below.")
-]
+_VIEW = "View: three-quarter, other side, perspective, side, front, top or below."
+ViewOption = Annotated[str | None, Parameter(help=_VIEW)]
 Flags = Annotated[MissionOptions | None, Parameter("*")]
 
 

@@ -20,9 +20,8 @@ if TYPE_CHECKING:
 app = App(name="flights", help="Import flights of plans, compare them, and plan what they missed.")
 
 PlanOption = Annotated[str, Parameter(help="ID of the flown plan; by default the plan that fits best.")]
-PhotosOption = Annotated[
-    Path | None, Parameter(help="File with the times of photos, in nanoseconds of the log's clock.")
-]
+_PHOTOS = "File with the times of photos, in nanoseconds of the log's clock."
+PhotosOption = Annotated[Path | None, Parameter(help=_PHOTOS)]
 Force = Annotated[Texts, Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")]
 Name = Annotated[str, Parameter(help="Name of the demonstration; by default one is generated.")]
 Kind = Annotated[str, Parameter(help="Kind of the flight: flown or simulated.")]

@@ -31,6 +31,7 @@ errors = Console(highlight=False, stderr=True)
 Advance = Callable[[], None]
 ID_DIGITS = 12  # of the id of a flight, where people read it
 REASONS = 10  # that are printed one by one
+_PLACE = Parameter("--catalog", env_var="UPPLIED_CATALOG", help="Folder or object-store URI of the catalog.")
 
 
 @Parameter(name="*")
@@ -38,10 +39,7 @@ REASONS = 10  # that are printed one by one
 class Where:
     """The catalog that a command works on."""
 
-    location: Annotated[
-        str,
-        Parameter("--catalog", env_var="UPPLIED_CATALOG", help="Folder or object-store URI of the catalog."),
-    ] = "catalog"
+    location: Annotated[str, _PLACE] = "catalog"
 
     def opened(self) -> Catalog:
         from upplied.catalog import open_catalog
@@ -168,10 +166,8 @@ def rows_of(frame: pd.DataFrame, names: Mapping[str, str] | None = None) -> list
 
 def plain(row: Mapping[str, Any]) -> dict[str, Any]:
     """A row with None in place of NaN and infinity, which JSON lacks."""
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in row.items()
-    }
+    lacking = {name for name, value in row.items() if isinstance(value, float) and not math.isfinite(value)}
+    return {name: None if name in lacking else value for name, value in row.items()}
 
 
 def point_text(point: Sequence[float]) -> str:

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from upplied import fleet
 from upplied.cli.demonstrations import best as best_for
-from upplied.cli.options import Choices, Cores
+from upplied.cli.options import Choices, Cores, Texts
 from upplied.cli.terminal import PRINTED, Results, Where, complain, errors, progress, say
 from upplied.errors import InputError, RefusedError, SettingsError
 from upplied.outputs.labels import LABELS
@@ -19,11 +19,9 @@ if TYPE_CHECKING:
     from upplied.catalog import Catalog
     from upplied.fleet import Decision, PlanRequest, Result
 
-PresetOption = Annotated[
-    tuple[str, ...],
-    Parameter(name="--preset", consume_multiple=True, help="Presets: paper, recommended or baseline."),
-]
-SetOption = Annotated[tuple[str, ...], Parameter("--set", help="Parameter STAGE.NAME=VALUE; repeatable.")]
+_PRESETS = "Presets: paper, recommended or baseline."
+PresetOption = Annotated[Texts, Parameter(name="--preset", consume_multiple=True, help=_PRESETS)]
+SetOption = Annotated[Texts, Parameter("--set", help="Parameter STAGE.NAME=VALUE; repeatable.")]
 BestOption = Annotated[str, Parameter("--best", help="Structure for which to use the best demonstration.")]
 ExperimentOption = Annotated[str, Parameter(help="Name of an experiment; its plans are never released.")]
 ReproduceOption = Annotated[str | None, Parameter(help="ID of a plan to compute again and compare.")]

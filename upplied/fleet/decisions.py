@@ -200,11 +200,8 @@ def _check_kinds(
     request: PlanRequest, demonstrations: Mapping[str, Demonstration], structures: Mapping[str, Structure]
 ) -> None:
     """A target of a kind that nothing was flown on would be passed over in silence."""
-    flown = {
-        structures[demonstrations[name].structure_id].kind
-        for name in request.demonstrations or demonstrations
-        if demonstrations[name].structure_id in structures
-    }
+    sources = [demonstrations[name].structure_id for name in request.demonstrations or demonstrations]
+    flown = {structures[name].kind for name in sources if name in structures}
     for name in request.targets:
         if structures[name].kind not in flown:
             fault = f"is of kind {structures[name].kind}, flown was {' and '.join(sorted(flown)) or 'none'}"

@@ -78,7 +78,7 @@ def read_edit(
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise _unreadable(what, error) from None
     numbers = [value for p in after.values() for value in (*p.position, p.yaw_deg, p.pitch_deg)]
-    if not np.isfinite([*numbers, clearance]).all() or not np.isfinite(boxes).all():
+    if not np.isfinite([*numbers, clearance, *boxes.ravel()]).all():
         raise InputError(what, "contains a value that is not a number", _RULE)
     places = [*(p.position for p in after.values()), *boxes.reshape(-1, 3), (clearance, 0.0, 0.0)]
     if np.abs(np.array(places)).max() > FARTHEST_M:

@@ -67,11 +67,9 @@ def judged(
     size = tuple(_size(new, kin, unlike, bounds))
     if not size and not sized and not _confirmed(new, kin, unlike, bounds):
         size = (_unconfirmed(new, f"no other {new.kind} here is of its form and its size"),)
-    return (
-        *size,
-        *_axes(new, kin, float(unlike.min()), bounds, axes, symmetric),
-        *_kind(new, kin, unlike, [other for other in others if other.kind != new.kind], bounds),
-    )
+    strangers = [other for other in others if other.kind != new.kind]
+    stands = _axes(new, kin, float(unlike.min()), bounds, axes, symmetric)
+    return (*size, *stands, *_kind(new, kin, unlike, strangers, bounds))
 
 
 def _size(new: Member, kin: Sequence[Member], unlike: Floats, bounds: StructureSettings) -> Iterator[Verdict]:

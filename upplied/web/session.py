@@ -121,8 +121,7 @@ class Session:
     def _replan(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The other viewpoints planned again in the airspace of the request, with the fixed ones put back."""
         base, edit, airspace = self._read(request)
-        held = dict(edit.changed)
-        fixed = request.get("fixed", [])
+        held, fixed = dict(edit.changed), request.get("fixed", [])
         for at in fixed if isinstance(fixed, list) else []:
             if isinstance(at, int) and 0 <= at < len(base.viewpoints) and at not in edit.deleted:
                 held.setdefault(at, base.viewpoints[at])
@@ -167,8 +166,6 @@ class Session:
         place = (origin + reach * axis)[0].round(3).tolist() if np.isfinite(reach) else None
         return {"place": place}
 
-    # --- parts of the answers ------------------------------------------------------------------
-
     def _read(self, request: Mapping[str, Any]) -> tuple[Base, Edit, AirspaceLimits]:
         at = request.get("base", 0)
         if not isinstance(at, int) or not 0 <= at < len(self._bases):
@@ -183,8 +180,7 @@ class Session:
         return answer | {name: round(value, 3) for name, value in took.items()}
 
     def _shown(self, judged: JudgedEdit, edit: Edit, airspace: AirspaceLimits, base: Base) -> dict[str, Any]:
-        path, _ = flown_path(judged.plan)
-        measures = vars(judged.plan.measures)
+        path, measures = flown_path(judged.plan)[0], vars(judged.plan.measures)
         standoff = {"standoff_mode": self.editing.recipe.row.get("standoff_mode")}
         faults = [*judged.broken, *([judged.short] if judged.short else [])]
         return {
@@ -215,8 +211,7 @@ class Session:
         return sentences
 
     def _states(self, judged: JudgedEdit) -> dict[str, str] | None:
-        surface = judged.plan.surface
-        if surface is None:
+        if (surface := judged.plan.surface) is None:
             return None
         if self._near is None:
             self._near = nearest_samples(self._mesh, surface)
