@@ -13,9 +13,8 @@ from upplied.cli.terminal import HERE, PRINTED, Results, Where, complain_each, e
 from upplied.errors import SettingsError
 from upplied.outputs.labels import LABELS
 
-app = App(
-    name="findings", help="Place findings on structures, see them again, and find the same place elsewhere."
-)
+_HELP = "Place findings on structures, see them again, and find the same place elsewhere."
+app = App(name="findings", help=_HELP)
 LISTED = LABELS["findings"]
 State = Literal["open", "watched", "repaired", "dismissed"]
 SPARE = ("note", "severity", "by")

@@ -66,10 +66,7 @@ class Results(Where):
     json: Annotated[bool, Parameter("--json", help="Print JSON instead of a table.")] = False
 
     def show(self, title: str, rows: Sequence[Mapping[str, Any]], spare: Sequence[str] = ()) -> None:
-        """Print rows as a table, or as JSON.
-
-        `spare` names the columns that go first where the table is wider than the terminal.
-        """
+        """Print rows as a table, or as JSON; `spare` columns go first where the terminal is too narrow."""
         if self.json:
             text = json.dumps(list(rows), indent=2, default=str, allow_nan=False)
             sys.stdout.write(f"{text}\n")  # even with --quiet
@@ -134,7 +131,6 @@ def complain(text: object) -> None:
 
 
 def complain_each(what: str, reasons: Sequence[str]) -> None:
-    """Print the first reasons on standard error, and the number of further ones."""
     for reason in reasons[:REASONS]:
         complain(f"{what}: {reason}")
     if len(reasons) > REASONS:
@@ -217,7 +213,6 @@ def _cell(value: Any) -> str:
 
 
 def ingested_report(ingested: Sequence[Ingested]) -> int:
-    """Report the result for each file; 1 if one of them failed."""
     shown = [item for item in ingested if item.file and item.status != "unchanged"]
     if shown:
         above = os.path.commonpath([os.path.dirname(item.file) for item in shown])

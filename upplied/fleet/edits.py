@@ -154,8 +154,7 @@ def standing_edit(catalog: Catalog, demonstration_id: str, target_id: str) -> Ro
 
 def carry_edits(catalog: Catalog) -> list[str]:
     """Take people's changes over to newer drafts of `recommended`, once; what cannot be is told and kept."""
-    edits = catalog.edits()
-    if not len(edits):
+    if not len(edits := catalog.edits()):
         return []
     there = {"", *catalog.transfers(every=True, columns=["transfer_id"])["transfer_id"]}
     tried = edits[(edits["carried_from"] != "") & edits["transfer_id"].isin(there)]
@@ -167,8 +166,7 @@ def carry_edits(catalog: Catalog) -> list[str]:
         pair = (str(row["demonstration_id"]), str(row["target_id"]))
         if pair not in pairs or row["transfer_id"] in settled:
             continue
-        edit = standing_edit(catalog, *pair)
-        if edit is None or edit["base_id"] == row["transfer_id"]:
+        if (edit := standing_edit(catalog, *pair)) is None or edit["base_id"] == row["transfer_id"]:
             continue
         row = catalog.transfer(str(row["transfer_id"]))
         what = f"the change by {edit['by']} of {row['demonstration_id']} on {row['target_id']}"

@@ -238,16 +238,14 @@ def left_out(catalog: Catalog, row: Row, zones: bool = True) -> str:
 def zones_left_out(catalog: Catalog, row: Row) -> str:
     """The zones that some safe camera can see and that were not seen as they ask, in words."""
     camera = catalog.demonstration(str(row["demonstration_id"])).camera
-    asking = zones_asked(catalog, row, catalog.structure(str(row["target_id"])), camera)
-    if asking is None:
+    if (asking := zones_asked(catalog, row, catalog.structure(str(row["target_id"])), camera)) is None:
         return ""
     judged = asking.judged(*looked(catalog, flown_with(catalog, row), asking.surface))
     return ", ".join(f"zone {each['zone']}" for each in judged if each["status"] == "missed")
 
 
 def zones_asked(catalog: Catalog, row: Row, target: Structure, camera: Camera) -> RequiredZones | None:
-    zones = Zones(catalog).of(target.kind, target.structure_id)
-    if not zones:
+    if not (zones := Zones(catalog).of(target.kind, target.structure_id)):
         return None
     known = target, catalog.supposed(str(row["transfer_id"])), camera, zones
     return RequiredZones(catalog.structure, catalog.cache, *known, catalog.faces_labelled)

@@ -236,8 +236,8 @@ def promote_flight(
     usual_name = f"{plan['demonstration_id']}-{structure.structure_id}-{row['flown_at']:%Y%m%d}"[:64]
     name = check_id(name or usual_name, "demonstration id")
     if name in set(catalog.demonstrations(every=True)["demonstration_id"]):
-        remedy = "say --name NAME"
-        raise RefusedError(f"demonstration {name}", "is in the catalog", "a name of its own", remedy)
+        what = f"demonstration {name}"
+        raise RefusedError(what, "is in the catalog", "a name of its own", "say --name NAME")
     before = catalog.demonstration(str(plan["demonstration_id"]))
     camera, start_ns = before.camera, int(row["flown_at"].value)
     if flown.fov_deg is not None:  # the narrowest field of view that the flight itself logged

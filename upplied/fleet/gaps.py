@@ -69,8 +69,7 @@ def plan_gap(catalog: Catalog, start: str) -> str:
         return gap_flight(path, surface, missing, camera, graph, *known)
 
     flight, clearance_words = _as_far(flown, airspace, flight_at)
-    broken = place_breaches(flight.trajectory, target, flown.supposed, clearance)
-    if broken:
+    if broken := place_breaches(flight.trajectory, target, flown.supposed, clearance):
         raise RefusedError(f"gap of flight {start}", "; ".join(broken), "a safe flight", "plan it again")
     nearest_m = path_clearance(airspace.scene, flight.trajectory.positions).distance_m
     plan = _plan(flown, flight, surface, missing, nearest_m, zones, (clearance_words, *untold))
@@ -196,11 +195,9 @@ def missed_zones(
     catalog: Catalog, row: Row, target: Structure, camera: Camera
 ) -> tuple[list[Zone], tuple[str, ...]]:
     """What of zones a flight (its row) and all others did not show; and zones without surface, in words."""
-    asking = zones_asked(catalog, row, target, camera)
-    if asking is None:
+    if (asking := zones_asked(catalog, row, target, camera)) is None:
         return [], ()
-    surface = asking.surface
-    misses = []
+    surface, misses = asking.surface, []
     for named, demand, missed in asking.missed(*looked(catalog, flown_with(catalog, row), surface)):
         if missed.any():
             cloud = Cloud(surface.points[missed], surface.outward[missed], surface.areas[missed])

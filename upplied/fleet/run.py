@@ -224,8 +224,6 @@ class Keeper:
 
 @dataclass
 class Result:
-    """Counts of a run, and what did not succeed."""
-
     ok: int = 0
     refused: int = 0
     failed: int = 0

@@ -92,7 +92,6 @@ class Session:
                 return {"refused": str(error)}
 
     def _plan(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The initial content of the page: the plan with its stored measures."""
         row, camera = self.editing.recipe.row, self.editing.recipe.demonstration.camera
         rows = self.catalog.transfers(every=True, structure=row["target_id"])
         now = rows[rows["transfer_id"] == self._draft].iloc[-1].to_dict()
