@@ -152,10 +152,8 @@ def _when(text: str) -> str | int:
 
 
 NO_LICENCE = "All rights reserved"  # whoever gives data away chooses another
-FormatOption = Annotated[
-    Literal["parquet", "lerobot", "tum"],
-    Parameter(help="Format: parquet for any program, lerobot for learning, tum for evo."),
-]
+_FORMATS = "Format: parquet for any program, lerobot for learning, tum for evo."
+FormatOption = Annotated[Literal["parquet", "lerobot", "tum"], Parameter(help=_FORMATS)]
 NameOption = Annotated[str, Parameter(help="Name with a version, such as boxes-v1; by default the folder's.")]
 PresetOption = Annotated[str, Parameter(help="Preset, or all; by default recommended, if present.")]
 Replace = Annotated[bool, Parameter(help="Store entries of the same name as newer versions.")]

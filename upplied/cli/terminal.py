@@ -103,7 +103,6 @@ class Results(Where):
         self.show(title, rows, spare)
 
     def show_facts(self, title: str, facts: Mapping[str, Any]) -> None:
-        """Print facts by name, except empty ones, as a table or as JSON."""
         known = {name: value for name, value in facts.items() if value not in ("", None)}
         self.show(title, [{"item": name, "value": value} for name, value in known.items()])
 

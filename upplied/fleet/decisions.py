@@ -126,7 +126,6 @@ class Decision:
 
     @property
     def reasons(self) -> dict[str, int]:
-        """How many jobs there are for each reason, most frequent first."""
         counted = Counter(job.why for job in self.jobs)
         return dict(sorted(counted.items(), key=lambda item: (-item[1], item[0])))
 

@@ -173,8 +173,6 @@ def _plan(
 
 @dataclass(frozen=True)
 class Zone:
-    """A zone that is missed, with what is to be shown of it and how that is told."""
-
     row: dict[str, Any]  # which names it
     demand: Demand
     gap: ZoneGap

@@ -83,7 +83,6 @@ def content_of(read: Structure | Demonstration) -> tuple[str, ...]:
 
 
 def _added(name: str, read: Structure | Demonstration) -> Ingested:
-    """A record that is new, with its warnings and overruled rules; a flight's with what it is."""
     if isinstance(read, Structure):
         return Ingested(name, "added", findings=tuple(map(str, from_json(read.verdicts_json))))
     camera = f"camera {read.camera.hfov_deg:.0f} x {read.camera.vfov_deg:.0f} deg"

@@ -77,7 +77,6 @@ class Run(AbstractContextManager["Run"]):
         self._keeper.close()
 
     def plan(self, index: int) -> None:
-        """Plan the jobs of one shard, one after the other, and wait for them."""
         for job in self.shards[index]:
             outcome = attempt(self._workers, job, self._plan_job)
             self._keeper.add(outcome)

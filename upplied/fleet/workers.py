@@ -60,7 +60,6 @@ class Limits:
     memory_gib: float | None = None  # address space of a worker; None: the machine's memory / workers
 
     def memory_bytes(self, workers: int) -> int:
-        """The address space each of `workers` processes may use, bytes."""
         if self.memory_gib is not None:
             return int(self.memory_gib * 2**30)
         machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

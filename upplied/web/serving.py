@@ -42,8 +42,6 @@ _SHOWN = {"brief": ("inline", "text/html")}  # missions that a browser shows rat
 
 
 class Web:
-    """The application of a catalog's pages, to be put behind a guard."""
-
     def __init__(self, catalog: Catalog, login: Login) -> None:
         self.login, self.catalog = login, catalog
         self.live, self.sessions, self.decisions = LivePages(catalog), Sessions(catalog), Decisions(catalog)
