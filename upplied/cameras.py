@@ -22,7 +22,6 @@ _FIGURES = {
     "focus_m": "nearest focus", "trigger_s": "least time between photos",
 }  # fmt: skip
 _OF_FIELD = ("sensor_mm", "dfov_deg")  # they give the field of view and nothing else
-_UNLIMITED_M = 50.0  # as the default of `Camera.max_range_m`: nobody states how far off a photo is of use
 
 
 def known_cameras() -> Mapping[str, Mapping[str, Any]]:
@@ -56,7 +55,6 @@ def known_camera(name: str, file_format: str = "jpeg") -> Camera:
         hfov_deg=math.degrees(2 * math.atan(half)),
         vfov_deg=math.degrees(2 * math.atan(half * height / width)),
         min_range_m=max(Camera.min_range_m, focus),
-        max_range_m=_UNLIMITED_M,
         width_px=width,
         height_px=height,
         model=name,

@@ -28,6 +28,7 @@ _AS_FINE = 1.25  # times the finest that the path shows a sample, by distance an
 _EDGE_ON = 0.1  # cosine of the incidence, below which it counts as that
 _HALVINGS = 7  # of the time between two places, for a required overlap
 _SAME_S = 1e-6
+Span = tuple[float, float]  # two times, s
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,15 +50,12 @@ def photographed(
 ) -> Photographed:  # fmt: skip
     """The photo points of a path of N poses at the times they are planned for.
 
+    What the path shows of the samples of the surface its photos are to show, not much more coarsely.
+
     Parameters
     ----------
-    path, camera, scene : Trajectory, Camera, Scene
-    surface : Cloud
-        M samples; what the path shows of them its photos are to show, not much more coarsely.
-    interval_s : float
-        Least time between two photos.
-    most_mps2 : float
-        Acceleration allowed at the bends beside a photo; the path's own where that is more.
+    interval_s, most_mps2 : float
+        Least time between two photos; acceleration allowed at the bends beside one, or the path's own.
     overlap : (along, across), optional
         Required overlap, 0 to 1. Along is held by slowing the flight where need be; across is what the
         passes of the path give, and is measured.
@@ -115,9 +113,7 @@ def _along(frames: Frames, useful: list[int], path: Trajectory, interval_s: floa
     return chosen
 
 
-def _last(
-    frames: Frames, useful: list[int], path: Trajectory, wanted: float, ends: tuple[float, float]
-) -> float:
+def _last(frames: Frames, useful: list[int], path: Trajectory, wanted: float, ends: Span) -> float:
     """The last place between two times whose picture, like all before it, overlaps enough with the first."""
     times, before, last = frames.poses.t_s[useful], _at(frames, path, ends[0]), ends[0]
     for at in range(int(np.searchsorted(times, ends[0] + _SAME_S)), len(times)):
@@ -158,19 +154,15 @@ def _evenly(frames: Frames, path: Trajectory, steps: list[float], end: float, re
 
 
 def _at(frames: Frames, path: Trajectory, time_s: float) -> Frames:
-    """The picture at one moment."""
     return Frames(interpolate(path, np.array([time_s])), frames.camera, frames.scene)
 
 
 def _shared(before: Frames, frames: Frames, at: int) -> float:
-    """Share of what a place shows that the photo before shows too."""
     hits = frames.hits(at)
     return float(before.shows(0, hits).mean()) if len(hits) else 1.0
 
 
-def _exactly(
-    before: Frames, frames: Frames, path: Trajectory, wanted: float, ends: tuple[float, float]
-) -> float:
+def _exactly(before: Frames, frames: Frames, path: Trajectory, wanted: float, ends: Span) -> float:
     """The time between two at which the overlap with the photo before falls to the required one."""
     low, high = ends
     for _ in range(_HALVINGS):
@@ -183,8 +175,7 @@ def _exactly(
 def share_shown(path: Trajectory, photo: Bools, camera: Camera, scene: Scene, surface: Cloud) -> float:
     """Share, 0 to 1, of the samples that photos at some poses show as finely as the whole path; NaN for none.
 
-    A photo, at some of the path's poses (N,), does where it shows a sample no coarser than 1.25 times the
-    finest look of the path.
+    A photo (N,) does where it shows a sample no coarser than 1.25 times the finest look of the path.
     """
     frames = Frames(path, camera, scene)
     reach = np.array([_reach(frames, at, surface) for at in range(len(path))])

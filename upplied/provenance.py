@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import platform
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -37,10 +38,8 @@ def libraries() -> str:
     """Names and versions of the libraries that results depend on, e.g. ``numba 0.61.2, numpy 2.2.6``."""
     versions = {}
     for name in _LIBRARIES:
-        try:
+        with suppress(metadata.PackageNotFoundError):
             versions[name.removesuffix("-cpu")] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
     return ", ".join(f"{name} {version}" for name, version in sorted(versions.items()))
 
 
@@ -71,18 +70,13 @@ def code_version() -> str:
 
 
 def method() -> dict[str, str]:
-    """What of the program belongs into the key of a result."""
     return {"sources": sources_sha256(), "libraries": libraries()}
 
 
 def recorded() -> dict[str, str]:
     """What is kept of the program beside a plan, by the columns of `transfers`."""
-    return {
-        "code_version": code_version(),
-        "sources_sha256": sources_sha256(),
-        "libraries": libraries(),
-        "machine": machine(),
-    }
+    known = {"code_version": code_version(), "sources_sha256": sources_sha256()}
+    return known | {"libraries": libraries(), "machine": machine()}
 
 
 def causes(row: Mapping[str, object], method_version: str) -> list[str]:
@@ -113,7 +107,7 @@ def _commit(git: Path) -> str:
     def text(path: Path) -> str:
         return path.read_text(encoding="utf-8").strip() if path.exists() else ""
 
-    try:
+    with suppress(OSError, UnicodeDecodeError):
         if git.is_file():  # a work tree beside its repository
             git = (git.parent / text(git).removeprefix("gitdir:").strip()).resolve()
         head = text(git / "HEAD")
@@ -125,6 +119,4 @@ def _commit(git: Path) -> str:
             known = [commit for commit, *names in packed if names == [name]]
             if commit := text(place / name) or "".join(known[:1]):
                 return commit
-    except (OSError, UnicodeDecodeError):
-        pass
     return ""

@@ -64,27 +64,19 @@ def fly_trajectory(
     trajectory: Trajectory, vehicle: Vehicle | None = None, wind: Wind | None = None, ground_z_m: float = 0.0,
     seed: int = 0,
 ) -> Trajectory:  # fmt: skip
-    """What a vehicle really flies of a planned trajectory.
+    """What a vehicle really flies of a planned trajectory: camera poses at 10 Hz, structure frame.
+
+    It begins hovering at the first waypoint and ends hovering at the last; a `RefusedError` if the vehicle
+    cannot hold its path in this wind.
 
     Parameters
     ----------
-    trajectory : Trajectory
-        Camera poses in the structure frame, as planned.
-    vehicle, wind : Vehicle, Wind, optional
+    trajectory, vehicle, wind
+        Camera poses in the structure frame, as planned; who flies them, in what air.
     ground_z_m : float
         Height of the ground, m, structure frame: gusts grow longer with height.
     seed : int
         Of gusts and errors; the same seed gives the same flight.
-
-    Returns
-    -------
-    Trajectory
-        Camera poses at 10 Hz from hovering at the first waypoint to hovering at the last.
-
-    Raises
-    ------
-    RefusedError
-        If the vehicle cannot hold its path in this wind.
     """
     vehicle, wind = vehicle or Vehicle(), wind or Wind()
     if len(trajectory) == 0 or wind.speed_mps < 0:
@@ -104,7 +96,7 @@ def measure_flown(
     flown: Trajectory, plan: Plan, demonstration: Demonstration, source: Structure, target: Structure,
     settings: Settings, memo: Memo = no_memo, siblings: Sequence[Structure] = (),
 ) -> Plan:  # fmt: skip
-    """A flight measured by the same code as its plan.
+    """A flight measured by the same code as its plan: the plan with what depends on the path as flown.
 
     Parameters
     ----------
@@ -114,11 +106,6 @@ def measure_flown(
         What was to be flown.
     demonstration, source, target, settings, memo, siblings
         As for `upplied.planning.plan.plan_transfer`.
-
-    Returns
-    -------
-    Plan
-        With trajectory, measures, surface, what is supposed of the target, and warnings as flown.
     """
     here, there = frames_for(source, target, settings)
     with one_thread():
@@ -144,9 +131,8 @@ def wind_along(positions: Floats, wind: Wind, ground_z_m: float, rng: np.random.
     speed = np.maximum(wind.speed_mps, 1.0)
     height_ft = np.clip((positions[:, 2] - ground_z_m) * _FEET_PER_M, 10.0, 1000.0)
     sigma, length_m = dryden(height_ft, wind.speed_mps)
-    for axis, strength, length in zip(
-        (along, across, np.array([0.0, 0, 1])), sigma.T, length_m.T, strict=True
-    ):
+    axes = along, across, np.array([0.0, 0, 1])
+    for axis, strength, length in zip(axes, sigma.T, length_m.T, strict=True):
         air += (strength * _first_order(np.exp(-_STEP_S * speed / length), rng))[:, None] * axis
     return air
 
@@ -199,20 +185,17 @@ def _followed(planned: Floats, air: Floats, error: Floats, vehicle: Vehicle) -> 
         if np.abs(goal - position).max() > vehicle.lost_m:
             where = f"at {goal.round(1).tolist()} after {step * _STEP_S:.0f} s"
             finding = f"is blown more than {vehicle.lost_m:g} m off its path {where}"
-            rule, remedy = "a path that the vehicle can hold", "fly slower, or in less wind"
-            raise RefusedError("flight", finding, rule, remedy)
+            rule = "a path that the vehicle can hold"
+            raise RefusedError("flight", finding, rule, "fly slower, or in less wind")
     return flown
 
 
 def _limited(acceleration: Floats, vehicle: Vehicle) -> Floats:
-    """The acceleration that tilt and motors allow."""
     most = _GRAVITY_MPS2 * np.tan(np.radians(vehicle.max_tilt_deg))
-    x, y, climb = acceleration
+    (x, y, climb), steepest = acceleration, vehicle.max_climb_mps2
     level = np.hypot(x, y)
     shrink = min(1.0, most / level) if level > 0 else 1.0
-    return np.array(
-        [x * shrink, y * shrink, min(max(climb, -vehicle.max_climb_mps2), vehicle.max_climb_mps2)]
-    )
+    return np.array([x * shrink, y * shrink, min(max(climb, -steepest), steepest)])
 
 
 def _gimballed(quat_xyzw: Floats, vehicle: Vehicle, rng: np.random.Generator) -> Floats:

@@ -111,6 +111,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _failed(code: int, word: str, text: object) -> int:
-    """Print a message after a word in colour, and return the exit code."""
     errors.print(f"{word} {escape(str(text))}", soft_wrap=True)
     return code

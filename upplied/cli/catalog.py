@@ -27,8 +27,8 @@ def info(*, results: Results = PRINTED) -> int:
     store = results.opened()
     tables = {name: getattr(store, name)() for name in ("structures", "demonstrations", "transfers")}
     counts = {name: len(table) for name, table in tables.items()}
-    for status, plans in tables["transfers"]["status"].value_counts().sort_index().items():
-        counts[f"transfers {status}"] = int(plans)
+    plans = tables["transfers"]["status"].value_counts().sort_index()
+    counts |= {f"transfers {status}": int(number) for status, number in plans.items()}
     rows = [{"what": what, "count": number} for what, number in counts.items()]
     results.show(f"catalog {store.location}", rows)
     return 0
@@ -49,9 +49,8 @@ def show_one(id: str, /, *, results: Results = PRINTED) -> int:
         rows += [{"what": table, **row} for row in rows_of(frame[frame[f"{table}_id"] == id])]
     try:
         name = store.find_transfer(id)
-        plans = store.transfers(every=True)
         current = name in set(store.transfers(columns=["transfer_id"])["transfer_id"])
-        same = plans[plans["transfer_id"] == name]
+        same = store.transfers(every=True, ids=[name])
         rows += [{"what": "plan", "current": current, **row} for row in rows_of(same)]
         rows += [{"what": "overruled for", **row} for row in rows_of(store.overruled(name))]
     except CatalogError:
@@ -153,12 +152,12 @@ def _when(text: str) -> str | int:
 
 
 NO_LICENCE = "All rights reserved"  # whoever gives data away chooses another
-FormatOption = Annotated[
-    Literal["parquet", "lerobot", "tum"],
-    Parameter(help="Format: parquet for any program, lerobot for learning, tum for evo."),
-]
+_FORMATS = "Format: parquet for any program, lerobot for learning, tum for evo."
+FormatOption = Annotated[Literal["parquet", "lerobot", "tum"], Parameter(help=_FORMATS)]
 NameOption = Annotated[str, Parameter(help="Name with a version, such as boxes-v1; by default the folder's.")]
 PresetOption = Annotated[str, Parameter(help="Preset, or all; by default recommended, if present.")]
+Replace = Annotated[bool, Parameter(help="Store entries of the same name as newer versions.")]
+Verify = Annotated[bool, Parameter(help="Compute the measures of every plan again and compare.")]
 DaysOption = Annotated[float, Parameter(help="Days for which older versions stay readable.")]
 
 
@@ -235,14 +234,7 @@ def export(
 
 
 @app.command(name="import")
-def import_(
-    folder: Path,
-    /,
-    *,
-    replace: Annotated[bool, Parameter(help="Store entries of the same name as newer versions.")] = False,
-    verify: Annotated[bool, Parameter(help="Compute the measures of every plan again and compare.")] = False,
-    where: Where = HERE,
-) -> int:
+def import_(folder: Path, /, *, replace: Replace = False, verify: Verify = False, where: Where = HERE) -> int:
     """Import an exported folder after checking it.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from upplied.cli.options import ByOption, KindOption, NoteOption, OwnerArgument, StructureArgument
+from upplied.cli.options import By, Note, OfKind, Owner, StructureId, Words
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, plain, say
 from upplied.errors import InputError, SettingsError
 from upplied.files import replace_file
@@ -17,17 +17,11 @@ from upplied.outputs.labels import LABELS
 if TYPE_CHECKING:
     from upplied.catalog import Catalog
 
-EveryOption = Annotated[bool, Parameter("--all", help="Include the parameters of the preset.")]
+Every = Annotated[bool, Parameter("--all", help="Include the parameters of the preset.")]
 
 
 def set_(
-    owner: OwnerArgument,
-    /,
-    *values: Annotated[str, Parameter(allow_leading_hyphen=False)],
-    kind: KindOption = False,
-    by: ByOption,
-    note: NoteOption = "",
-    where: Where = HERE,
+    owner: Owner, /, *values: Words, kind: OfKind = False, by: By, note: Note = "", where: Where = HERE
 ) -> int:
     """Set planning parameters for a structure or for a whole kind.
 
@@ -58,9 +52,7 @@ def set_(
     return 0
 
 
-def settings(
-    structure: StructureArgument, /, *, every: EveryOption = False, results: Results = PRINTED
-) -> int:
+def settings(structure: StructureId, /, *, every: Every = False, results: Results = PRINTED) -> int:
     """Show the planning parameters of a structure and their origin: those set for it or for its kind."""
     rows = results.opened().settings_of(structure)
     if not (every or results.json):
@@ -70,14 +62,7 @@ def settings(
 
 
 def require(
-    owner: OwnerArgument,
-    file: Path,
-    /,
-    *,
-    kind: KindOption = False,
-    by: ByOption,
-    note: NoteOption = "",
-    where: Where = HERE,
+    owner: Owner, file: Path, /, *, kind: OfKind = False, by: By, note: Note = "", where: Where = HERE
 ) -> int:
     """Require zones of a structure or of a kind, with the quality of their pictures.
 
@@ -112,7 +97,6 @@ def require(
 def _with_labels(
     store: Catalog, zones: list[dict[str, Any]], labels: object, file: Path, owner: str
 ) -> list[dict[str, Any]]:
-    """The zones with the place of those that name a label of faces."""
     from upplied.inputs.columns import read_face_labels
 
     label_files: dict[str, str] = {}
@@ -139,7 +123,7 @@ def _with_labels(
     return labelled
 
 
-def zones(structure: StructureArgument, /, *, mesh: Path | None = None, results: Results = PRINTED) -> int:
+def zones(structure: StructureId, /, *, mesh: Path | None = None, results: Results = PRINTED) -> int:
     """Show which required zones of a structure are covered, by plans and by flights.
 
     Exit code 1 if the plans do not cover one.

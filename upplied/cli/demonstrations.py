@@ -12,7 +12,7 @@ from cyclopts import App, Parameter
 
 from upplied import fleet
 from upplied.cli import options, terminal
-from upplied.cli.options import DemonstrationArgument, RuleFlags, StructureArgument, WorkersOption
+from upplied.cli.options import Cores, DemonstrationId, Rules, StructureId
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, progress, rows_of, say
 from upplied.errors import InputError, SettingsError
 from upplied.outputs.labels import LABELS
@@ -36,7 +36,7 @@ PublisherOption = Annotated[str, Parameter(help="Body to read: the name of its f
 @app.command
 def add(
     *logs: Path,
-    flags: RuleFlags = options.USUAL_RULES,
+    flags: Rules = options.USUAL,
     publisher: PublisherOption = "",
     structure: StructureOption = "",
     register: RegisterOption = (),
@@ -45,7 +45,7 @@ def add(
     kind: KindOption = "",
     unit_m: Annotated[float | None, Parameter(help="Metres per unit of a model without scale.")] = None,
     dry_run: Annotated[bool, Parameter(help="Check only, store nothing.")] = False,
-    workers: WorkersOption = 0,
+    workers: Cores = 0,
     where: Where = HERE,
 ) -> int:
     """Import demonstrated flights; each is checked against its structure (docs/checks.md).
@@ -81,7 +81,6 @@ def add(
 
 
 def _points(register: tuple[str, ...]) -> tuple[tuple[str, tuple[float, ...]], ...]:
-    """Landmarks in the log's frame, from NAME=X,Y,Z."""
     points = []
     for word in register:
         name, _, place = word.partition("=")
@@ -105,7 +104,7 @@ def list_(*, results: Results = PRINTED) -> int:
 
 
 @app.command(name="show")
-def show_(demonstration: DemonstrationArgument, /, *, results: Results = PRINTED) -> int:
+def show_(demonstration: DemonstrationId, /, *, results: Results = PRINTED) -> int:
     """Show the import checks of a demonstration: measurements, and the rules it breaks."""
     from upplied.inputs.passport.rules import findings_of
     from upplied.outputs.page_data import rows_of
@@ -137,7 +136,7 @@ def retire(*demonstrations: str, where: Where = HERE) -> int:
     return 0
 
 
-def recommend(structure: StructureArgument, /, *, most: MostOption = 10, results: Results = PRINTED) -> int:
+def recommend(structure: StructureId, /, *, most: MostOption = 10, results: Results = PRINTED) -> int:
     """Rank demonstrations by how well they would transfer to a structure; nothing is planned."""
     from upplied.recommend.ranking import recommend as rank
 

@@ -7,34 +7,28 @@ from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import DemonstrationArgument, PlanArgument, StructureArgument
+from upplied.cli.options import DemonstrationId, PlanId, StructureId
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, beside, compared, errors, hint, say
 from upplied.files import replace_file
 from upplied.outputs.labels import LABELS
 from upplied.outputs.mission_options import MissionOptions
 
-Format = Literal["qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"]
-FormatOption = Annotated[Format, Parameter(help="Format of the mission.")]
-OutputOption = Annotated[Path, Parameter(("--output", "-o"))]
+Format = Annotated[
+    Literal["qgc-plan", "mavlink", "dji-wpml", "litchi", "kml", "geojson", "mcap", "csv"],
+    Parameter(help="Format of the mission."),
+]
+_OUTPUT = ("--output", "-o")
+File = Annotated[Path, Parameter(_OUTPUT, help="File to write; several flights are numbered.")]
+Html = Annotated[Path, Parameter(_OUTPUT, help="HTML file to write.")]
 TowardsOption = Annotated[float, Parameter(help="Wind direction in degrees, counter-clockwise from +X.")]
 render = App(name="render", help="Draw a structure, a transfer, or the presets side by side, as PNG.")
-PictureOption = Annotated[Path, Parameter(("--output", "-o"), help="PNG file to write.")]
-ViewOption = Annotated[
-    str | None, Parameter(help="View: three-quarter, other side, perspective, side, front, top or below.")
-]
-
-MissionFlags = Annotated[MissionOptions | None, Parameter("*")]
+PictureOption = Annotated[Path, Parameter(_OUTPUT, help="PNG file to write.")]
+_VIEW = "View: three-quarter, other side, perspective, side, front, top or below."
+ViewOption = Annotated[str | None, Parameter(help=_VIEW)]
+Flags = Annotated[MissionOptions | None, Parameter("*")]
 
 
-def export(
-    transfer: PlanArgument,
-    /,
-    *,
-    to: FormatOption,
-    output: Annotated[OutputOption, Parameter(help="File to write; several flights are numbered.")],
-    flags: MissionFlags = None,
-    where: Where = HERE,
-) -> int:
+def export(transfer: PlanId, /, *, to: Format, output: File, flags: Flags = None, where: Where = HERE) -> int:
     """Write a plan as a mission file for an autopilot or a map, with its assumptions as notes.
 
     Each flight is a file. Vehicle and clearance come from the parameters of the plan (`upplied settings`)
@@ -54,12 +48,12 @@ def export(
 
 
 def brief(
-    transfer: PlanArgument,
+    transfer: PlanId,
     /,
     *,
-    to: FormatOption = "qgc-plan",
-    output: Annotated[OutputOption, Parameter(help="HTML file to write.")],
-    flags: MissionFlags = None,
+    to: Format = "qgc-plan",
+    output: Html,
+    flags: Flags = None,
     where: Where = HERE,
 ) -> int:
     """Write the pilot's brief: map, heights, flights, verdict.
@@ -75,7 +69,7 @@ def brief(
 
 
 def fly(
-    transfer: PlanArgument,
+    transfer: PlanId,
     /,
     *,
     wind: Annotated[float, Parameter(help="Mean wind speed, in m/s.")] = 5.0,
@@ -113,7 +107,7 @@ def fly(
 
 
 @render.command
-def structure(id: StructureArgument, /, *, output: PictureOption, where: Where = HERE) -> int:
+def structure(id: StructureId, /, *, output: PictureOption, where: Where = HERE) -> int:
     """Draw a structure from three sides, with its demonstrations."""
     from upplied.outputs.render import render_structure
 
@@ -122,9 +116,7 @@ def structure(id: StructureArgument, /, *, output: PictureOption, where: Where =
 
 
 @render.command
-def transfer(
-    id: PlanArgument, /, *, output: PictureOption, view: ViewOption = None, where: Where = HERE
-) -> int:
+def transfer(id: PlanId, /, *, output: PictureOption, view: ViewOption = None, where: Where = HERE) -> int:
     """Draw a demonstration on its structure, and its plan on the target."""
     from upplied.outputs.render import render_transfer
 
@@ -134,8 +126,8 @@ def transfer(
 
 @render.command
 def comparison(
-    demonstration: DemonstrationArgument,
-    target: StructureArgument,
+    demonstration: DemonstrationId,
+    target: StructureId,
     /,
     *,
     output: PictureOption,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from upplied.cli import findings, options, terminal
-from upplied.cli.options import FindingArgument, FlightArgument, PointArgument, StructureArgument, Texts
+from upplied.cli import findings, terminal
+from upplied.cli.options import AtPoint, By, FindingId, FlightId, OnlyStructure, StructureId, Texts
 from upplied.cli.terminal import HERE, ID_DIGITS, PRINTED, Results, Where, errors, say
 from upplied.outputs.labels import LABELS
 
@@ -20,10 +20,13 @@ if TYPE_CHECKING:
 app = App(name="flights", help="Import flights of plans, compare them, and plan what they missed.")
 
 PlanOption = Annotated[str, Parameter(help="ID of the flown plan; by default the plan that fits best.")]
-PhotosOption = Annotated[
-    Path | None, Parameter(help="File with the times of photos, in nanoseconds of the log's clock.")
-]
-ForceOption = Annotated[Texts, Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")]
+_PHOTOS = "File with the times of photos, in nanoseconds of the log's clock."
+PhotosOption = Annotated[Path | None, Parameter(help=_PHOTOS)]
+Force = Annotated[Texts, Parameter(help="Rule to overrule: flown, whole, recorded, clearance.")]
+Name = Annotated[str, Parameter(help="Name of the demonstration; by default one is generated.")]
+Kind = Annotated[str, Parameter(help="Kind of the flight: flown or simulated.")]
+Kinds = Annotated[str | None, Parameter(help="Kind of the flight: flown or simulated.")]
+Size = Annotated[float, Parameter(help="Width of the area to show, in metres.")]
 
 
 @app.command
@@ -56,12 +59,7 @@ def add(
 
 
 @app.command(name="list")
-def list_flights(
-    *,
-    structure: options.OnlyStructure = None,
-    kind: Annotated[str | None, Parameter(help="Kind of the flight: flown or simulated.")] = None,
-    results: Results = PRINTED,
-) -> int:
+def list_flights(*, structure: OnlyStructure = None, kind: Kinds = None, results: Results = PRINTED) -> int:
     """List the flights in the order of their import."""
     flights = results.opened().flights(structure=structure, kind=kind)
     results.show_frame("flights", flights, LABELS["flights"], ("findings", "plan", "clearance m"))
@@ -69,14 +67,14 @@ def list_flights(
 
 
 @app.command(name="show")
-def show_one(flight: FlightArgument, /, *, results: Results = PRINTED) -> int:
+def show_one(flight: FlightId, /, *, results: Results = PRINTED) -> int:
     """Show all details of one flight."""
     _show(results.opened().flight(flight), results)
     return 0
 
 
 @app.command
-def gap(flight: FlightArgument, /, *, where: Where = HERE) -> int:
+def gap(flight: FlightId, /, *, where: Where = HERE) -> int:
     """Plan the shortest safe flight over the surface that a flight missed; the result is a draft."""
     from upplied.fleet.gaps import plan_gap
 
@@ -93,14 +91,7 @@ def gap(flight: FlightArgument, /, *, where: Where = HERE) -> int:
 
 
 @app.command
-def history(
-    structure: StructureArgument,
-    point: PointArgument,
-    /,
-    *,
-    kind: Annotated[str, Parameter(help="Kind of the flight: flown or simulated.")] = "",
-    results: Results = PRINTED,
-) -> int:
+def history(structure: StructureId, point: AtPoint, /, *, kind: Kind = "", results: Results = PRINTED) -> int:
     """Show when the patch nearest to a point was seen, from which distance and at which angle."""
     looks = results.opened().looks_at(structure, point, kind)
     title = f"views of {terminal.point_text(point)} on {structure}"
@@ -115,17 +106,9 @@ def history(
 
 
 @app.command
-def promote(
-    flight: FlightArgument,
-    /,
-    *,
-    by: options.ByOption,
-    name: Annotated[str, Parameter(help="Name of the demonstration; by default one is generated.")] = "",
-    force: ForceOption = (),
-    where: Where = HERE,
-) -> int:
+def promote(flight: FlightId, /, *, by: By, name: Name = "", force: Force = (), where: Where = HERE) -> int:
     """Store a flight as a demonstration, to be transferred to other structures."""
-    from upplied.fleet.promoting import promote_flight
+    from upplied.fleet.flights import promote_flight
 
     outcome = promote_flight(where.opened(), flight, by, name, force)
     say(f"{outcome.demonstration_id}: a demonstration of {outcome.structure_id}")
@@ -147,7 +130,7 @@ def _show(row: dict[str, Any], results: Results) -> None:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class LookResults(Results):
+class Looks(Results):
     """The flights whose looks count, and the folder for crops of their photos."""
 
     out: Annotated[Path | None, Parameter(help="Folder for crops side by side, with a page.")] = None
@@ -155,7 +138,6 @@ class LookResults(Results):
     simulated: Annotated[bool, Parameter(help="Include simulated flights.")] = False
 
     def show_looks(self, store: Catalog, title: str, spot: Spot) -> int:
-        """Print the looks at a place and write the crops; 1 if a photo is missing."""
         from upplied.findings.looks import FLOWN, looks_at_spot, looks_frame
 
         with errors.status("casting rays"):
@@ -175,11 +157,11 @@ class LookResults(Results):
         return int(bool(missing))
 
 
-LOOKED = LookResults()
+LOOKED = Looks()
 
 
 @findings.app.command(name="looks")
-def looks_of(finding: FindingArgument, /, *, results: LookResults = LOOKED) -> int:
+def looks_of(finding: FindingId, /, *, results: Looks = LOOKED) -> int:
     """List every photo of every flight that shows a finding."""
     from upplied.findings.looks import off_surface, spot_of
 
@@ -194,14 +176,7 @@ def looks_of(finding: FindingArgument, /, *, results: LookResults = LOOKED) -> i
     return results.show_looks(store, f"finding {row['finding_id']}", spot)
 
 
-def looks(
-    structure: StructureArgument,
-    point: PointArgument,
-    /,
-    *,
-    size: Annotated[float, Parameter(help="Width of the area to show, in metres.")] = 0.5,
-    results: LookResults = LOOKED,
-) -> int:
+def looks(structure: StructureId, point: AtPoint, /, *, size: Size = 0.5, results: Looks = LOOKED) -> int:
     """List every photo of every flight that shows the place of the surface nearest to a point."""
     from upplied.findings.looks import spot_at
 

@@ -80,7 +80,6 @@ def quickstart(folder: Path = Path(".")) -> int:
 
 
 def show_results(catalog: Path, reports: str) -> int:
-    """Print the table of plans and what to open next; 1 where one of them failed."""
     from upplied import open_catalog
 
     transfers = open_catalog(catalog).transfers()
@@ -153,7 +152,6 @@ def _open3d_version() -> str:
 
 
 def _open3d() -> str:
-    """One ray that must hit."""
     import numpy as np
 
     from upplied.geometry.scene import Scene
@@ -190,5 +188,5 @@ def _disk() -> str:
 
 def _catalog(where: Where) -> str:
     store = where.opened()
-    structures, demonstrations = len(store.structures()), len(store.demonstrations())
-    return f"{store.location}: {structures} structures, {demonstrations} demonstrations"
+    counts = f"{len(store.structures())} structures, {len(store.demonstrations())} demonstrations"
+    return f"{store.location}: {counts}"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from upplied.cli.options import ByOption, NoteOption, OnlyKind, OnlyStructure, PersonArgument, PlanArgument
+from upplied.cli.options import By, Note, OnlyKind, OnlyStructure, PersonArgument, PlanId, Texts
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, beside, compared, complain, errors, say
 from upplied.errors import SettingsError
 from upplied.outputs.labels import LABELS
@@ -16,14 +16,13 @@ if TYPE_CHECKING:
     from upplied.catalog.verbs.roster import Roster
 
 keys = App(name="keys", help="Manage who may release plans, and their signing keys.")
-ForceOption = Annotated[
-    tuple[str, ...], Parameter(help="Rule to overrule: preset, verdict, rejected, recalled or changed.")
-]
+_RULES = "Rule to overrule: preset, verdict, rejected, recalled or changed."
+Force = Annotated[Texts, Parameter(help=_RULES)]
+Out = Annotated[Path | None, Parameter(help="Write the viewpoints to this file for editing.")]
+From = Annotated[Path | None, Parameter("--from", help="Import the edited file.")]
 
 
-def review(
-    transfer: PlanArgument, /, *, by: ByOption = "", note: NoteOption = "", results: Results = PRINTED
-) -> int:
+def review(transfer: PlanId, /, *, by: By = "", note: Note = "", results: Results = PRINTED) -> int:
     """Compare a plan with the one in force; with --by, record the review."""
     store, plan = results.plan(transfer)
     if by:
@@ -44,15 +43,7 @@ def review(
     return 0
 
 
-def release(
-    transfer: PlanArgument,
-    /,
-    *,
-    by: ByOption,
-    note: NoteOption = "",
-    force: ForceOption = (),
-    where: Where = HERE,
-) -> int:
+def release(transfer: PlanId, /, *, by: By, note: Note = "", force: Force = (), where: Where = HERE) -> int:
     """Release a plan: it is in force, for its demonstration and target, until another is released."""
     store, plan = where.plan(transfer)
     store.release(plan, by, note, force)
@@ -61,7 +52,7 @@ def release(
     return 0
 
 
-def reject(transfer: PlanArgument, /, *, by: ByOption, note: NoteOption = "", where: Where = HERE) -> int:
+def reject(transfer: PlanId, /, *, by: By, note: Note = "", where: Where = HERE) -> int:
     """Reject a plan: it must not be flown. If it was in force, no plan is in force afterwards."""
     store, plan = where.plan(transfer)
     store.reject(plan, by, note)
@@ -87,15 +78,7 @@ def in_force(*, structure: OnlyStructure = None, kind: OnlyKind = None, results:
     return int(bool(len(recalled) or len(altered)))
 
 
-def edit(
-    transfer: PlanArgument,
-    /,
-    *,
-    out: Annotated[Path | None, Parameter(help="Write the viewpoints to this file for editing.")] = None,
-    read: Annotated[Path | None, Parameter("--from", help="Import the edited file.")] = None,
-    by: ByOption = "",
-    where: Where = HERE,
-) -> int:
+def edit(transfer: PlanId, /, *, out: Out = None, read: From = None, by: By = "", where: Where = HERE) -> int:
     """Edit a plan as a file: move, turn or remove viewpoints, add keep-out boxes.
 
     The viewpoints are written as JSON; the edited file is imported as a new draft.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from upplied.cli.options import Texts
+from upplied.cli.options import Texts, Words
 from upplied.cli.terminal import HERE, Where, complain, errors, progress, say
 from upplied.extras import extra, required
 
@@ -31,8 +31,10 @@ FileOption = Annotated[Path | None, Parameter(help="One HTML file with everythin
 OneDemonstration = Annotated[str | None, Parameter(help="Only this demonstration in the single file.")]
 PagesOption = Annotated[int, Parameter(help="Maximum number of pages; plans that need attention come first.")]
 ForceOption = Annotated[bool, Parameter(help="Replace a newer publication, or one of another catalog.")]
-PagesPortOption = Annotated[int, Parameter(help="Port on this machine; 0 takes any free one.")]
-OpenOption = Annotated[bool, Parameter("--open", negative="--no-open", help="Open the browser as well.")]
+PagesPort = Annotated[int, Parameter(help="Port on this machine; 0 takes any free one.")]
+FollowOption = Annotated[bool, Parameter(negative="--no-watch", help="Follow the run until it ends.")]
+EveryOption = Annotated[bool, Parameter(help="Report successful runs as well.")]
+Open = Annotated[bool, Parameter("--open", negative="--no-open", help="Open the browser as well.")]
 
 
 def report(
@@ -74,13 +76,10 @@ def report(
 
 
 def pairs_in(catalog: Catalog) -> int:
-    """How many pairs of a demonstration and a target there are."""
     return len(catalog.transfers(columns=["demonstration_id", "target_id"]).drop_duplicates())
 
 
-def studio(
-    transfer: str = "", /, *, port: PagesPortOption = 0, open_: OpenOption = True, where: Where = HERE
-) -> int:
+def studio(transfer: str = "", /, *, port: PagesPort = 0, open_: Open = True, where: Where = HERE) -> int:
     """Open the fleet, or one plan, in the browser: look, edit, release or reject.
 
     The pages are served to this machine alone, until Ctrl-C.
@@ -158,11 +157,7 @@ def watch(folder: Path, *, flights: FlightsOption = False, port: PortOption = 42
 
 
 @fleet.command
-def run(
-    *parameters: Annotated[str, Parameter(allow_leading_hyphen=False)],
-    watch: Annotated[bool, Parameter(negative="--no-watch", help="Follow the run until it ends.")] = True,
-    port: PortOption = 4200,
-) -> int:
+def run(*parameters: Words, watch: FollowOption = True, port: PortOption = 4200) -> int:
     """Run transfer-fleet now, on the server at PREFECT_API_URL, else the one of `upplied serve`.
 
     Parameters
@@ -183,12 +178,7 @@ def run(
 
 
 @fleet.command
-def notify(
-    url: str,
-    *,
-    every_run: Annotated[bool, Parameter(help="Report successful runs as well.")] = False,
-    port: PortOption = 4200,
-) -> int:
+def notify(url: str, *, every_run: EveryOption = False, port: PortOption = 4200) -> int:
     """Send a message whenever a run fails, is lost or leaves failures; a new address replaces the old one.
 
     Parameters

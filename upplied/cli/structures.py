@@ -10,7 +10,7 @@ from cyclopts import App, Parameter
 
 from upplied import fleet
 from upplied.cli import terminal
-from upplied.cli.options import USUAL_RULES, RuleFlags, StructureArgument, WorkersOption
+from upplied.cli.options import USUAL, Cores, Rules, StructureId
 from upplied.cli.terminal import HERE, PRINTED, Results, Where, errors, progress, say
 from upplied.errors import CatalogError, InputError
 from upplied.files import replace_file
@@ -26,6 +26,7 @@ _SIZES = {"size_x_m": "length m", "size_y_m": "width m", "size_z_m": "height m"}
 
 app = App(name="structures", help="The structures of the catalog.")
 PictureOption = Annotated[Path | None, Parameter(help="Picture to write; by default NAME-check.png here.")]
+Prune = Annotated[bool, Parameter(help="Retire structures that the manifest no longer names.")]
 CleanOption = Annotated[bool, Parameter(help="Also write NAME-clean.ply without the surroundings.")]
 
 
@@ -34,9 +35,9 @@ def add(
     manifest: Path,
     /,
     *,
-    prune: Annotated[bool, Parameter(help="Retire structures that the manifest no longer names.")] = False,
-    flags: RuleFlags = USUAL_RULES,
-    workers: WorkersOption = 0,
+    prune: Prune = False,
+    flags: Rules = USUAL,
+    workers: Cores = 0,
     where: Where = HERE,
 ) -> int:
     """Import the meshes of a manifest; each is checked against its kind (docs/checks.md).
@@ -69,7 +70,7 @@ def list_(*, results: Results = PRINTED) -> int:
 
 
 @app.command(name="show")
-def show_(structure: StructureArgument, /, *, results: Results = PRINTED) -> int:
+def show_(structure: StructureId, /, *, results: Results = PRINTED) -> int:
     """Show a structure: its size, repairs, and the rules it breaks or overrules."""
     from upplied.inputs.rules import from_json
 
@@ -101,8 +102,8 @@ def check(
     id: Annotated[str | None, Parameter(help="Structure of a manifest to report in full.")] = None,
     png: PictureOption = None,
     clean: CleanOption = False,
-    flags: RuleFlags = USUAL_RULES,
-    workers: WorkersOption = 0,
+    flags: Rules = USUAL,
+    workers: Cores = 0,
     results: Results = PRINTED,
 ) -> int:
     """Check a mesh or the meshes of a manifest; nothing is stored.
@@ -139,7 +140,7 @@ def check(
     return int(any(item.status == "failed" for item in checked))
 
 
-def _rule_options(flags: RuleFlags) -> RuleOptions:
+def _rule_options(flags: Rules) -> RuleOptions:
     from upplied.fleet import RuleOptions
     from upplied.inputs.rules import StructureSettings
 

@@ -31,6 +31,7 @@ errors = Console(highlight=False, stderr=True)
 Advance = Callable[[], None]
 ID_DIGITS = 12  # of the id of a flight, where people read it
 REASONS = 10  # that are printed one by one
+_PLACE = Parameter("--catalog", env_var="UPPLIED_CATALOG", help="Folder or object-store URI of the catalog.")
 
 
 @Parameter(name="*")
@@ -38,13 +39,9 @@ REASONS = 10  # that are printed one by one
 class Where:
     """The catalog that a command works on."""
 
-    location: Annotated[
-        str,
-        Parameter("--catalog", env_var="UPPLIED_CATALOG", help="Folder or object-store URI of the catalog."),
-    ] = "catalog"
+    location: Annotated[str, _PLACE] = "catalog"
 
     def opened(self) -> Catalog:
-        """The catalog."""
         from upplied.catalog import open_catalog
 
         return open_catalog(self.location)
@@ -69,10 +66,7 @@ class Results(Where):
     json: Annotated[bool, Parameter("--json", help="Print JSON instead of a table.")] = False
 
     def show(self, title: str, rows: Sequence[Mapping[str, Any]], spare: Sequence[str] = ()) -> None:
-        """Print rows as a table, or as JSON.
-
-        `spare` names the columns that go first where the table is wider than the terminal.
-        """
+        """Print rows as a table, or as JSON; `spare` columns go first where the terminal is too narrow."""
         if self.json:
             text = json.dumps(list(rows), indent=2, default=str, allow_nan=False)
             sys.stdout.write(f"{text}\n")  # even with --quiet
@@ -109,7 +103,6 @@ class Results(Where):
         self.show(title, rows, spare)
 
     def show_facts(self, title: str, facts: Mapping[str, Any]) -> None:
-        """Print facts by name, except empty ones, as a table or as JSON."""
         known = {name: value for name, value in facts.items() if value not in ("", None)}
         self.show(title, [{"item": name, "value": value} for name, value in known.items()])
 
@@ -133,12 +126,10 @@ def say(text: object) -> None:
 
 
 def complain(text: object) -> None:
-    """Print a line on standard error without wrapping."""
     errors.print(str(text), markup=False, soft_wrap=True)
 
 
 def complain_each(what: str, reasons: Sequence[str]) -> None:
-    """Print the first reasons on standard error, and the number of further ones."""
     for reason in reasons[:REASONS]:
         complain(f"{what}: {reason}")
     if len(reasons) > REASONS:
@@ -170,19 +161,15 @@ def rows_of(frame: pd.DataFrame, names: Mapping[str, str] | None = None) -> list
 
 def plain(row: Mapping[str, Any]) -> dict[str, Any]:
     """A row with None in place of NaN and infinity, which JSON lacks."""
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in row.items()
-    }
+    lacking = {name for name, value in row.items() if isinstance(value, float) and not math.isfinite(value)}
+    return {name: None if name in lacking else value for name, value in row.items()}
 
 
 def point_text(point: Sequence[float]) -> str:
-    """A point, m, for a title."""
     return f"({', '.join(f'{value:g}' for value in point)}) m"
 
 
 def number(value: Any) -> float | None:
-    """A value as a number; None if it is missing."""
     return None if value is None or value != value else float(value)
 
 
@@ -212,7 +199,6 @@ def _left_out(cells: Mapping[str, Sequence[str]], spare: Sequence[str]) -> list[
 
 
 def hint(line: str) -> None:
-    """Print a dim line, on a terminal only."""
     if console.is_terminal:
         console.print(line, markup=False, soft_wrap=True, style="dim")
 
@@ -226,7 +212,6 @@ def _cell(value: Any) -> str:
 
 
 def ingested_report(ingested: Sequence[Ingested]) -> int:
-    """Report the result for each file; 1 if one of them failed."""
     shown = [item for item in ingested if item.file and item.status != "unchanged"]
     if shown:
         above = os.path.commonpath([os.path.dirname(item.file) for item in shown])

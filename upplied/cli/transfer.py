@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from upplied import fleet
 from upplied.cli.demonstrations import best as best_for
-from upplied.cli.options import Choices, WorkersOption
+from upplied.cli.options import Choices, Cores, Texts
 from upplied.cli.terminal import PRINTED, Results, Where, complain, errors, progress, say
 from upplied.errors import InputError, RefusedError, SettingsError
 from upplied.outputs.labels import LABELS
@@ -19,11 +19,9 @@ if TYPE_CHECKING:
     from upplied.catalog import Catalog
     from upplied.fleet import Decision, PlanRequest, Result
 
-PresetOption = Annotated[
-    tuple[str, ...],
-    Parameter(name="--preset", consume_multiple=True, help="Presets: paper, recommended or baseline."),
-]
-SetOption = Annotated[tuple[str, ...], Parameter("--set", help="Parameter STAGE.NAME=VALUE; repeatable.")]
+_PRESETS = "Presets: paper, recommended or baseline."
+PresetOption = Annotated[Texts, Parameter(name="--preset", consume_multiple=True, help=_PRESETS)]
+SetOption = Annotated[Texts, Parameter("--set", help="Parameter STAGE.NAME=VALUE; repeatable.")]
 BestOption = Annotated[str, Parameter("--best", help="Structure for which to use the best demonstration.")]
 ExperimentOption = Annotated[str, Parameter(help="Name of an experiment; its plans are never released.")]
 ReproduceOption = Annotated[str | None, Parameter(help="ID of a plan to compute again and compare.")]
@@ -45,7 +43,7 @@ def transfer(
     experiment: ExperimentOption = "",
     best: BestOption = "",
     reproduce: ReproduceOption = None,
-    workers: WorkersOption = 0,
+    workers: Cores = 0,
     timeout: TimeoutOption = 600.0,
     results: Results = PRINTED,
 ) -> int:
@@ -111,7 +109,7 @@ def plan(
     set_: SetOption = (),
     retry_failed: Annotated[bool, Parameter(help="Include pairs that failed before.")] = False,
     experiment: ExperimentOption = "",
-    workers: WorkersOption = 0,
+    workers: Cores = 0,
     timeout: TimeoutOption = 600.0,
     results: Results = PRINTED,
 ) -> int:
@@ -135,7 +133,6 @@ def plan(
 
 
 def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """``route.clearance_m=3`` and the like as stage -> setting -> value."""
     stages: dict[str, dict[str, Any]] = {}
     for text in given:
         name, equals, value = text.partition("=")
@@ -150,7 +147,6 @@ def changes(given: tuple[str, ...]) -> dict[str, dict[str, Any]]:
 
 
 def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> Result:
-    """Plan the jobs of a decision, with a progress bar."""
     from upplied.fleet.edits import carry_edits
 
     resources = fleet.Resources(workers, fleet.Limits(timeout))
@@ -162,7 +158,6 @@ def run(catalog: Catalog, decision: Decision, workers: int, timeout: float) -> R
 
 
 def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]:
-    """The newest plans of a request with exactly its settings."""
     from upplied.fleet.decisions import SettingsOf
 
     table = catalog.transfers(every=True)
@@ -180,7 +175,6 @@ def current(catalog: Catalog, plan_request: PlanRequest) -> list[dict[str, Any]]
 
 
 def show_plans(demonstration: str, rows: list[dict[str, Any]], results: Results) -> None:
-    """Print the measures of each plan, and below them reasons and warnings."""
     from upplied.outputs.pairs import shown_status
     from upplied.outputs.verdicts import resolution
 
@@ -202,7 +196,6 @@ def show_plans(demonstration: str, rows: list[dict[str, Any]], results: Results)
 
 
 def show_decision(decision: Decision, results: Results) -> None:
-    """Print the pairs that would be planned, with the reasons."""
     columns = ("demonstration", "target", "preset", "why")
     pairs = [(job.demonstration_id, job.target_id, job.settings.preset, job.why) for job in decision.jobs]
     most = len(pairs) if results.json else 40

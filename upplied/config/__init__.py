@@ -1,8 +1,7 @@
 """Settings: one frozen class per stage, each default in one place, and the presets.
 
-``paper`` is the method as published; ``recommended`` is for flying; ``baseline``
-is the paper's peer, the demonstration scaled by the ratio of the bounding boxes. All three run
-through the same pipeline (`upplied.planning.plan`), chosen by these settings alone.
+``paper`` is the method as published, ``recommended`` is for flying, ``baseline`` is the paper's peer, the
+demonstration scaled by the ratio of the bounding boxes. One pipeline (`upplied.planning.plan`) runs them all.
 """
 
 from __future__ import annotations
@@ -68,24 +67,14 @@ class Settings:
 
     @cached_property
     def text(self) -> str:
-        """The JSON of every setting, as it is written."""
         plain = asdict(self)
         return json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
 def settings_for(preset: str, **changes: Any) -> Settings:
-    """The settings of a preset, with single stages replaced.
+    """The settings of a preset, with settings of single stages, by their names, replaced.
 
-    Parameters
-    ----------
-    preset : {"paper", "recommended", "baseline"}
-    **changes
-        Stage name to a mapping of setting names to values, e.g. ``route={"clearance_m": 3.0}``.
-
-    Raises
-    ------
-    SettingsError
-        If the preset, a stage, a setting or the type of a value is unknown.
+    A `SettingsError` if the preset, a stage, a setting or the type of a value is unknown.
 
     Examples
     --------

@@ -8,8 +8,6 @@ from typing import Annotated, Literal, NamedTuple
 
 
 class Range(NamedTuple):
-    """Lowest and highest value of a number."""
-
     low: float
     high: float
 

@@ -33,7 +33,6 @@ class RuleOptions:
     bounds: StructureSettings = field(default_factory=StructureSettings)
 
     def of(self, entries: Sequence[StructureEntry]) -> list[StructureEntry]:
-        """The entries, with that said of each."""
         allow = known_rules.check_allowed(self.allow, known_rules.RULES)
         return [
             replace(entry, allow=(*entry.allow, *allow), strict=self.strict, bounds=self.bounds)
@@ -64,7 +63,6 @@ class Admission:
     def verdicts(
         self, new: Member, entry: StructureEntry, together: Sequence[Member] = ()
     ) -> tuple[Verdict, ...]:
-        """The rules that a structure breaks among others, as they count for its entry."""
         kinds = {one.kind for one in self._known}
         others = [one for one in self._known if one.structure_id != new.structure_id]
         others += [one for one in together if one.kind not in kinds and one.structure_id != new.structure_id]
@@ -86,20 +84,18 @@ class Admission:
             if taken := [new[name] for name, read in results if isinstance(read, Structure)]:
                 self._known.extend(taken)  # for those that come after
 
-    def _judged(
-        self, structure: Structure, new: Mapping[str, Member], entry: StructureEntry
-    ) -> Structure | str:
+    def _judged(self, read: Structure, new: Mapping[str, Member], entry: StructureEntry) -> Structure | str:
         member = new[entry.structure_id]
         verdicts = self.verdicts(member, entry, list(new.values()))
-        every = (*from_json(structure.verdicts_json), *verdicts)
+        every = (*from_json(read.verdicts_json), *verdicts)
         try:
             known_rules.refuse(f"{entry.path} ({entry.structure_id})", every)
         except InputError as error:
             return str(error)
         if not verdicts:
-            return structure
-        notes = "; ".join(filter(None, (structure.notes, *(verdict.found for verdict in verdicts))))
-        return replace(structure, verdicts_json=known_rules.to_json(every), notes=notes)
+            return read
+        notes = "; ".join(filter(None, (read.notes, *(verdict.found for verdict in verdicts))))
+        return replace(read, verdicts_json=known_rules.to_json(every), notes=notes)
 
     def _member(self, structure: Structure) -> Member:
         assert self._shapes is not None
@@ -109,7 +105,6 @@ class Admission:
 
 
 def shape_of(structure: Structure) -> ShapeFeatures:
-    """The features of a structure that no catalog remembers."""
     clouds = settings_for("recommended").clouds
     return shape_features(surface_samples(structure, scene_of(structure), clouds))
 
@@ -123,9 +118,8 @@ def check_structures(
 ) -> list[Ingested]:
     """Read the structures of a manifest and say what is wrong; nothing is kept.
 
-    Each is judged among those of a catalog, where there is one, and among the others of the manifest; it
-    is "good", "odd" (with what a person should look at) or "failed" (with the reason). Parameters are those
-    of `upplied.fleet.ingest_structures`.
+    Each is judged among those of a catalog, where there is one, and among the others of the manifest: "good",
+    "odd" (with what a person should look at) or "failed" (with the reason).
     """
     entries = (rules or RuleOptions()).of(read_manifest(manifest))
     results: list[Ingested | tuple[Ingested, tuple[Verdict, ...], Member]] = []

@@ -43,7 +43,6 @@ def write_edit(catalog: Catalog, transfer_id: str, path: str | Path) -> Path:
 
 
 def viewpoint_row(number: int, viewpoint: Viewpoint) -> dict[str, float]:
-    """A viewpoint as a file, or a page, has it."""
     values = (*viewpoint.position, viewpoint.yaw_deg, viewpoint.pitch_deg)
     row = {name: round(value, 4) for name, value in zip(_COLUMNS, values, strict=True)}
     return {"viewpoint": number, **row}
@@ -79,7 +78,7 @@ def read_edit(
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise _unreadable(what, error) from None
     numbers = [value for p in after.values() for value in (*p.position, p.yaw_deg, p.pitch_deg)]
-    if not np.isfinite([*numbers, clearance]).all() or not np.isfinite(boxes).all():
+    if not np.isfinite([*numbers, clearance, *boxes.ravel()]).all():
         raise InputError(what, "contains a value that is not a number", _RULE)
     places = [*(p.position for p in after.values()), *boxes.reshape(-1, 3), (clearance, 0.0, 0.0)]
     if np.abs(np.array(places)).max() > FARTHEST_M:
@@ -94,7 +93,6 @@ def read_edit(
 
 
 def words_of(edit: Edit, airspace: AirspaceLimits, base: Base) -> str:
-    """What was changed, in words; empty where nothing was."""
     return ", ".join(filter(None, (edit.words, airspace.words, "planned again" if base.airspace else "")))
 
 
@@ -155,12 +153,8 @@ def standing_edit(catalog: Catalog, demonstration_id: str, target_id: str) -> Ro
 
 
 def carry_edits(catalog: Catalog) -> list[str]:
-    """Take the changes that people made over to newer drafts of `recommended`; what a person should see.
-
-    What cannot be taken over is told and kept. To call it again changes nothing.
-    """
-    edits = catalog.edits()
-    if not len(edits):
+    """Take people's changes over to newer drafts of `recommended`, once; what cannot be is told and kept."""
+    if not len(edits := catalog.edits()):
         return []
     there = {"", *catalog.transfers(every=True, columns=["transfer_id"])["transfer_id"]}
     tried = edits[(edits["carried_from"] != "") & edits["transfer_id"].isin(there)]
@@ -172,8 +166,7 @@ def carry_edits(catalog: Catalog) -> list[str]:
         pair = (str(row["demonstration_id"]), str(row["target_id"]))
         if pair not in pairs or row["transfer_id"] in settled:
             continue
-        edit = standing_edit(catalog, *pair)
-        if edit is None or edit["base_id"] == row["transfer_id"]:
+        if (edit := standing_edit(catalog, *pair)) is None or edit["base_id"] == row["transfer_id"]:
             continue
         row = catalog.transfer(str(row["transfer_id"]))
         what = f"the change by {edit['by']} of {row['demonstration_id']} on {row['target_id']}"
@@ -190,7 +183,6 @@ def carry_edits(catalog: Catalog) -> list[str]:
 
 
 def _carried(catalog: Catalog, row: Row, edit: Row) -> tuple[str, ...]:
-    """Keep the plan of a row with a change taken over; what of it was lost, in words."""
     editing, change = Editing(catalog, row["transfer_id"]), edit_from_json(edit["edit_json"])
     base, again, lost = editing.carried(change)
     if again == Edit() and not change.airspace.words:

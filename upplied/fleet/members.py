@@ -34,8 +34,6 @@ _NEARLY_ALIKE = 0.35  # unlikeness of members of one form, nearly all (airliners
 
 @dataclass(frozen=True)
 class Member:
-    """One structure as the others see it."""
-
     structure_id: str
     kind: str
     shape: ShapeFeatures
@@ -43,7 +41,6 @@ class Member:
 
     @property
     def size_m(self) -> float:
-        """Diagonal of its box, m."""
         return float(np.linalg.norm(self.shape.extent_m))
 
     def __str__(self) -> str:
@@ -70,11 +67,9 @@ def judged(
     size = tuple(_size(new, kin, unlike, bounds))
     if not size and not sized and not _confirmed(new, kin, unlike, bounds):
         size = (_unconfirmed(new, f"no other {new.kind} here is of its form and its size"),)
-    return (
-        *size,
-        *_axes(new, kin, float(unlike.min()), bounds, axes, symmetric),
-        *_kind(new, kin, unlike, [other for other in others if other.kind != new.kind], bounds),
-    )
+    strangers = [other for other in others if other.kind != new.kind]
+    stands = _axes(new, kin, float(unlike.min()), bounds, axes, symmetric)
+    return (*size, *stands, *_kind(new, kin, unlike, strangers, bounds))
 
 
 def _size(new: Member, kin: Sequence[Member], unlike: Floats, bounds: StructureSettings) -> Iterator[Verdict]:
@@ -136,7 +131,6 @@ def _axes(
     axes: tuple[str, str],
     symmetric: bool,
 ) -> Iterator[Verdict]:
-    """Whether it fits the others of its kind better when it is turned."""
     library = library_of([one.shape for one in kin])
     nearest_turn = [float(unlikeness(turned(new.shape, turn), library).min()) for turn in _TURNS]
     stands = _TURNS[:, 2, 2] > 0.5
@@ -161,7 +155,6 @@ def _axes(
 def _kind(
     new: Member, kin: Sequence[Member], unlike: Floats, others: Sequence[Member], bounds: StructureSettings
 ) -> Iterator[Verdict]:
-    """Whether it looks like its kind, or rather like another."""
     best = float(unlike.min())
     elsewhere = unlikeness(new.shape, library_of([one.shape for one in others])) if others else np.array([])
     if len(elsewhere) and elsewhere.min() < min(bounds.alike, bounds.other_kind_share * best):
@@ -174,7 +167,6 @@ def _kind(
     between = [float(unlikeness(a.shape, library_of([b.shape for b in kin if b is not a])).min())
                for a in kin] if len(kin) > 1 else [0.0]  # fmt: skip
     if best > max(bounds.odd_unlikeness, 1.2 * float(np.median(between))):
-        like = kin[int(unlike.argmin())].structure_id
-        words = f"its form is unlike every other {new.kind} here"
-        words += f", the most alike ({like}) misses by {best:.2f}"
+        most_alike = f"the most alike ({kin[int(unlike.argmin())].structure_id}) misses by {best:.2f}"
+        words = f"its form is unlike every other {new.kind} here, {most_alike}"
         yield broken(RULES["kind"], words, f"at most {bounds.odd_unlikeness:g}")

@@ -28,15 +28,12 @@ _OFF_PLAN_M = 10.0  # what a pose that belongs to no plan weighs, beside how far
 
 @dataclass(frozen=True)
 class Laid:
-    """A flight on its plan."""
-
     row: Row  # of the plan
     flown: Demonstration
     on: Alignment
 
     @property
     def off_m(self) -> float:
-        """How badly it lies on it, m."""
         return self.on.residual_p95_m + _OFF_PLAN_M * (1 - float(self.on.on_plan.mean()))
 
 
@@ -121,7 +118,6 @@ def _anywhere(
 
 
 def _best(catalog: Catalog, log: str, tried: list[tuple[Row, Demonstration]]) -> Laid:
-    """The plan that the path lies on best."""
     candidates, why = list[Laid](), []
     for row, flown in tried:
         try:

@@ -39,8 +39,6 @@ Shard = tuple[Job, ...]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one job."""
-
     job: Job
     plan: Plan
     seconds: float
@@ -53,7 +51,6 @@ _memo: Memo = no_memo
 
 
 def prepare(location: str) -> None:
-    """Open the catalog and load what planning needs, once per process."""
     global _catalog, _memo
     _catalog = open_catalog(location)
     _memo = Recent(_catalog.cache)
@@ -72,7 +69,6 @@ def _required(
 
 
 def transferred(catalog: Catalog, job: Job) -> Plan:
-    """The plan of a job that carries a demonstration to a target."""
     demonstration = _demonstration(catalog, job.demonstration_id)
     source, target = _structure(catalog, job.source_id), _structure(catalog, job.target_id)
     siblings = [_structure(catalog, name) for name, _ in job.siblings]
@@ -85,7 +81,6 @@ def transferred(catalog: Catalog, job: Job) -> Plan:
 
 
 def superseded(job: Job) -> Plan:
-    """What comes of a job whose inputs are others by now."""
     return without_path(job, "superseded", "its inputs changed after the run began; the next run plans it")
 
 
@@ -108,12 +103,10 @@ def plan_job(job: Job, plan_of: Callable[[Catalog, Job], Plan] = transferred) ->
 
 
 def this_process() -> str:
-    """This host and process, as ``host/number``."""
     return f"{socket.gethostname()}/{os.getpid()}"
 
 
 def without_path(job: Job, status: str, reason: str) -> Plan:
-    """A plan that says why there is none."""
     pair = job.demonstration_id, job.source_id, job.target_id, job.kind
     return Plan(*pair, job.settings.preset, status, reason)
 
@@ -127,7 +120,6 @@ class Recent:
         self._bytes = 0
 
     def __call__(self, stage: str, record_type: type[R], key: str, compute: Callable[[], R]) -> R:
-        """The record of this stage and key."""
         name = stage, key
         if name not in self._held:
             self._held[name] = self._memo(stage, record_type, key, compute)
@@ -140,7 +132,6 @@ class Recent:
 
 
 def nbytes(value: Any) -> int:
-    """Bytes of the arrays in a record."""
     if isinstance(value, np.ndarray):
         return value.nbytes
     if is_dataclass(value) and not isinstance(value, type):

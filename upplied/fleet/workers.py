@@ -27,6 +27,7 @@ from upplied.errors import UppliedError
 from upplied.threads import cast_rays_on
 
 Value = TypeVar("Value")
+Setup = Callable[..., None] | None
 
 # Every worker computes on one core: libraries that start a thread per core would only compete.
 _LIBRARIES = ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "NUMBA_NUM", "ARROW_CPU", "POLARS_MAX")
@@ -59,7 +60,6 @@ class Limits:
     memory_gib: float | None = None  # address space of a worker; None: the machine's memory / workers
 
     def memory_bytes(self, workers: int) -> int:
-        """The address space each of `workers` processes may use, bytes."""
         if self.memory_gib is not None:
             return int(self.memory_gib * 2**30)
         machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -80,11 +80,7 @@ class Workers(AbstractContextManager["Workers"]):
     """
 
     def __init__(
-        self,
-        count: int,
-        setup: Callable[..., None] | None = None,
-        setup_args: tuple[Any, ...] = (),
-        limits: Limits | None = None,
+        self, count: int, setup: Setup = None, setup_args: tuple[Any, ...] = (), limits: Limits | None = None
     ) -> None:
         self.count = count
         limits = limits or Limits()
@@ -99,14 +95,8 @@ class Workers(AbstractContextManager["Workers"]):
     def run(self, function: Callable[..., Value], *args: Any) -> Value:
         """Call ``function(*args)`` in a free worker and wait for its value.
 
-        Raises
-        ------
-        JobKilled
-            If the process died, ran out of memory or had to be stopped after the time limit.
-        WorkersBroken
-            If no process could be started.
-        WorkersClosed
-            If `close` was called before the job was done.
+        Raises `JobKilled` if the process died, ran out of memory or had to be stopped after the time limit,
+        `WorkersBroken` if none could be started, `WorkersClosed` if `close` was called before.
         """
         worker = self._free.get()
         try:
@@ -152,8 +142,7 @@ class _Worker:
                 if late.args[:1] != ("Task timeout",):
                     raise  # of the job's own
                 self._stop()
-                limit = f"took longer than {self._limits.timeout_s:g} s and was stopped"
-                raise JobKilled(limit) from None
+                raise JobKilled(f"took longer than {self._limits.timeout_s:g} s and was stopped") from None
         raise WorkersBroken("worker processes", "do not start", remedy="see what `upplied doctor` says")
 
     def _start(self) -> ProcessPool:
@@ -233,7 +222,7 @@ def _guarded(function: Callable[..., Value], *args: Any) -> Value:
         os._exit(OUT_OF_MEMORY)
 
 
-def _prepare(memory_bytes: int, setup: Callable[..., None] | None, setup_args: tuple[Any, ...]) -> None:
+def _prepare(memory_bytes: int, setup: Setup, setup_args: tuple[Any, ...]) -> None:
     """First thing in a fresh process: die with the parent, stay within memory, load what jobs need."""
     threading.Thread(target=_die_with_parent, daemon=True).start()
     with suppress(ImportError):  # Windows has none

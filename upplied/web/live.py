@@ -33,13 +33,10 @@ from upplied.records import Camera, Cloud, Floats, Plan, Structure, Trajectory
 
 
 class Decisions:
-    """Decisions about the plans of a catalog."""
-
     def __init__(self, catalog: Catalog) -> None:
         self.catalog = catalog
 
     def last(self, transfer_id: str) -> str:
-        """The last decision about the pair of a plan; empty if there is none."""
         rows = self.catalog.transfers(every=True, ids=[transfer_id]).to_dict("records")
         return self.catalog.standing().last.get(unit_of(rows[-1]), "") if rows else ""
 
@@ -61,7 +58,6 @@ class Decisions:
 
 
 def signed(request: Mapping[str, Any]) -> tuple[str, str]:
-    """The name and the note in a request; a request without a name is refused."""
     by, note = request.get("by", ""), request.get("note", "")
     if not isinstance(by, str) or not isinstance(note, str) or not by.strip():
         raise InputError("the decision", "has no name", "who decides", "write your name")
@@ -69,7 +65,6 @@ def signed(request: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def text_of(request: Mapping[str, Any], name: str) -> str:
-    """The text of this name."""
     value = request.get(name)
     if not isinstance(value, str):
         raise InputError(name, "is not a text")
@@ -83,7 +78,6 @@ class ZoneRequests:
         self._catalog, self._editing, self._origin = catalog, editing, origin
 
     def drawn(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The samples of a described zone, for drawing."""
         patches = self._zones.requirements.patches(text_of(request, "where"))
         points = (self._editing.surface.points[patches] - self._origin).astype(np.float32)
         return {"points": packed(points), "share_pct": 100 * float(patches.mean())}
@@ -107,7 +101,6 @@ class ZoneRequests:
         return {"message": f"Set {name} of {target.structure_id} now requires {count}."}
 
     def judged(self, plan: Plan) -> list[dict[str, Any]]:
-        """The result of each required zone for a plan."""
         return self._zones.judged(plan=plan)
 
     @cached_property
@@ -168,7 +161,6 @@ class LivePages:
 
 
 def _missions(pair: Pair) -> dict[str, str]:
-    """Addresses of the missions of a pair whose plan is released."""
     plan = pair.main
     kinds = ("brief", *FORMATS) if plan.get("state") == "released" else ()
     return {kind: f"../missions/{plan['transfer_id']}/{kind}" for kind in kinds}
