@@ -58,10 +58,9 @@ def read_structure(entry: StructureEntry, judge: bool = True) -> Structure:
 
 
 def fingerprint(entry: StructureEntry) -> str:
-    """The hash that `read_structure` would give, from the bytes of the file alone; nothing is parsed.
+    """The hash that `read_structure` would give, by the bytes of the file alone; OSError if it is unreadable.
 
     It differs where a file refers to others beside it (glTF): such a file is read to be known.
-    Raises OSError if the file cannot be read.
     """
     with open_regular(entry.path) as stream:
         return _sha256(hashlib.file_digest(stream, "sha256").hexdigest(), entry)

@@ -122,9 +122,9 @@ class Assembly:
 def flatten(
     source: Source, roots: list[tuple[Node, Floats]], children: Callable[[Node], list[tuple[Node, Floats]]]
 ) -> Iterator[tuple[Node, Floats]]:
-    """Every node of a tree with its transform (4, 4) to the scene, depth first, in order.
+    """Every node of a tree with its transform (4, 4) to the scene, depth first; a tree in itself is refused.
 
-    `children` gives those of a node, each with its transform to it. What refers to itself is refused.
+    `children` gives those of a node, each with its transform to it.
     """
     most = max(10_000, len(source.data) // 10)  # nodes, each placed as often as it is named
     stack = [(node, matrix, 0) for node, matrix in reversed(roots)]
@@ -151,10 +151,9 @@ MAX_CORNERS = 10_000  # of one polygon; cutting ears takes their square at worst
 
 
 def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
-    """Triangles (T, 3) of planar polygons, winding kept, polygon after polygon.
+    """Triangles (T, 3) of planar polygons, winding kept, in their order; of less than three corners none.
 
-    Polygons `sizes` (P,) of corners stand one after the other in `corners`, indices that exist; those of less
-    than three give none.
+    Polygons `sizes` (P,) of corners stand one after the other in `corners`, indices that exist.
     """
     first = np.cumsum(sizes) - sizes
     triangles, polygons = [NO_TRIANGLES], [np.empty(0, np.int64)]
@@ -201,13 +200,7 @@ def _ears(points: Floats) -> Ints:
 
 
 def numbers(text: bytes) -> Floats:
-    """All numbers of a text that white space separates; ValueError where something else is among them.
-
-    Examples
-    --------
-    >>> numbers(b"1 2.5\\n-3e1")
-    array([  1. ,   2.5, -30. ])
-    """
+    """All numbers of a text that white space separates; ValueError where something else is among them."""
     text = text.strip()
     if not text:
         return np.empty(0)

@@ -227,13 +227,7 @@ _ANY = (0.0, math.inf)
 
 
 def known_kind(name: str) -> Mapping[str, Any] | None:
-    """The kind that a name tells of: bounds of its size and proportions; None where it is none of these.
-
-    Examples
-    --------
-    >>> known_kind("wind_turbine")["longest_m"]
-    [8, 450]
-    """
+    """The kind that a name as ``wind_turbine`` tells of: bounds of its size and proportions; else None."""
     words = set(re.split(r"[^a-z]+", name.lower()))
     words |= {word.removesuffix("s") for word in words}
     return next((kind for kind in _KINDS if words & set(kind["words"])), None)

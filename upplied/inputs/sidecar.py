@@ -1,7 +1,6 @@
-"""Facts about a flight besides its messages: side-car, metadata record and options.
+"""Facts about a flight besides its messages, of which the later win: options, metadata and side-car.
 
-A metadata record ``inspection`` wins over the options, and a side-car (``flight.toml``, table
-``[inspection]``) over both; what to read is the options'.
+A metadata record is ``inspection``, a side-car a ``flight.toml`` with a table of that name.
 """
 
 from __future__ import annotations
@@ -117,7 +116,6 @@ def inspection(
     """All facts about a flight, each from its strongest source, and in words the options that were overruled.
 
     `metadata` are named records of the log. `demonstration_id` is filled in, `structure_id` may be missing.
-
     Raises InputError if a value has the wrong form, or the side-car holds an unknown key.
     """
     given = {name: getattr(options, name) for name in _KEYS} | {"points": dict(options.points)}

@@ -41,8 +41,7 @@ _NAME_ONE = "name one by publisher: the name of its frame, or #7 for the channel
 def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table | None, list[str]]:
     """The table of poses, several channels of one topic and schema joined; None: only transforms.
 
-    Raises InputError if there is none, or several that contradict each other; it lists all with their
-    rates.
+    Raises InputError, with all sources and their rates, if there is none, or several contradict each other.
     """
     sources = _by_topic([table for table in tables if table.schema in READERS])
     if facts.topic and not any(table.channel.topic == facts.topic for table in tables):
@@ -133,10 +132,7 @@ def _agreeing(usable: list[Table], tables: Sequence[Table], facts: LogOptions) -
 
 
 def one_publisher(tables: Sequence[Table], facts: LogOptions, what: str) -> Table:
-    """The channels of one topic and schema as one table, or the channel that is named.
-
-    Raises InputError if several channels hold different places at the same time.
-    """
+    """The channels of one topic and schema as one table, or the named one; InputError if they differ."""
     if facts.publisher.startswith("#"):
         named = [table for table in tables if f"#{table.channel.channel_id}" == facts.publisher]
         return joined(named or list(tables))
@@ -151,10 +147,7 @@ def one_publisher(tables: Sequence[Table], facts: LogOptions, what: str) -> Tabl
 
 
 def check_one(track: Track, facts: LogOptions, what: str) -> None:
-    """Refuse a track whose samples are of two bodies in turn.
-
-    Raises InputError if two paths through the samples are far shorter than one.
-    """
+    """InputError if the samples are of two bodies in turn: two paths through them are far shorter."""
     if "several-publishers" in facts.allow or len(track) < 40:
         return
     starts = np.linspace(0, max(len(track) - _LOOK, 0), _PLACES).astype(int)

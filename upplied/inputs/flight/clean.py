@@ -1,7 +1,6 @@
 """From the track of a log to one that can be trusted: what is dropped, where it breaks, and its time.
 
-Long gaps become transits, and long hovering is shortened: otherwise every plan would wait as long as the
-recorder was silent, or the vehicle stood still.
+Long gaps become transits, and long hovering is shortened: otherwise every plan would wait as long.
 """
 
 from dataclasses import dataclass, replace
@@ -73,10 +72,7 @@ def attitude_track(
 
 
 def check_dropped(track: Track, limits: LogOptions, what: str) -> None:
-    """Refuse a track of which too much was dropped, or all.
-
-    Raises InputError with the reasons and their numbers.
-    """
+    """InputError, with the reasons and their numbers, of a track of which too much was dropped, or all."""
     harmless = (REPEATED, UNSET, *(name for name in track.dropped if name.endswith(AT_THE_ENDS)))
     lost = sum(number for reason, number in track.dropped.items() if reason not in harmless)
     if not len(track):

@@ -1,7 +1,6 @@
 """The inspection within a log: as given, by the log's `foxglove.Event`, or between stays on the ground.
 
-Ground, climb, transit and return are left out only where the log begins or ends on the ground, standing still
-at its lowest. A log that was started in the air is taken whole, whatever its camera sees.
+Ground, climb, transit and return are left out only where the log begins or ends standing still at its lowest.
 """
 
 from collections.abc import Sequence

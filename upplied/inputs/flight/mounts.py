@@ -20,11 +20,10 @@ NO_MOUNT = "no camera mount in the log: the camera is taken to look along the bo
 def camera_poses(
     track: Track, facts: LogOptions, tree: Tree, camera_frame: str, gimbal: Gimbal | None
 ) -> Track:
-    """Poses of the camera (x forward, y left, z up) from poses of whatever the log tracks.
+    """Poses of the camera (x forward, y left, z up) from those of what `facts.body_frame` says is tracked.
 
-    What is tracked is stated by `facts.body_frame`. For a body, the camera is placed by the first of
-    these: the attitude of a gimbal, a mount in the facts, the transforms from the body to
-    the camera's optical frame, and at last the body itself, with the camera looking ahead.
+    On a body the camera is placed by the first of these: the attitude of a gimbal, a mount in the facts, the
+    transforms from the body to its optical frame, and at last the body itself, looking ahead.
     """
     seen = "optical" in track.child or (track.child and track.child == camera_frame)
     is_mounted = facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None
@@ -51,11 +50,7 @@ def camera_poses(
 
 
 def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
-    """Poses in the frame in which the structure is placed, through the transforms where it is another.
-
-    Raises InputError if the structure is placed in a frame that the log does not connect with that of the
-    poses.
-    """
+    """Poses in the frame in which the structure is placed; InputError if no transforms lead there."""
     wanted = facts.frame_id.lstrip("/")
     if not wanted or track.parent in ("", wanted, STRUCTURE):
         return track
@@ -117,8 +112,7 @@ def registered(
 ) -> tuple[LogOptions, str]:
     """The facts with the structure's pose in the log's frame (least squares, Umeyama 1991), and residuals.
 
-    Raises InputError if there are too few points, a name is no landmark, they lie on a line, or miss
-    theirs by more than `register_m`.
+    Raises InputError if the points are few, no landmarks or on a line, or miss theirs by over `register_m`.
     """
     if not facts.points or structure is None:
         return facts, ""

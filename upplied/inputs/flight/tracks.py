@@ -28,8 +28,7 @@ HOLD_NS = 100_000_000  # how long the first and the last pose are held for anoth
 class Track(Record):
     """Poses of a frame in another: positions and quaternions ``x y z w`` of `child` in `parent`.
 
-    ENU or another frame with z up, and bodies with x forward, y left, z up. Samples that are
-    marked invalid by their source hold NaN.
+    ENU or another frame with z up, bodies with x forward, y left, z up; NaN where the source says invalid.
     """
 
     t_ns: Ints  # (N,) ns, clock of `clock`
@@ -83,8 +82,8 @@ class Track(Record):
 def source_times(table: Table, *prefixes: str) -> tuple[Ints, str]:
     """The stamps to use, ns, and their clock: of the source, else when sent, else when received.
 
-    The source's are the first at these paths, where schemas have them if none is named, that are not all
-    zero. A clock that stands still is no clock: stamps that are all zero, or all the same, are passed over.
+    The source's are the first at these paths, by default those of all schemas, that are not all zero. Stamps
+    that are all zero, or all the same, are of no clock and passed over.
     """
     known = (stamps(table, prefix) for prefix in prefixes or _STAMPS)
     own = next((times for times in known if times is not None and times.any()), None)

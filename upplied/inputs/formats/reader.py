@@ -30,8 +30,7 @@ _OBJ = re.compile(rb"^[ \t]*(v|f|vn|vt|o|g|mtllib|usemtl)[ \t]+\S", re.MULTILINE
 def read_raw(path: Path | str) -> tuple[RawMesh, str]:
     """What a mesh or point cloud file holds, and the SHA-256 of all bytes read.
 
-    Raises InputError where the file is missing, truncated, of another content than its suffix says or of a
-    format that is not read (with what to do), or where anything in it is not as its format wants.
+    Raises InputError where it is missing, damaged, not what its suffix says, or of a format that is not read.
     """
     source = Source(path)
     suffix = source.path.suffix.lower().removeprefix(".")

@@ -1,7 +1,4 @@
-"""Scenes in XML: COLLADA (.dae), and 3MF, a zip archive that is read as a stream so that a bomb stays small.
-
-Why neither is read by a library: docs/making/libraries.md.
-"""
+"""Scenes in XML: COLLADA (.dae), and 3MF, a zip archive read as a stream so that a bomb stays small."""
 
 import io
 import zipfile

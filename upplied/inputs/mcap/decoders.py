@@ -1,7 +1,6 @@
 """Messages of the wanted channels as columns: ROS by `rosbags`, protobuf by `mcap-protobuf-support`, JSON.
 
-A missing value becomes NaN. Paths may lead into one sequence (``transforms[].rotation.w``): a row is an
-element.
+A missing value becomes NaN. In paths into one sequence (``transforms[].rotation.w``) a row is an element.
 """
 
 import json
@@ -30,11 +29,9 @@ _MAX_WIDTH = 64  # numbers in one value; a calibration has 12
 
 
 class Decoder:
-    """Reads columns from the payloads of one channel, by the schema in the log.
+    """Reads columns from the payloads of one channel; DefinitionError if its schema does not allow it.
 
     `paths` is every path that a column can have, where the schema tells.
-
-    Raises DefinitionError if encoding and schema do not allow to decode it.
     """
 
     def __init__(self, channel: Channel) -> None:
@@ -55,8 +52,7 @@ class Decoder:
     ) -> tuple[Columns, Ints, int]:
         """The wanted values of payloads, the payload (R,) of each row, and how many could not be read.
 
-        Paths are such as ``header.stamp.sec`` or ``transforms[].transform.rotation.w``; after `most` rows
-        nothing more is read.
+        Paths are such as ``header.stamp.sec``; after `most` rows nothing more is read.
         """
         known = [path for path in wanted if self.paths is None or path in self.paths]
         many = next((path.split("[]")[0] for path in known if "[]" in path), "")

@@ -1,8 +1,7 @@
 """The container of a log: an MCAP file's channels, metadata and messages, within bounds.
 
-The file is walked once and only the places of chunks and messages are noted; damage costs the chunks that it
-hit. The `SeekingReader` of `mcap` ends at the first damaged chunk, unpacks chunks in the summary, and sorts
-by time.
+The file is walked once and only the places of chunks and messages are noted; damage costs the chunks it hit.
+The `SeekingReader` of `mcap` ends at the first of them, unpacks chunks in the summary, and sorts by time.
 """
 
 import re
@@ -95,10 +94,7 @@ class Recording:
             self.counts = record.channel_message_counts
 
     def read(self, sink_of: Callable[[Channel], Sink | None]) -> Iterator[None]:
-        """Collect the messages of the channels that get a sink; yields after each chunk.
-
-        Damaged chunks are skipped and named in `losses`.
-        """
+        """Fill the sinks that channels get, pausing after each chunk; damaged ones are named in `losses`."""
         most, lost, size, number = self.limit(MAX_MESSAGES), Counter[str](), 0, 0
         sinks: dict[int, Sink | None] = {}
 
@@ -154,10 +150,7 @@ class Recording:
 
 
 def open_recording(path: Path) -> Recording:
-    """The content of an MCAP file, of a damaged one what is left of it.
-
-    Raises InputError if it is missing, empty or no MCAP file.
-    """
+    """The content of an MCAP file, of a damaged one what is left; InputError if there is none."""
     try:
         with path.open("rb") as stream:
             start = stream.read(len(MAGIC))

@@ -60,11 +60,7 @@ def records_in(data: bytes) -> Iterator[McapRecord | None]:
 
 
 def unpacked(chunk: Chunk) -> bytes:
-    """The records of a chunk, decompressed and checked against its CRC.
-
-    Raises DamagedError if size, compression or CRC do not fit; the data's own statement of its size is
-    not believed.
-    """
+    """The records of a chunk, decompressed; DamagedError if size, compression or CRC do not fit."""
     size, data = chunk.uncompressed_size, chunk.data
     if size > MAX_CHUNK_BYTES:
         raise DamagedError(f"a chunk of {size} bytes exceeds {MAX_CHUNK_BYTES}")

@@ -1,7 +1,6 @@
 """Other conventions in which a log may have been written, and what each makes of its poses.
 
-Each is one mistake of recorders or exporters. Its fit is the share of the poses that could be of an
-inspection.
+Each is a mistake of recorders or exporters; its fit is the share of the poses that could be of an inspection.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -60,10 +60,7 @@ class Comparison:
         self._at = (flown.t_ns - self.track.t_ns[0]) * 1e-9 if self.timed else None
 
     def best_fits(self, enough: float = 2.0) -> tuple[float, list[Fit]]:
-        """How well the poses fit as they are, and the conventions in which they would fit better, best first.
-
-        No other convention is tried where a share that is `enough` fits as it is.
-        """
+        """How well the poses fit as they are (tried alone from `enough` on), and what fits better, best first."""
         share = float(self._shares([self._given])[0])
         if share >= enough:
             return share, []

@@ -125,10 +125,7 @@ _WORDS: dict[str, Callable[[Measured], str]] = {
 
 
 def passport_of(reading: Reading, structure: Structure, facts: LogOptions, what: str) -> Mapping[str, Any]:
-    """The passport of a flight, in plain values.
-
-    Raises InputError if a rule is broken that refuses and is not overruled.
-    """
+    """The passport of a flight, in plain values; InputError if a rule is broken that refuses."""
     measured = measure(reading, structure, facts.passport)
     verdicts = (*reading.overruled, *judged(measured, facts.passport, facts.allow, facts.strict))
     refuse(f"{what}, flown on {facts.structure_id}", _with_hint(verdicts, measured))

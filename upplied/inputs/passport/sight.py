@@ -1,7 +1,7 @@
 """How a flight lies against its structure: clearance, height over ground, what the camera meets, its aim.
 
-A pilot looks a little left and right of the nearest surface; a wrong heading holds the aim, or turns it,
-aside."""
+A pilot looks a little left and right of the nearest surface; a wrong heading holds or turns the aim aside.
+"""
 
 from __future__ import annotations
 
@@ -58,10 +58,9 @@ def sight_of(
 
 
 def inside(positions: Floats, scene: Scene) -> Bools:
-    """Which positions (M,) the surface surrounds.
+    """Which positions (M,) the surface surrounds, by rays in 26 directions.
 
-    Rays in 26 directions: all but two must hit, and of those most must cross the surface an odd
-    number of times, which tells the inside of a body from a place between its parts.
+    All but two must hit, and most of those must cross it an odd number of times: not so between its parts.
     """
     surrounded = np.zeros(len(positions), bool)
     low, high = scene.box

@@ -54,8 +54,8 @@ def _pace99(track: Track, gap_s: float) -> dict[str, Any]:
 def turning_of(track: Track, gyroscopes: Sequence[tuple[Ints, Floats]]) -> float:
     """How the poses, as logged, turn about the vertical beside inertial units: the best correlation, -1 to 1.
 
-    Mirrored poses turn the other way, whatever was done to their headings. NaN where nothing turns. Of each
-    gyroscope when (N,), ns, and how fast it turns (N,), rad/s, counter-clockwise from above.
+    Mirrored poses turn the other way, whatever their headings. NaN where nothing turns. Of each gyroscope
+    when (N,), ns, and how fast it turns (N,), rad/s, counter-clockwise from above.
     """
     first, last, lasted = _steps(track)
     if len(first) < _LEAST:

@@ -107,9 +107,8 @@ def camera_of(
 ) -> tuple[Camera, str, list[str], Zoom | None]:
     """The camera of a flight: what the log measured, what the facts say, and defaults for the rest.
 
-    With the name of its optical frame and its field of view in time, where they are known, and notes.
-
-    Raises InputError if the log holds several cameras and nothing says which.
+    With its optical frame and its field of view in time, where known, and notes. Raises InputError if the
+    log holds several cameras and nothing says which.
     """
     known = [(table.channel.topic, calibrated(table)) for table in tables if table.schema in _SCHEMAS]
     by_topic = {topic: each for topic, each in known if each is not None}
@@ -167,11 +166,8 @@ def through(
 ) -> tuple[Camera, Floats | None]:
     """The camera of the flight that was chosen, and the field of view (N, 2), deg, of poses where it zooms.
 
-    Never an average of several: the camera is the narrowest there was, so that whoever looks at nothing
-    else claims to have seen only what was seen.
-
-    Raises InputError if the field of view changes, but no clock says at which pose (`zoom-untimed`).
-    Where that is allowed, the narrowest counts for the whole flight.
+    The camera is the narrowest there was: whoever looks at nothing else claims only what was seen.
+    Raises InputError if the view changes, but no clock says at which pose, unless `zoom-untimed` is allowed.
     """
     if zoom is None or facts.camera_hfov_deg is not None or not len(track):
         return camera, None

@@ -1,7 +1,6 @@
 """Positions on the Earth (WGS 84), with an attitude from elsewhere, in the frame of the structure.
 
-Heights above the ellipsoid and above mean sea level differ by tens of metres: log and structure need one
-datum.
+Heights above the ellipsoid and above mean sea level differ by tens of metres: one datum is needed.
 """
 
 from collections.abc import Sequence
@@ -40,8 +39,7 @@ _PIPELINE = (
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
     """The poses of one channel in the structure's frame.
 
-    Raises InputError if the structure's place is not known, lies elsewhere, or uses another altitude
-    datum; or if nothing in the log tells the attitude.
+    Raises InputError without the structure's place, an attitude or one datum, or if it lies elsewhere.
     """
     wanted = ("structure_lat_deg", "structure_lon_deg", "structure_alt_m", "structure_heading_deg")
     if missing := [name for name in wanted if getattr(facts, name) is None]:

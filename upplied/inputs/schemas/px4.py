@@ -1,8 +1,7 @@
 """PX4 by uXRCE-DDS: odometry, or local position with attitude; and gimbals, as MAVROS has them too.
 
 Turned here from north, east, down and forward, right, down (quaternions w x y z, microseconds). The yaw of a
-gimbal (MAVLink's GIMBAL_DEVICE_ATTITUDE_STATUS) counts from north or from the vehicle's heading, by its
-flags.
+gimbal (MAVLink's GIMBAL_DEVICE_ATTITUDE_STATUS) counts from north or the vehicle's heading, by its flags.
 """
 
 from collections.abc import Sequence
@@ -31,10 +30,7 @@ _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 16, 32, 64
 
 
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
-    """The poses of one channel, in ENU (or another frame with z up) and FLU.
-
-    Raises InputError if there is no attitude to a position, or the frame of the poses is not stated.
-    """
+    """The poses of one channel, in ENU (or another frame with z up) and FLU; InputError without attitude."""
     if table.schema == "px4_msgs/VehicleOdometry":
         return _odometry(table)
     turns = attitude(tables, facts)

@@ -1,8 +1,7 @@
 """Poses of ROS 2, ROS 1 and Foxglove's schemas, and velocity, turn rates and wind beside them.
 
-ROS and MAVROS have ENU and x forward, y left, z up (REP-103, REP-105), quaternions x y z w; Foxglove states
-no axes and is read alike. PX4 and ArduPilot log the wind to north and east, MAVROS a twist
-(`wind_estimation`).
+ROS and MAVROS have ENU and x forward, y left, z up (REP-103, REP-105); Foxglove states no axes and is read
+alike. PX4 and ArduPilot log the wind to north and east, MAVROS a twist (`wind_estimation`).
 """
 
 from collections.abc import Sequence
@@ -32,10 +31,7 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
 
 
 def velocity(tables: Sequence[Table], topic: str) -> tuple[Ints, Floats] | None:
-    """When (N,), ns, and the velocity (N, 6), m/s and rad/s, of the odometry of a topic; None without.
-
-    Where several publish on it, that of most messages counts.
-    """
+    """When (N,), ns, and velocities (N, 6), m/s and rad/s, of the densest odometry of a topic, or None."""
     table = max((each for each in tables if each.channel.topic == topic), key=len, default=None)
     if table is None or _MOTION[0] not in table or not len(table):
         return None
@@ -47,10 +43,9 @@ def velocity(tables: Sequence[Table], topic: str) -> tuple[Ints, Floats] | None:
 
 
 def turning(tables: Sequence[Table]) -> list[tuple[Ints, Floats]]:
-    """Of each inertial unit when (N,), ns, and its turn rate about the vertical (N,), rad/s.
+    """Of each inertial unit when (N,), ns, and its turn (N,), rad/s, counter-clockwise from above.
 
-    The accelerometer gives the vertical, so how the unit is mounted does not count. Counter-clockwise
-    from above.
+    The accelerometer gives the vertical, so how the unit is mounted does not count.
     """
     units = []
     for table in tables:
@@ -72,7 +67,7 @@ def turning(tables: Sequence[Table]) -> list[tuple[Ints, Floats]]:
 
 
 def wind_of(tables: Sequence[Table], track: Track, heading_deg: float | None) -> LoggedWind | None:
-    """The wind while the poses of a track were logged; None where the log holds none.
+    """The wind while a track was logged; None where the log holds none.
 
     Without the heading of the structure's +X, clockwise from north, where it blows to is not known.
     """

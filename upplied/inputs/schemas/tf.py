@@ -1,7 +1,7 @@
 """Trees of transforms: TF of ROS and of Foxglove, composed from the fixed frame to the camera.
 
-A chain has the stamps of its busiest link; others are interpolated, never across a gap; static links always
-hold."""
+A chain has the stamps of its busiest link; others are interpolated, never across a gap; static links hold.
+"""
 
 from __future__ import annotations
 
@@ -95,10 +95,7 @@ class Tree:
 
 
 def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
-    """The tree of all transforms in a log.
-
-    Raises InputError if there are too many frames.
-    """
+    """The tree of all transforms in a log; InputError if there are too many frames."""
     tables = [table for table in tables if table.schema in SCHEMAS]
     tree = Tree(topic=tables[0].channel.topic if tables else "")
     loose: dict[Link, list[Track]] = {}

@@ -1,7 +1,4 @@
-"""Logs of autopilots: PX4's (ULog) by `pyulog`; ArduPilot's (DataFlash) and telemetry by `pymavlink`.
-
-Where both the filter's origin and satellites are logged, the place of the structure decides.
-"""
+"""Logs of autopilots: PX4's (ULog) by `pyulog`; ArduPilot's (DataFlash) and telemetry by `pymavlink`."""
 
 import mmap
 import re

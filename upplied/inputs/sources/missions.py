@@ -1,7 +1,4 @@
-"""Missions as planned flights: QGroundControl, MAVLink waypoints, KML, DJI WPML, Litchi.
-
-They are marked as planned. The camera turns steadily between waypoints, at the stated speed.
-"""
+"""Missions as flights planned at the stated speed: QGroundControl, MAVLink waypoints, KML, WPML, Litchi."""
 
 import csv
 import io

@@ -41,9 +41,7 @@ class Project:
 def project_at(cameras: Path, options: LogOptions) -> Project | None:
     """The structure and the flight of a project; None where a structure is named, or no surface is there.
 
-    `cameras` is a file of one of `KINDS`; of the facts, `kind` is that of the structure, `unit_m` the metres
-    per unit of a model.
-
+    `cameras` is a file of one of `KINDS`; `unit_m` of the facts is the metres per unit of a model.
     Raises InputError if its kind, its scale or its vertical is unknown, or the cameras cannot be read.
     """
     declared, _ = inspection(cameras, [], options)

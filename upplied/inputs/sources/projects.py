@@ -1,7 +1,6 @@
 """Photogrammetry: cameras of OpenSfM and OpenDroneMap, nerfstudio, Bundler and NVM, in the project's frame.
 
-Metashape and RealityCapture place a project on the Earth themselves. A camera looks along z, x right, y down,
-unless a format has it otherwise.
+Metashape and RealityCapture place it on the Earth. A camera looks along z, x right, y down, but for some.
 """
 
 import csv
