@@ -173,11 +173,9 @@ def nominal_problems(
     remedy = RULES["nominal"].remedy
     if outliers and not entry.drop_outliers:
         remedy += f", or set drop_outliers = true: it has {outliers[0]}"
-    size, most = np.ptp(vertices, axis=0), entry.bounds.nominal_pct
-    verdicts = []
-    for side, have, want in zip(
-        ("length (x)", "width (y)", "height (z)"), size, entry.nominal_m, strict=True
-    ):
+    size, most, verdicts = np.ptp(vertices, axis=0), entry.bounds.nominal_pct, []
+    sides = "length (x)", "width (y)", "height (z)"
+    for side, have, want in zip(sides, size, entry.nominal_m, strict=True):
         if want is not None and abs(have / want - 1) > most / 100:
             off = f"{side} is {have:.4g} m, {100 * (have / want - 1):+.0f} % off the nominal {want:g} m"
             verdicts.append(broken(RULES["nominal"], off, f"within {most:g} %", remedy))

@@ -84,10 +84,9 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
         "landmarks": dict(entry.landmarks),
         "notes": "; ".join(filter(None, (entry.notes, *findings.done, *(v.found for v in verdicts)))),
         "verdicts_json": to_json(verdicts) if verdicts else "",
+        "sha256": _sha256(sha256, entry),
     }
-    structure = Structure(
-        vertices=vertices, triangles=triangles, normals=normals, sha256=_sha256(sha256, entry), **declared
-    )
+    structure = Structure(vertices=vertices, triangles=triangles, normals=normals, **declared)
     what, stated = f"{entry.path} ({entry.structure_id})", entry.surface_error_m
     most = structure.diagonal_m / 10
     if structure.is_scan and structure.surface == "drawn":
@@ -185,8 +184,7 @@ def _cloud(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     normals, word = outward_normals(points, given)
     dropped = counted((len(vertices) - len(points), "points dropped that stood twice or nowhere"))
     words = filter(None, [word, "a point cloud: sizes and sight lines are as dense as its points"])
-    findings = Findings(done=(*dropped, *words))
-    return points, NO_TRIANGLES, normals, findings
+    return points, NO_TRIANGLES, normals, Findings(done=(*dropped, *words))
 
 
 def _check_left(triangles: Ints, entry: StructureEntry) -> None:

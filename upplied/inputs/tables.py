@@ -102,8 +102,7 @@ def joined(tables: list[Table]) -> Table:
     """Several channels of one topic and schema as one table, in the order of their log times."""
     if len(tables) == 1:
         return tables[0]
-    pieces = [(table.columns, np.column_stack([table.log_ns, table.publish_ns])) for table in tables]
-    columns, times = stacked(pieces)
+    columns, times = stacked([(it.columns, np.column_stack([it.log_ns, it.publish_ns])) for it in tables])
     order = np.argsort(times[:, 0], kind="stable")
     return Table(
         channel=tables[0].channel,

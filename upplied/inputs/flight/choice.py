@@ -50,8 +50,7 @@ def choose(tables: Sequence[Table], facts: LogOptions, what: str) -> tuple[Table
         sources = [table for table in sources if table.channel.topic == facts.topic]
     if facts.schema:
         sources = [table for table in sources if table.schema == facts.schema.replace("/msg/", "/")]
-    usable = [table for table in sources if len(table) > 1]
-    if sources and not usable:
+    if not (usable := [table for table in sources if len(table) > 1]) and sources:
         raise nothing(sources, what)
     if not facts.topic:
         usable = _narrowed(usable, facts)
@@ -121,8 +120,7 @@ def _agreeing(usable: list[Table], tables: Sequence[Table], facts: LogOptions) -
         return usable
     for other in others:
         positions, quats = at_times(first, other.t_ns, facts.gap_s)
-        known = np.isfinite(positions).all(axis=1)
-        if known.mean() < 0.5:
+        if (known := np.isfinite(positions).all(axis=1)).mean() < 0.5:
             return usable
         apart = np.linalg.norm(positions[known] - other.positions[known], axis=1)
         turned = angle_between(quats[known], other.quat_xyzw[known])
@@ -162,8 +160,7 @@ def _tangled(path: Floats) -> bool:
     whole = float(steps.sum())
     if whole < 1e-6 or np.linalg.norm(path[2:] - path[:-2], axis=1).sum() > _SMOOTH * whole:
         return False
-    far = np.flatnonzero(np.linalg.norm(path - path[0], axis=1) > np.percentile(steps, 60) / 2)
-    if not len(far):
+    if not len(far := np.flatnonzero(np.linalg.norm(path - path[0], axis=1) > np.percentile(steps, 60) / 2)):
         return False
     ends, length, count = path[[0, far[0]]], np.zeros(2), np.zeros(2)
     for place in path:

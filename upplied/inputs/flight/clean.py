@@ -96,9 +96,8 @@ def silence_s(track: Track, least_s: float) -> float:
 
 def breaks(track: Track, gap_s: float) -> tuple[Ints, list[str]]:
     """First sample after each gap, jump or reset of the estimator, and in words how many there are."""
-    step_s = np.diff(track.t_ns) * 1e-9
-    gaps = step_s > gap_s
-    resets = np.zeros(len(step_s), bool) if track.epoch is None else np.diff(track.epoch) != 0
+    gaps = np.diff(track.t_ns) * 1e-9 > gap_s
+    resets = np.zeros(len(gaps), bool) if track.epoch is None else np.diff(track.epoch) != 0
     jumps = _jumps(track) & ~gaps & ~resets
     reset = max(resets.sum() - track.clock_steps, 0)
     counts = {"gap": gaps.sum(), "jump": jumps.sum(), "estimator reset": reset}
@@ -151,8 +150,7 @@ def steady(track: Track) -> Track:
 
 def _backwards(t_ns: Ints) -> Ints:
     """Last sample before each step back from which the stamps run on: late messages jump ahead again."""
-    step = np.diff(t_ns)
-    steps: list[int] = []
+    step, steps = np.diff(t_ns), list[int]()
     for at in np.flatnonzero(step < -_TOLERANCE_NS):
         soon = step[at + 1 : at + 1 + _LATE]
         if not (soon > -step[at] / 2).any() and at + 1 - (steps[-1] if steps else -2) > 1:
@@ -164,8 +162,7 @@ def _ahead(t_ns: Ints, log_ns: Ints) -> Ints:
     """Last sample before each step of the stamps that the recorder's clock did not see."""
     if len(t_ns) < 2 * _AROUND or not np.ptp(log_ns):
         return np.empty(0, np.int64)
-    off = t_ns - log_ns
-    steps = []
+    off, steps = t_ns - log_ns, []
     for at in np.flatnonzero((np.abs(np.diff(off)) > 10 * _TOLERANCE_NS) & (np.diff(t_ns) > 0)):
         before, after = off[max(at + 1 - _AROUND, 0) : at + 1], off[at + 1 : at + 1 + _AROUND]
         jump = float(np.median(after) - np.median(before))
@@ -206,22 +203,20 @@ class Pace:
         return words
 
 
-def paced(
-    track: Track, gap_s: float, settings: PassportSettings, between_s: float = 0.0
-) -> tuple[Track, Pace]:
+def paced(track: Track, gap_s: float, bounds: PassportSettings, between_s: float = 0.0) -> tuple[Track, Pace]:
     """The clean track of a camera with its gaps and hovers shortened, and what was found.
 
     Of its gaps `between_s`, s, were recorded, and lie between two inspections.
     """
     step_ns, step_m = np.diff(track.t_ns), leg_lengths(track.positions)
     gap = step_ns > gap_s * 1e9
-    long = step_ns > max(gap_s, settings.long_gap_s) * 1e9
+    long = step_ns > max(gap_s, bounds.long_gap_s) * 1e9
     moving = step_m[~gap] / np.maximum(step_ns[~gap] * 1e-9, 1e-9)
     moving = moving[moving > 0.1]
     speed = max(float(np.median(moving)) if len(moving) else 0.0, _LEAST_MPS)
     transit_ns = (np.maximum(step_m / speed, gap_s) + 1e-3) * 1e9  # still a gap, so that it stays a break
     shorter = np.where(long, np.minimum(transit_ns, step_ns), step_ns).astype(np.int64)
-    keep, hover_s = _hovers(track, gap, settings.hover_cap_s)
+    keep, hover_s = _hovers(track, gap, bounds.hover_cap_s)
     frozen = (step_m == 0) & (np.diff(track.quat_xyzw, axis=0) == 0).all(axis=1) & ~gap
     cut = np.where(keep[1:], 0, shorter)  # the time that goes with the samples that are cut
     pace = Pace(

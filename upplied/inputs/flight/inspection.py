@@ -56,8 +56,8 @@ def inspected(
             break
     if not inside.any():
         seconds = f"0 to {(int(track.t_ns.max()) - first) * 1e-9:.1f} s" if len(track) else "none"
-        rule = f"times within {seconds}"
-        raise InputError(what, f"has no pose within {words}", rule, "correct start and stop")
+        finding, rule = f"has no pose within {words}", f"times within {seconds}"
+        raise InputError(what, finding, rule, "correct start and stop")
     if inside.all():
         return track, [], True
     return track.take(inside), [f"cut to {words}: {int(inside.sum())} of {len(track)} samples"], True
@@ -126,8 +126,7 @@ def phases(flown: Track, scene: Scene, reach_m: float) -> Phases | None:
 
 def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases | None:
     """The same by stations: (K,), s, (K, 3), m, and which of them look at the structure."""
-    ground = _on_ground(at, places)
-    if not ground.any():
+    if not (ground := _on_ground(at, places)).any():
         return None
     flights = _runs(~ground)
     outs, flying = [], np.zeros(len(at), bool)  # stations at which climbs end; between climb and descent
@@ -138,8 +137,7 @@ def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases 
     distance = scene.distance(places)
     usual = float(np.median(distance[looks & flying])) if (looks & flying).any() else 0.0
     good = looks & flying & (distance <= _FAR * usual)
-    parts: list[tuple[str, float, float]] = []
-    landed_s = 0.0
+    parts, landed_s = list[tuple[str, float, float]](), 0.0
     for (first, stop), out in zip(flights, outs, strict=True):
         seconds, inspects = at[first:stop], good[first:stop]
         begin = first + _begins(seconds, inspects) if first else first

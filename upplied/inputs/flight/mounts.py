@@ -17,15 +17,13 @@ _NOWHERE = np.zeros(3)
 NO_MOUNT = "no camera mount in the log: the camera is taken to look along the body's x axis"
 
 
-def camera_poses(
-    track: Track, facts: LogOptions, tree: Tree, camera_frame: str, gimbal: Gimbal | None
-) -> Track:
+def camera_poses(track: Track, facts: LogOptions, tree: Tree, camera: str, gimbal: Gimbal | None) -> Track:
     """Poses of the camera (x forward, y left, z up) from those of what `facts.body_frame` says is tracked.
 
     On a body the camera is placed by the first of these: the attitude of a gimbal, a mount in the facts, the
     transforms from the body to its optical frame, and at last the body itself, looking ahead.
     """
-    seen = "optical" in track.child or (track.child and track.child == camera_frame)
+    seen = "optical" in track.child or (track.child and track.child == camera)
     is_mounted = facts.body_T_camera_position_m is not None or facts.body_T_camera_quat_xyzw is not None
     frame = facts.body_frame or ("optical" if seen and not is_mounted else "body")
     if frame == "camera":
@@ -38,7 +36,7 @@ def camera_poses(
         return _on_gimbal(track, gimbal, offset, turn, facts)
     if is_mounted:
         return mounted(track, offset, turn)
-    camera_frame = camera_frame or tree.camera()
+    camera_frame = camera or tree.camera()
     body = ""  # the tracked frame if it carries the camera, else the top of its rigid parts
     if camera_frame:
         carries = track.child and tree.path(camera_frame, track.child)
@@ -77,8 +75,7 @@ def in_structure_frame(track: Track, facts: LogOptions) -> Track:
 
 def mounted(track: Track, position: Floats, rotation: Rotation) -> Track:
     """Poses of something at `position` (m) and `rotation` on the tracked body; (3,) or (N, 3)."""
-    body = Rotation.from_quat(track.quat_xyzw)
-    positions = track.positions + body.apply(position)
+    positions = track.positions + (body := Rotation.from_quat(track.quat_xyzw)).apply(position)
     return replace(track, positions=positions, quat_xyzw=(body * rotation).as_quat())
 
 

@@ -58,9 +58,8 @@ class Track(Record):
 
     def during(self, known: Bools, what: str) -> Track:
         """The samples for which something else is known; missing at the ends it is no fault of the log."""
-        inner = np.flatnonzero(known)
-        ends = np.full(len(self), bool(len(inner)))
-        if len(inner):
+        ends = np.full(len(self), known.any())
+        if len(inner := np.flatnonzero(known)):
             ends[inner[0] : inner[-1] + 1] = False
         return self.keep(~ends, f"no {what}{AT_THE_ENDS}").keep(known[~ends], f"no {what}")
 
@@ -70,8 +69,8 @@ class Track(Record):
 
     def turned(self, turn: Rotation, positions: Floats) -> Track:
         """The same in another frame: turned, at these positions."""
-        quats = (turn * Rotation.from_quat(self.quat_xyzw)).as_quat()
-        return replace(self, positions=positions, quat_xyzw=quats)
+        turned = turn * Rotation.from_quat(self.quat_xyzw)
+        return replace(self, positions=positions, quat_xyzw=turned.as_quat())
 
     def take(self, index: Ints | Bools) -> Track:
         """The samples of this index."""

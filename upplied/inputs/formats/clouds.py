@@ -88,8 +88,7 @@ def read_pcd(source: Source) -> RawMesh:
     except (KeyError, ValueError, IndexError):
         rule = "FIELDS with x y z, SIZE, TYPE, POINTS, DATA"
         raise source.error("its header cannot be understood", rule) from None
-    body, mode = source.data[data_line.end() :], data_line[1].decode()
-    width = int(np.dot(sizes, counts))
+    body, mode, width = source.data[data_line.end() :], data_line[1].decode(), int(np.dot(sizes, counts))
     if mode == "ascii":
         held = len(numbers(body)) / sum(counts)
     elif mode == "binary":

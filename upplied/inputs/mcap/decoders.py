@@ -60,9 +60,7 @@ class Decoder:
         inner = [path for path in known if many and path.startswith(f"{many}[].")]
         get, get_inner = self._getter(plain), self._getter([path[len(many) + 3 :] for path in inner])
         get_elements = self._getter([many])
-        rows: list[int] = []
-        values: list[tuple[Any, ...]] = []
-        unreadable = 0
+        rows, values, unreadable = list[int](), list[tuple[Any, ...]](), 0
         for row, payload in enumerate(payloads):
             try:
                 message = self._decode(payload)
@@ -121,8 +119,7 @@ def _column(values: Sequence[Any]) -> Any:
     """A column of numbers, of lists of numbers, or of text; None where there is nothing."""
     if all(isinstance(value, float) for value in values):
         return np.array(values)
-    present = [value for value in values if value is not None]
-    if not present:
+    if not (present := [value for value in values if value is not None]):
         return None
     if all(isinstance(value, int | float) for value in present):
         whole = len(present) == len(values) and all(type(value) is int for value in values)
@@ -133,7 +130,7 @@ def _column(values: Sequence[Any]) -> Any:
     if len(shapes) == 1 and None not in shapes:
         return np.stack(values)
     rows = [_row(value) for value in values]
-    if any(row is None for row in rows):
+    if None in rows:
         return np.array(["" if value is None else str(value)[:MAX_TEXT] for value in values], object)
     width = Counter(len(row) for row in rows if row).most_common(1)
     if not width or width[0][0] > _MAX_WIDTH:
@@ -169,8 +166,7 @@ def read_tables(recording: Recording, fields: Callable[[Channel], Iterable[str]]
     builders: dict[int, _Builder] = {}
 
     def sink_of(channel: Channel) -> Sink | None:
-        paths = tuple(fields(channel))
-        if not paths:
+        if not (paths := tuple(fields(channel))):
             return None
         recording.check(len(builders) + 1, (_MAX_CHANNELS, 0.0), "channels of poses")
         builder = builders[channel.channel_id] = _Builder(channel, paths)
@@ -196,10 +192,8 @@ class _Builder:
 
     def __init__(self, channel: Channel, paths: tuple[str, ...]) -> None:
         self.sink: Sink = []
-        self.rows = 0
-        self.table = Table(channel)
-        self._paths = paths
         self.pieces: list[Piece] = []
+        self.rows, self.table, self._paths = 0, Table(channel), paths
         self._decoder: Decoder | None = None
         try:
             self._decoder = Decoder(channel)

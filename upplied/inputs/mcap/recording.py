@@ -61,8 +61,7 @@ class Recording:
 
     def channel(self, channel_id: int) -> Channel | None:
         """The channel of this id with its schema, or None where the log does not define it."""
-        record = self.channels.get(channel_id)
-        if record is None:
+        if (record := self.channels.get(channel_id)) is None:
             return None
         kind = self.schemas.get(record.schema_id) or Schema(id=0, name="", encoding="", data=b"")
         return Channel(channel_id, record.topic, record.message_encoding, kind.name, kind.encoding, kind.data)

@@ -147,10 +147,8 @@ def findings_of(passport: Mapping[str, Any]) -> tuple[Verdict, ...]:
 
 def _with_hint(verdicts: tuple[Verdict, ...], measured: Measured) -> list[Verdict]:
     """What is refused, the last of it with the convention that comes nearest to making sense of it."""
-    hinted = list(verdicts)
-    refused = {verdict.rule for verdict in refusals(verdicts)}
-    named = refused & _STEADIER
-    if refused and not named and measured.other_fit_pct - measured.fit_pct >= 5:
+    hinted, refused = list(verdicts), {verdict.rule for verdict in refusals(verdicts)}
+    if refused and not refused & _STEADIER and measured.other_fit_pct - measured.fit_pct >= 5:
         share = f"{measured.other_fit_pct:.0f} %, as given {measured.fit_pct:.0f} %"
         hint = f"; the nearest other convention, {measured.other_words}, fits {share}"
         last = max(at for at, verdict in enumerate(hinted) if verdict.rule in refused)

@@ -62,8 +62,7 @@ def calibrated(table: Table) -> tuple[Camera, str, Zoom, str] | None:
     """
     matrix = table.vectors("k" if "k" in table else "K", 9)
     values = np.column_stack([table.stack("width", "height"), matrix[:, [0, 4]]])
-    good = ((values > 1e-3) & (values < 1e7)).all(axis=1)
-    if not good.any():
+    if not (good := ((values > 1e-3) & (values < 1e7)).all(axis=1)).any():
         return None
     model = str(names(table, "distortion_model")[good][0]).lower()
     frame, t_ns = "frame_id" if "frame_id" in table else "header.frame_id", source_times(table)[0][good]
@@ -88,10 +87,9 @@ def lens_of(model: str, values: Floats, middle_px: Floats, size: Floats) -> tupl
     axis meets the picture of a size (2,), px, in its middle (2,) where the one given lies in no picture.
     """
     fisheye, note = model.startswith(_FISHEYE), ""
-    most = 4 if fisheye else 8
     count = int(np.flatnonzero(values)[-1]) + 1 if values.any() else 0
     known = model in (_FISHEYE[:3] if fisheye else _BROWN)
-    if count > most or (count and not (known and np.isfinite(values).all())):
+    if count > (4 if fisheye else 8) or (count and not (known and np.isfinite(values).all())):
         note = f"distortion of the camera is not used: {count} coefficients of the model {model[:40]!r}"
         count = 0
     if not ((middle_px > 0) & (middle_px < size)).all() or (abs(middle_px - size / 2) <= _CENTRED_PX).all():
@@ -145,8 +143,8 @@ def camera_of(
     if camera.focus_m > camera.min_range_m and facts.camera_min_range_m is None:
         camera = replace(camera, min_range_m=camera.focus_m)
     if camera.min_range_m >= camera.max_range_m:
-        limits = f"{camera.min_range_m} to {camera.max_range_m} m"
-        raise InputError(f"{what}, camera range", f"got {limits}", "the least range below the greatest")
+        finding = f"got {camera.min_range_m} to {camera.max_range_m} m"
+        raise InputError(f"{what}, camera range", finding, "the least range below the greatest")
     if facts.camera_hfov_deg is not None and zoom is not None and zoom.spread_pct > facts.passport.zoom_pct:
         changes = f"from {zoom.hfov_deg.max():.1f} to {zoom.hfov_deg.min():.1f} deg"
         notes.append(f"{ZOOM_UNHEARD} {changes}: {camera.hfov_deg:g} deg all the time, as declared")

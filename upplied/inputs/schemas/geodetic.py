@@ -53,8 +53,7 @@ def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
         np.clip(lat, -90, 90), lon, alt + lift,
         facts.structure_lat_deg, facts.structure_lon_deg, (facts.structure_alt_m or 0.0) + own
     )  # fmt: skip
-    enu = np.column_stack([east, north, up])
-    distance = np.linalg.norm(enu, axis=1)
+    distance = np.linalg.norm(enu := np.column_stack([east, north, up]), axis=1)
     if np.isfinite(distance).any() and np.nanmedian(distance) > MAX_DISTANCE_M:
         finding = f"lies {np.nanmedian(distance) / 1000:.0f} km from the structure"
         rule, remedy = f"within {MAX_DISTANCE_M / 1000:.0f} km", "check the structure's place on the Earth"
@@ -108,13 +107,12 @@ def _lifts(datum: str, facts: LogOptions, table: Table) -> tuple[float, float, t
         finding = f"gives altitudes above the {_NAMES[datum]}, the structure's above the {_NAMES[wanted]}"
         rule = "one datum, or the height of mean sea level above the ellipsoid there"
         raise InputError(table.channel.topic, finding, rule, f"give geoid_undulation_m, or a grid: {words}")
-    note = (f"mean sea level {undulation:.1f} m above the ellipsoid, {words}",)
-    return (0.0, undulation, note) if datum == "ellipsoid" else (undulation, 0.0, note)
+    lifts = (0.0, undulation) if datum == "ellipsoid" else (undulation, 0.0)
+    return *lifts, (f"mean sea level {undulation:.1f} m above the ellipsoid, {words}",)
 
 
 def _with_attitude(track: Track, table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
-    turns = px4.attitude(tables, facts) if table.schema.startswith("px4") else _imu(tables, facts)
-    if turns is not None:
+    if (turns := (px4.attitude if table.schema.startswith("px4") else _imu)(tables, facts)) is not None:
         return _from_antenna(px4.with_attitude(track, turns, facts), facts)
     heading = table.numbers("heading")[_valid(table)]
     if np.isfinite(heading).any():
@@ -144,8 +142,9 @@ def _imu(tables: Sequence[Table], facts: LogOptions) -> Track | None:
     tracks = []
     for table in tables:
         if table.schema == IMU and len(table):
-            quats = table.stack(*_TURN)
-            good = are_unit(quats) & (table.vectors("orientation_covariance", 9)[:, 0] != -1)
+            good = are_unit(quats := table.stack(*_TURN)) & (
+                table.vectors("orientation_covariance", 9)[:, 0] != -1
+            )
             if good.mean() > 0.5:
                 tracks.append(attitude_track(table, quats, facts, good))
     return max(tracks, key=len, default=None)

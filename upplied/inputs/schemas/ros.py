@@ -37,9 +37,7 @@ def velocity(tables: Sequence[Table], topic: str) -> tuple[Ints, Floats] | None:
         return None
     motion = table.stack(*_MOTION)
     good = np.isfinite(motion).all(axis=1)
-    if not motion[good].any():
-        return None
-    return source_times(table)[0][good], motion[good]
+    return (source_times(table)[0][good], motion[good]) if motion[good].any() else None
 
 
 def turning(tables: Sequence[Table]) -> list[tuple[Ints, Floats]]:

@@ -43,8 +43,7 @@ class Tree:
 
     def path(self, leaf: str, root: str = "") -> list[Link]:
         """Links from `root` (or the top) down to `leaf`; empty where there is no way."""
-        links: list[Link] = []
-        parents, frame = self.parents(), leaf
+        parents, frame, links = self.parents(), leaf, list[Link]()
         while frame != root and frame in parents and len(links) < len(parents):
             links.append((parents[frame], frame))
             frame = parents[frame]
@@ -52,8 +51,7 @@ class Tree:
 
     def rigid(self, leaf: str) -> list[str]:
         """The frames above `leaf` that static links alone part from it, from below."""
-        parents, frame = self.parents(), leaf
-        above: list[str] = []
+        parents, frame, above = self.parents(), leaf, list[str]()
         while (parents.get(frame), frame) in self.static and len(above) < len(parents):
             frame = parents[frame]
             above.append(frame)
@@ -113,8 +111,9 @@ def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
             whole: dict[str, Any] = {
                 name: np.concatenate([getattr(part, name) for part in parts]) for name in _VALUES
             }
-            order = np.argsort(whole["log_ns"], kind="stable")  # as recorded
-            merged = replace(parts[0], **whole).take(order)
+            merged = replace(parts[0], **whole).take(
+                np.argsort(whole["log_ns"], kind="stable")
+            )  # as recorded
             track = clean(merged, replace(limits, max_dropped=1.0), "a transform")
         except InputError:  # nothing usable: as if the link had never been published
             continue
@@ -131,8 +130,7 @@ def transformed(tree: Tree, facts: LogOptions, camera_frame: str, what: str) -> 
 
     Raises InputError if several frames could be meant, or the frame that is asked for does not exist.
     """
-    leaf = _leaf(tree, facts, camera_frame, what)
-    root = facts.frame_id.lstrip("/")
+    leaf, root = _leaf(tree, facts, camera_frame, what), facts.frame_id.lstrip("/")
     return tree.track(leaf, root if tree.moves(leaf, root) else "", facts)
 
 

@@ -102,9 +102,8 @@ def _dataflash(path: Path, text: bool, source: Source) -> Rows:
     with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         heads = size if text else sum(1 for _ in re.finditer(rb"\xa3\x95", data))
     if 2 * _LONGEST * heads < size:  # passed over byte by byte, it would take for ever
-        raise refusal(
-            f"holds {heads} messages in {size} bytes", "a whole log", "copy it again from the autopilot"
-        )
+        finding = f"holds {heads} messages in {size} bytes"
+        raise refusal(finding, "a whole log", "copy it again from the autopilot")
     for _ in range(MAX_ROWS):
         try:
             if log is None:
@@ -133,18 +132,15 @@ def _telemetry(path: Path, source: Source) -> Rows:
 
     link = ardupilotmega.MAVLink(None)
     rows: Rows = defaultdict(list)
-    ahead: list[int] = []
-    vehicles: set[int] = set()
+    ahead, vehicles = list[int](), set[int]()
     for t_us, packet in _packets(read_regular(path, MAX_BYTES), source):
         try:
             message = link.decode(bytearray(packet))
         except Exception:  # of an unknown dialect, or damaged
             continue
-        name = message.get_type()
-        if name not in _MESSAGES:
+        if (name := message.get_type()) not in _MESSAGES:
             continue
-        boot_ms = getattr(message, "time_boot_ms", None)
-        if boot_ms is not None:
+        if (boot_ms := getattr(message, "time_boot_ms", None)) is not None:
             ahead.append(t_us * 1000 - boot_ms * 1_000_000)
         if name in ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"):
             vehicles.add(message.get_srcSystem())
@@ -154,10 +150,9 @@ def _telemetry(path: Path, source: Source) -> Rows:
         raise refusal(f"holds {len(vehicles)} vehicles ({sorted(vehicles)})", "one vehicle", "split the log")
     start = int(np.median(ahead)) if ahead else 0
     source.notes.append("dates by the clock of the ground station")
-    return {
-        name: [(start - (t + 1) * 1_000_000 if t < 0 else t, values) for t, values in stamped]
-        for name, stamped in rows.items()
-    }
+    for stamped in rows.values():
+        stamped[:] = [(start - (t + 1) * 1_000_000 if t < 0 else t, values) for t, values in stamped]
+    return rows
 
 
 def _packets(data: bytes, source: Source) -> Iterator[tuple[int, bytes]]:
@@ -217,7 +212,6 @@ def _start(log: Any) -> tuple[int, list[str]]:
     for data in log.data_list:
         if data.name in _GPS and {"time_utc_usec", "fix_type"} <= data.data.keys():
             utc, since = data.data["time_utc_usec"].astype(np.int64), data.data["timestamp"].astype(np.int64)
-            good = (data.data["fix_type"] >= _FIXED) & (utc > _LATER)
-            if good.any():
+            if (good := (data.data["fix_type"] >= _FIXED) & (utc > _LATER)).any():
                 return int(np.median(utc[good] - since[good])), []
     return 0, ["times count from the start of the autopilot: the log holds no date"]

@@ -65,9 +65,7 @@ def kind_of(path: Path) -> str:
     except OSError as error:
         raise InputError(str(path), error.strerror or "cannot be read", "a readable file") from None
     tar = head[:1] == b"\x1f" and ".tar" in path.name
-    unread = (
-        [] if tar else [why for why, begins in _TABLES["unread"].items() if re.match(begins.encode(), head)]
-    )
+    unread = [why for why, it in _TABLES["unread"].items() if not tar and re.match(it.encode(), head)]
     unread += [why for why, name in _TABLES["unread_names"].items() if re.fullmatch(name, path.name)]
     if unread:
         raise InputError(str(path), unread[0])
@@ -169,8 +167,7 @@ def _file(path: Path, alone: bool = False) -> list[FileKind]:
 
 
 def _folder(folder: Path) -> list[FileKind]:
-    files: list[FileKind] = []
-    count = 0
+    files, count = list[FileKind](), 0
     for at, folders, names in os.walk(folder):  # links to folders are not followed
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         if "catalog.json" in names and "heads" in folders:  # a catalog holds no flights of others
@@ -180,8 +177,7 @@ def _folder(folder: Path) -> list[FileKind]:
         if count > MAX_FILES:
             rule = "the folder of some flights"
             raise InputError(str(folder), f"holds more than {MAX_FILES} files", rule, "name a folder in it")
-        images = set(photos.members(place))
-        if images:
+        if images := set(photos.members(place)):
             words = f"{len(images)} photos" if len(images) > 1 else "one photo: no flight"
             files.append(FileKind(place, _FLIGHT if len(images) > 1 else _OTHER, words))
         for name in sorted(names):

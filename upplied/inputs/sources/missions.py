@@ -95,12 +95,10 @@ def _commands(items: list[tuple[int, int, list[float]]]) -> _Route:
 
 def _plan(data: bytes) -> _Route:
     plan = json.loads(data)
-    versions = plan.get("version"), plan.get("mission", {}).get("version")
-    if versions != (1, 2):
+    if (versions := (plan.get("version"), plan.get("mission", {}).get("version"))) != (1, 2):
         finding = f"is a plan of version {versions[0]}, mission {versions[1]}"
         raise refusal(finding, "versions 1 and 2", "open it in QGroundControl and save it again")
-    items: list[tuple[int, int, list[float]]] = []
-    computed = []
+    items, computed = list[tuple[int, int, list[float]]](), list[str]()
     for item in plan["mission"].get("items", []):
         simple = item.get("type") == "SimpleItem"
         inner = [item] if simple else item.get("TransectStyleComplexItem", {}).get("Items", [])
@@ -120,8 +118,7 @@ def _waypoints(data: bytes) -> _Route:
     items = []
     for line in data.decode("ascii").splitlines()[2:]:  # the first is home
         row = line.split()
-        params = [float(value) for value in row[4:11]]
-        if params:
+        if params := [float(value) for value in row[4:11]]:
             params[3] = params[3] or _NAN  # the format has no other word for none
             items.append((int(row[3]), int(row[2]), params))
     return _commands(items)
@@ -152,8 +149,7 @@ def _marks(data: bytes) -> _Route:
     """Placemarks of WPML, else the line of a KML."""
     root, route = plain_xml(data), _Route()  # names of the schema change with its version
     if root.find(".//executeHeight") is None:
-        lines = [node.findtext("coordinates") for node in root.iter("LineString")]
-        if not lines:
+        if not (lines := [node.findtext("coordinates") for node in root.iter("LineString")]):
             finding = "states no path: it is a template, or holds other shapes"
             raise refusal(finding, "waypoints or one LineString", "take waylines.wpml, or the .kmz")
         relative = "relativeToGround" in {node.text for node in root.iter("altitudeMode")}

@@ -37,8 +37,8 @@ logging.getLogger("exifread").setLevel(logging.CRITICAL)  # damaged tags are no 
 
 def members(folder: Path) -> list[Path]:
     """The photos that lie in a folder, by name."""
-    names = sorted(path for path in folder.iterdir() if path.suffix.lower() in ENDINGS and path.is_file())
-    return names[: MAX_PHOTOS + 1]
+    names = (path for path in folder.iterdir() if path.suffix.lower() in ENDINGS and path.is_file())
+    return sorted(names)[: MAX_PHOTOS + 1]
 
 
 def read(path: Path, fields: Fields) -> Source:
@@ -79,8 +79,8 @@ def _lens(at: dict[str, Floats], model: str) -> dict[str, Any]:
     facts: dict[str, Any] = {
         f"camera_{name}": float(counts[name](values)) for name, values in known.items() if len(values)
     }
-    name = named_by_exif(model, facts.get("camera_focal_mm", 0.0))
-    facts |= {"camera_model": name} if name else {}
+    if name := named_by_exif(model, facts.get("camera_focal_mm", 0.0)):
+        facts["camera_model"] = name
     return facts if (accuracy_m := _accuracy_m(at)) is None else facts | {"accuracy_m": accuracy_m}
 
 
@@ -140,10 +140,9 @@ def head_of(path: Path) -> dict[str, Any]:
         raise
     except Exception:  # tags that are damaged say nothing
         tags, xmp = {}, {}
-    values: dict[str, Any] = {
-        name: next((xmp[local] for local in written if local in xmp), float("nan"))
-        for name, written in _NAMES.items()
-    }
+    values: dict[str, Any] = {}
+    for name, written in _NAMES.items():
+        values[name] = next((xmp[local] for local in written if local in xmp), float("nan"))
     for name, axis, minus in (("lat", "GPS GPSLatitude", "S"), ("lon", "GPS GPSLongitude", "W")):
         if not np.isfinite(values[name]):
             degrees = sum(part / 60**at for at, part in enumerate(_numbers(tags.get(axis), 3)))

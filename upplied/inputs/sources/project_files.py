@@ -79,8 +79,7 @@ def project_at(cameras: Path, options: LogOptions) -> Project | None:
 
 def _up(source: Source, what: str) -> str:
     """The axis of the file that points up: cameras of drones hold the horizon, so their sides lie level."""
-    tables = [table for table in source.tables if "pose.orientation.w" in table]
-    if not tables:
+    if not (tables := [table for table in source.tables if "pose.orientation.w" in table]):
         raise InputError(what, "holds no frame of its own", "cameras and surface in one", "give --structure")
     turns = Rotation.from_quat(tables[0].stack(*(f"pose.orientation.{axis}" for axis in "xyzw")))
     sides: Floats = turns.apply([0.0, 1.0, 0.0])

@@ -23,10 +23,8 @@ _NUMBER = r"([-+]?\d+(?:\.\d+)?)"
 _CLOCK = re.compile(r"(\d\d):(\d\d):(\d\d)[,.](\d{3}) -->")
 _GPS = re.compile(rf"(?<![A-Z])GPS ?\({_NUMBER}, ?{_NUMBER}(?:, ?{_NUMBER}(M?))?\)")
 _PRY = re.compile(rf"G\.PRY \({_NUMBER}\D*, {_NUMBER}\D*, {_NUMBER}")
-_CAPTIONS = {
-    name: re.compile(f"(?:{words}){_NUMBER}")
-    for name, words in table("kinds.toml")["record"]["captions"].items()
-}
+_WORDS: dict[str, str] = table("kinds.toml")["record"]["captions"]
+_CAPTIONS = {name: re.compile(f"(?:{words}){_NUMBER}") for name, words in _WORDS.items()}
 _VIDEO = 3840.0, 2160.0  # pixels, to which the focal length of captions belongs
 _SPLIT = re.compile(rb"[,;\s]+")
 WIDTHS = (8, 17, 12)  # numbers in a line of TUM, EuRoC and KITTI
@@ -72,8 +70,7 @@ def _named(head: Sequence[str]) -> dict[str, tuple[int, float]]:
     bare = [_UNIT.sub("", name).strip() for name in plain]
     columns: dict[str, tuple[int, float]] = {}
     for name, choices in _COLUMNS.items():
-        hits = [names.index(choice) for choice in choices for names in (plain, bare) if choice in names]
-        if hits:
+        if hits := [names.index(choice) for choice in choices for names in (plain, bare) if choice in names]:
             unit = _UNIT.search(plain[hits[0]])
             columns[name] = hits[0], _FOOT if unit is not None and unit[1] in ("feet", "ft") else 1.0
     return columns
@@ -172,8 +169,7 @@ def width_of(line: bytes) -> int:
 
 
 def _poses(path: Path, data: bytes) -> Source:
-    words = _words(data)
-    rows = np.array([[float(word) for word in line] for line in words])
+    rows = np.array([[float(word) for word in line] for line in (words := _words(data))])
     stamps = [line[0] for line in words]
     if rows.shape[1] == WIDTHS[2]:
         return _kitti(path, rows.reshape(-1, 3, 4))
@@ -191,9 +187,8 @@ def times_beside(path: Path) -> list[Path]:
 
 def _kitti(path: Path, matrices: np.ndarray) -> Source:
     notes = ["KITTI: the first camera's axes, turned until z points up"]
-    listed = next(
-        (_words(read_regular(name, MAX_BYTES)) for name in times_beside(path) if name.is_file()), []
-    )
+    beside = [name for name in times_beside(path) if name.is_file()]
+    listed = _words(read_regular(beside[0], MAX_BYTES)) if beside else []
     times = 1_000_000_000 + _nanoseconds([line[0] for line in listed])
     timed = len(times) == len(matrices)
     if not timed:

@@ -128,8 +128,7 @@ def spread(t_ns: Ints) -> Ints:
 
 def dated(text: str) -> float:
     """Milliseconds since 1970 of the first date in a text; NaN where there is none."""
-    hit = _DATE.search(text)
-    if hit is None:
+    if (hit := _DATE.search(text)) is None:
         return float("nan")
     year, month, day, hour, minute, second = map(int, hit.groups()[:6])
     try:
