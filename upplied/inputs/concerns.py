@@ -124,8 +124,7 @@ def _flat(vertices: Floats, triangles: Ints, component: Ints) -> Bools:
 
 def _boxes(vertices: Floats, triangles: Ints, label: Ints) -> tuple[Floats, Floats]:
     """Corners (L, 3), low and high, of the box of the triangles of each label from 0, all of which occur."""
-    order = np.argsort(label, kind="stable")
-    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
+    starts = np.flatnonzero(np.diff(label[order := np.argsort(label, kind="stable")], prepend=-1))
     corners = vertices[triangles[order]]
     return np.minimum.reduceat(corners.min(axis=1), starts), np.maximum.reduceat(corners.max(axis=1), starts)
 
@@ -228,10 +227,8 @@ class Findings(Record):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a person should look at, in words."""
         return (*self.assumed, *(it.found for it in self.verdicts if it.severity == "warn"))
 
     @property
     def problems(self) -> tuple[Verdict, ...]:
-        """Why it is refused."""
         return refusals(self.verdicts)

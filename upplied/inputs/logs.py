@@ -190,7 +190,6 @@ def _demonstration(
 def _overruled(
     facts: LogOptions, checks: Sequence[tuple[str, Callable[[LogOptions], object]]]
 ) -> tuple[Verdict, ...]:
-    """Of the rules of the reader, those that are broken and overruled, each once."""
     verdicts: dict[str, Verdict] = {}
     for rule, check in checks:
         try:
@@ -202,7 +201,6 @@ def _overruled(
 
 
 def _in_context(error: InputError, path: Path, source: Source) -> InputError:
-    """The error with the name of the file, and with what was lost of it before."""
     what = error.what if str(path) in error.what else f"{path}, {error.what}"
     finding = "; ".join([error.finding, *source.losses])
     if error.finding.startswith(NOTHING):
@@ -212,7 +210,6 @@ def _in_context(error: InputError, path: Path, source: Source) -> InputError:
 
 
 def _check_flown(metadata: Sequence[tuple[str, Mapping[str, str]]], what: str) -> None:
-    """Refuse a file whose own metadata mark it as one that no vehicle flew."""
     for name, values in metadata:
         plan = name == "plan" and "structure_id" in values
         if plan or (name == "inspection" and values.get("simulated", "").lower() == "true"):

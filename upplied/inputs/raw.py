@@ -45,8 +45,7 @@ class Source:
 
     def sibling(self, uri: str) -> bytes:
         """The bytes of a file in the same folder; nothing else is opened."""
-        folder = self.path.parent.resolve()
-        name = unquote(uri)
+        folder, name = self.path.parent.resolve(), unquote(uri)
         if "://" in name or "\0" in name or not (folder / name).resolve().is_relative_to(folder):
             finding, remedy = f"refers to {name[:120]!r}, outside its folder", "export it as one file (.glb)"
             raise self.error(finding, "buffers in the file itself or in its folder", remedy)
@@ -90,10 +89,9 @@ class Assembly:
 
     def __init__(self, source: Source) -> None:
         self._source = source
-        self._left = max(1_000_000, len(source.data) // 4)
+        self._left, self._count = max(1_000_000, len(source.data) // 4), 0
         self._pieces: list[tuple[Floats, Ints]] = []
         self._names: list[str] = []
-        self._count = 0
 
     def add(self, vertices: Floats, triangles: Ints, matrix: Floats, name: str) -> None:
         """One piece, placed by a matrix (4, 4); a mirroring one turns the winding."""
@@ -178,7 +176,6 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
 
 
 def _newell(points: Floats) -> Floats:
-    """Normals (P, 3) of polygons (P, n, 3), as long as twice their area."""
     centred = points - points[:, :1]
     return np.cross(centred, np.roll(centred, -1, axis=1)).sum(axis=1)
 
@@ -201,8 +198,7 @@ def _ears(points: Floats) -> Ints:
 
 def numbers(text: bytes) -> Floats:
     """All numbers of a text that white space separates; ValueError where something else is among them."""
-    text = text.strip()
-    if not text:
+    if not (text := text.strip()):
         return np.empty(0)
     if b"\0" in text or b"," in text:
         raise ValueError("not a number")

@@ -50,7 +50,6 @@ class Table:
 
     @property
     def schema(self) -> str:
-        """Short name of the schema, whatever the encoding."""
         return self.channel.schema_short
 
     def __len__(self) -> int:
@@ -93,7 +92,6 @@ class Table:
 
     @property
     def rate_hz(self) -> float:
-        """Messages a second by the recorder's clock."""
         span = float(np.ptp(self.log_ns)) * 1e-9 if len(self) > 1 else 0.0
         return (self.messages - 1) / span if span > 0 else 0.0
 

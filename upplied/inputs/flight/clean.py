@@ -193,7 +193,6 @@ class Pace:
 
     @property
     def words(self) -> list[str]:
-        """What was done, for the notes."""
         words = []
         if self.long_gaps:
             gaps = f"{self.long_gaps} gaps of up to {self.longest_gap_s:.0f} s"

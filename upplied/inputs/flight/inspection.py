@@ -99,7 +99,6 @@ class Phases(NamedTuple):
 
     @property
     def share(self) -> float:
-        """The inspections' share of the time in the air."""
         aloft_s = self.parts[-1][2] - self.lasting_s(_GROUND)
         return self.lasting_s(_INSPECTION) / max(aloft_s, 1e-9)
 

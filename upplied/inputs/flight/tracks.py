@@ -151,13 +151,11 @@ class PoseShape(NamedTuple):
 
     @property
     def values(self) -> tuple[str, ...]:
-        """The seven numbers of the pose."""
         turns = (f"{self.rotation}.{axis}" for axis in "xyzw")
         return (*(f"{self.position}.{axis}" for axis in "xyz"), *turns)
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """All paths that are read."""
         named = (f"{self.stamp}.sec", f"{self.stamp}.nanosec", self.parent, self.child)
         return (*filter(None, named), *self.values)
 

@@ -59,7 +59,6 @@ def read_gltf(source: Source) -> RawMesh:
 
 
 def _chunks(source: Source) -> tuple[bytes, bytes]:
-    """The JSON and the binary chunk of a GLB."""
     data = source.data
     version, length = (int.from_bytes(data[at : at + 4], "little") for at in (4, 8))
     if version == 1:

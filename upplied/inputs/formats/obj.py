@@ -67,7 +67,6 @@ def _widths(lines: list[bytes]) -> Ints:
 
 
 def _first_three(source: Source, lines: list[bytes], rule: str) -> Floats:
-    """x y z of each line; weights, colours and normals may follow."""
     counts = _widths(lines)
     try:
         values = numbers(b" ".join(lines))

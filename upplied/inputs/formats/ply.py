@@ -150,7 +150,6 @@ def _walk(  # pragma: no cover - compiled
 
 @njit(cache=True)
 def _gathered(data: np.ndarray, starts: np.ndarray, lengths: np.ndarray) -> np.ndarray:  # pragma: no cover
-    """The pieces of data that start so, one after the other."""
     pieces, at = np.empty(lengths.sum(), np.uint8), 0
     for start, length in zip(starts, lengths):  # noqa: B905 - numba knows no strict
         pieces[at : at + length] = data[start : start + length]

@@ -58,7 +58,6 @@ class _Reader:
         return assembly.mesh(unit_m=unit_m, up=_UP.get(up, "y"), remarks=remarks)
 
     def _children(self, element: Any) -> list[tuple[Any, Floats]]:
-        """Nodes, and what a node or a controller stands for."""
         children = []
         for child in element:
             if child.tag == "node":
@@ -77,7 +76,6 @@ class _Reader:
         return self._by_id[url[1:]]
 
     def _placed(self, element: Any) -> Floats:
-        """Product of the transforms of a node, in their order."""
         matrix = np.eye(4)
         if element.tag == "node":
             for child in element:
@@ -116,7 +114,6 @@ class _Reader:
         return np.concatenate([np.empty((0, 3)), *vertices]), np.concatenate([NO_TRIANGLES, *triangles])
 
     def _input(self, group: Any) -> Any:
-        """The source of the positions of a group of faces."""
         for item in group.findall("input"):
             if item.get("semantic") == "VERTEX":
                 for inner in self._target(item, "source").findall("input"):
@@ -125,7 +122,6 @@ class _Reader:
         raise self._source.error("holds faces without positions", "an input VERTEX with an input POSITION")
 
     def _corners(self, group: Any) -> tuple[Ints, Ints]:
-        """Vertex indices and the number of corners of each face of a group."""
         offsets = [(item.get("semantic"), int(item.get("offset", "0"))) for item in group.findall("input")]
         stride = 1 + max(at for _, at in offsets)
         offset = next(at for what, at in offsets if what == "VERTEX")
@@ -241,8 +237,6 @@ def _models(source: Source) -> dict[str, bytes]:
 
 
 class _Handler(ContentHandler):
-    """Collects the objects and the build items of one model part."""
-
     def __init__(self, source: Source, name: str, objects: dict, built: list) -> None:
         super().__init__()
         self._source, self._name, self._objects, self._built = source, name, objects, built

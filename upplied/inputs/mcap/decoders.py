@@ -81,7 +81,6 @@ class Decoder:
         return columns, np.array(rows, np.int64), unreadable
 
     def _getter(self, paths: Sequence[str]) -> Callable[[Any], tuple[Any, ...]]:
-        """Takes what these paths lead to, as a tuple; at once where the schema says that it is there."""
         if self.paths is not None and len(paths) > 1:
             return attrgetter(*paths)
         steps = [[_ALIASES.get(step, (step,)) for step in path.split(".")] for path in paths]
@@ -100,7 +99,6 @@ def _protobuf(name: str, schema: bytes) -> Callable[[bytes], Any]:
 
 
 def _walk(value: Any, steps: list[tuple[str, ...]]) -> Any:
-    """The part of a message at the end of these steps; None where it does not hold it."""
     for names in steps:
         if isinstance(value, dict):
             value = next((value[name] for name in names if name in value), None)
@@ -140,7 +138,6 @@ def _column(values: Sequence[Any]) -> Any:
 
 
 def _row(value: Any) -> list[float] | None:
-    """A list of numbers; empty where there is none, None where it is anything else."""
     if value is None:
         return []
     if isinstance(value, str | bytes | dict) or not isinstance(value, Iterable):
@@ -188,8 +185,6 @@ def read_tables(recording: Recording, fields: Callable[[Channel], Iterable[str]]
 
 
 class _Builder:
-    """Collects the messages of a channel and decodes them chunk by chunk."""
-
     def __init__(self, channel: Channel, paths: tuple[str, ...]) -> None:
         self.sink: Sink = []
         self.pieces: list[Piece] = []

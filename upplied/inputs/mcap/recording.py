@@ -68,7 +68,6 @@ class Recording:
 
     @property
     def read_pct(self) -> float:
-        """Share of the log that could be read, %."""
         total = sum(ref.stop - ref.start for ref in self.chunks) or self.size
         missing = max(self.size - self.read_to, 0) if self.losses else 0
         return float(100 * max(1 - self.lost_bytes / total - missing / max(self.size, 1), 0))
@@ -156,8 +155,7 @@ def open_recording(path: Path) -> Recording:
             if start != MAGIC:
                 finding = "does not start as an MCAP file" if start else "is empty"
                 raise InputError(str(path), finding, "an MCAP log", "copy it again from the recorder")
-            size = path.stat().st_size
-            recording = Recording(path, size, read_to=size)
+            recording = Recording(path, size := path.stat().st_size, read_to=size)
             _walk(stream, recording)
             return recording
     except OSError as error:
@@ -242,7 +240,6 @@ def _crc(stream: BinaryIO, start: int, stop: int) -> int:
 
 
 def _next_chunk(stream: BinaryIO, start: int, size: int) -> int | None:
-    """Where the next whole compressed chunk begins, or None."""
     for first in range(start, size, _WINDOW):
         stream.seek(first)
         window = stream.read(_WINDOW + _ANCHOR_AT + 16)

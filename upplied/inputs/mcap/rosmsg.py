@@ -66,8 +66,7 @@ def _lines(text: str) -> Iterator[str]:
         elif header := _HEADER.fullmatch(line):
             yield f"MSG: {header[1]}"
         elif line.strip() and not line.strip().startswith("#"):
-            match = _LINE.match(line)
-            if match is None:
+            if (match := _LINE.match(line)) is None:
                 raise DefinitionError(f"cannot read the line {line.strip()[:60]!r}")
             if not match[3]:
                 yield f"{match[1]} {match[2]}"

@@ -36,8 +36,7 @@ class _Content(BytesIO):
     """The bytes of one record: never more are read than there are."""
 
     def read(self, size: int | None = -1) -> bytes:
-        data = super().read(size)
-        if size is None or len(data) != size:
+        if size is None or len(data := super().read(size)) != size:
             raise DamagedError("a record ends before its content")
         return data
 

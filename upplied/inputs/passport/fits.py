@@ -39,7 +39,6 @@ class Convention:
 
     @property
     def advice(self) -> str:
-        """What to write into the side-car if it is so."""
         remedy = self.remedy or f'convention = "{self.name}"'
         return f"if it is so, write {remedy} into the side-car" if "=" in remedy else remedy
 
@@ -245,7 +244,6 @@ class Comparison:
         return np.asarray(np.percentile(paces, 90, axis=1) >= _SLOWEST_MPS)
 
     def _as_logged(self) -> list[tuple[Convention, Poses]]:
-        """The camera's poses by each named convention of what was logged, where it has all of them."""
         tried, thin = [], self.track
         for item in ON_EARTH if thin.parent == STRUCTURE else NAMED.values():
             if not item.of_camera:

@@ -46,12 +46,10 @@ def judged(
 
 
 def _off_m(m: Measured) -> float:
-    """How far the log lies off as the stand-off has it, m; 0 where that is not sure."""
     return math.hypot(*m.off_centre_m) if m.off_centre_sure >= _SURE else 0.0
 
 
 def _ratio(value: float) -> float:
-    """A ratio, or its inverse where that is larger; NaN stays."""
     return max(value, 1 / max(value, 1e-9))
 
 

@@ -51,7 +51,6 @@ class Zoom:
 
     @property
     def spread_pct(self) -> float:
-        """By how much the widest exceeds the narrowest, %."""
         return float(100 * (self.hfov_deg.max() / self.hfov_deg.min() - 1)) if len(self.t_ns) else 0.0
 
 

@@ -156,7 +156,6 @@ def _telemetry(path: Path, source: Source) -> Rows:
 
 
 def _packets(data: bytes, source: Source) -> Iterator[tuple[int, bytes]]:
-    """When each packet came, us, and its bytes."""
     at, lost = 0, 0
     while at + 17 <= len(data):
         magic, length = data[at + 8], data[at + 9]
@@ -170,7 +169,6 @@ def _packets(data: bytes, source: Source) -> Iterator[tuple[int, bytes]]:
 
 
 def _lost(source: Source, lost: int, size: int) -> None:
-    """Note how many bytes between messages were passed over."""
     if lost > 0:
         source.losses.append(f"{lost} bytes between messages cannot be read")
         source.read_pct = 100 * (1 - lost / size)

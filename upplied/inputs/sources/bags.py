@@ -40,8 +40,6 @@ def siblings(path: Path) -> list[Path]:
 
 @dataclass
 class _Bag(Recording):
-    """A bag in the form that `read_tables` reads."""
-
     #: Channel, time, ns, and payload of each message of the wanted channels.
     messages: Callable[[set[int]], Iterator[tuple[int, int, bytes]]] = lambda wanted: iter(())
 
@@ -89,7 +87,6 @@ def _ros1(path: Path, size: int) -> _Bag:
 
 
 def _ros2(path: Path, size: int) -> _Bag:
-    """A bag of ROS 2 in SQLite, with the files that it was split into."""
     bag = _Bag(path, size, read_to=size)
     files: list[tuple[Path, dict[int, int]]] = []  # each with the channels of its topics
     texts, channels = dict[str, str](), dict[tuple[str, str], int]()

@@ -45,7 +45,6 @@ class FileKind:
 
     @property
     def is_flight(self) -> bool:
-        """Whether a demonstration can be read of it."""
         return self.status == _FLIGHT
 
 
@@ -88,7 +87,6 @@ def _binary(path: Path, head: bytes) -> str:
 
 
 def _text(path: Path, head: bytes) -> str:
-    """The kind of a text, by its patterns, captions, columns or numbers."""
     text = head.decode("utf-8-sig", "replace").replace("\r\n", "\n")
     if text.lstrip()[:1] in ("{", "[") and len(head) == _HEAD and path.stat().st_size < 1 << 28:
         text = path.read_bytes().decode("utf-8", "replace")  # of JSON all: its keys may follow a long list

@@ -75,7 +75,6 @@ def _flown(rows: Floats) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def _commands(items: list[tuple[int, int, list[float]]]) -> _Route:
-    """Waypoints of MAVLink commands: number, frame, seven parameters."""
     route, flown = _Route(), (_WAYPOINT, _SPLINE)
     datums = {_FRAMES[frame] for command, frame, _ in items if command in flown and frame in _FRAMES}
     if len(datums) > 1:
@@ -146,7 +145,6 @@ def _zipped(data: bytes) -> _Route:
 
 
 def _marks(data: bytes) -> _Route:
-    """Placemarks of WPML, else the line of a KML."""
     root, route = plain_xml(data), _Route()  # names of the schema change with its version
     if root.find(".//executeHeight") is None:
         if not (lines := [node.findtext("coordinates") for node in root.iter("LineString")]):

@@ -190,7 +190,6 @@ def _xmp(head: bytes) -> dict[str, float]:
 
 
 def _numbers(tag: Any, most: int = 1) -> list[float]:
-    """The first numbers of a tag; one that is not finite where it holds none."""
     try:
         return [float(value) for value in tag.values[:most]] or [float("nan")]
     except (AttributeError, TypeError, ValueError, ZeroDivisionError):

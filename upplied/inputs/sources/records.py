@@ -169,8 +169,8 @@ def width_of(line: bytes) -> int:
 
 
 def _poses(path: Path, data: bytes) -> Source:
-    rows = np.array([[float(word) for word in line] for line in (words := _words(data))])
-    stamps = [line[0] for line in words]
+    words = _words(data)
+    rows, stamps = np.array([[float(word) for word in line] for line in words]), [line[0] for line in words]
     if rows.shape[1] == WIDTHS[2]:
         return _kitti(path, rows.reshape(-1, 3, 4))
     if rows[0, 0] > _NANOSECONDS:
@@ -202,7 +202,6 @@ def _kitti(path: Path, matrices: np.ndarray) -> Source:
 
 
 def _words(data: bytes) -> list[list[bytes]]:
-    """The numbers of each line, as they are written; the last line may be cut off."""
     lines = [line for line in data.splitlines() if width_of(line)]
     words = [[word for word in _SPLIT.split(line.strip()) if word] for line in lines]
     if len(words) > 1 and len(words[-1]) < len(words[0]):
