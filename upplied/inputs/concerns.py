@@ -49,10 +49,7 @@ class Outlier(Record):
 
 
 def find_outliers(vertices: Floats, triangles: Ints, topology: Topology) -> list[Outlier]:
-    """Planes of few triangles that stick out of all else, and clusters far off the main one.
-
-    The planes come first: a wake that trebles the box would hide a gap in it.
-    """
+    """Planes of few triangles that stick out (first: they would hide a gap), and clusters far off."""
     component = topology.component
     flat, planes = _flat(vertices, triangles, component), np.empty(0, np.int64)
     if not flat.all():  # flat components that stick out of the box of those that are not flat

@@ -220,8 +220,8 @@ def _check_flown(metadata: Sequence[tuple[str, Mapping[str, str]]], what: str) -
 def _check_length(track: Track, facts: LogOptions, what: str) -> None:
     seconds = float(track.t_ns[-1] - track.t_ns[0]) * 1e-9 if len(track) else 0.0
     if len(track) < 2 or seconds < facts.min_duration_s:
-        dropped = f" ({reasons(track)} dropped)" if track.dropped else ""
-        finding = f"holds {len(track)} poses over {seconds:.2f} s{dropped}"
+        finding = f"holds {len(track)} poses over {seconds:.2f} s"
+        finding += f" ({reasons(track)} dropped)" if track.dropped else ""
         rule, remedy = f"at least 2 poses and {facts.min_duration_s} s", "lower min_duration_s if this is all"
         raise InputError(what, finding, rule, remedy)
 

@@ -1,7 +1,6 @@
 """Manifests: declarations about the structures of a folder, in TOML or CSV with the same keys.
 
-A mesh file states no unit, up axis or heading that can be trusted. Lengths other than those of the file
-itself are metres in the structure frame.
+A mesh file states no unit, axis or heading to trust. Other lengths are metres in the structure frame.
 """
 
 import csv

@@ -120,10 +120,7 @@ class Assembly:
 def flatten(
     source: Source, roots: list[tuple[Node, Floats]], children: Callable[[Node], list[tuple[Node, Floats]]]
 ) -> Iterator[tuple[Node, Floats]]:
-    """Every node of a tree with its transform (4, 4) to the scene, depth first; a tree in itself is refused.
-
-    `children` gives those of a node, each with its transform to it.
-    """
+    """Every node of a tree, placed (4, 4), depth first; `children` are placed in it. A cycle is refused."""
     most = max(10_000, len(source.data) // 10)  # nodes, each placed as often as it is named
     stack = [(node, matrix, 0) for node, matrix in reversed(roots)]
     for _ in range(most + 1):

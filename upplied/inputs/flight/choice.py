@@ -20,9 +20,7 @@ from upplied.inputs.tables import Table, joined
 from upplied.records import Floats
 
 Samples = Callable[[Table, Sequence[Table], LogOptions], Track]
-READERS: dict[str, Samples] = {
-    schema: family.samples for family in (ros, px4, geodetic) for schema in family.SOURCES
-}
+READERS: dict[str, Samples] = {name: it.samples for it in (ros, px4, geodetic) for name in it.SOURCES}
 
 # What was asked of the aircraft, and what went into its estimate: neither is where it flew.
 _COMMANDED = re.compile(r"setpoint|goal|target|cmd|command|desired|reference|plan|initialpose", re.IGNORECASE)

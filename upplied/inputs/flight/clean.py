@@ -37,10 +37,7 @@ def timed(track: Track) -> Track:
 
 
 def clean(track: Track, limits: LogOptions, what: str) -> Track:
-    """Drop what is no pose, sort, and drop repeated stamps; every dropped sample is counted.
-
-    Raises InputError if more than the allowed share was dropped, or nothing is left.
-    """
+    """Drop what is no pose, sort, and drop repeated stamps; InputError if too much was dropped, or all."""
     track = steady(timed(track))
     finite = np.isfinite(np.column_stack([track.positions, track.quat_xyzw])).all(axis=1)
     track = track.keep(np.asarray(finite), "not a number")
@@ -203,10 +200,7 @@ class Pace:
 
 
 def paced(track: Track, gap_s: float, bounds: PassportSettings, between_s: float = 0.0) -> tuple[Track, Pace]:
-    """The clean track of a camera with its gaps and hovers shortened, and what was found.
-
-    Of its gaps `between_s`, s, were recorded, and lie between two inspections.
-    """
+    """A camera's track with shorter gaps and hovers, and what was found, but for `between_s` of it."""
     step_ns, step_m = np.diff(track.t_ns), leg_lengths(track.positions)
     gap = step_ns > gap_s * 1e9
     long = step_ns > max(gap_s, bounds.long_gap_s) * 1e9

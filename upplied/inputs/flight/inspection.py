@@ -35,10 +35,7 @@ _GROUND, _INSPECTION = "ground", "inspection"
 def inspected(
     track: Track, tables: Sequence[Table], facts: LogOptions, what: str
 ) -> tuple[Track, list[str], bool]:
-    """The samples of the inspection, in words how they were cut out, and whether start or stop were given.
-
-    Raises InputError if nothing was flown in the time that is given.
-    """
+    """The samples of the inspection (InputError: none), how they were cut, and whether times were given."""
     first = int(track.t_ns.min()) if len(track) else 0
     given = (facts.start_s, facts.stop_s, facts.start_ns, facts.end_ns)
     if any(value is not None for value in given):

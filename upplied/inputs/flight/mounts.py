@@ -49,8 +49,7 @@ def camera_poses(track: Track, facts: LogOptions, tree: Tree, camera: str, gimba
 
 def in_frame(track: Track, facts: LogOptions, tree: Tree, what: str) -> Track:
     """Poses in the frame in which the structure is placed; InputError if no transforms lead there."""
-    wanted = facts.frame_id.lstrip("/")
-    if not wanted or track.parent in ("", wanted, STRUCTURE):
+    if not (wanted := facts.frame_id.lstrip("/")) or track.parent in ("", wanted, STRUCTURE):
         return track
     if not tree.path(track.parent, wanted):
         if "frame-unconnected" in facts.allow:
@@ -143,9 +142,7 @@ def registered(
         rule = f"at most {facts.passport.register_m:g} m"
         finding = f"misses its points after registration: {listed}"
         raise InputError(what, finding, rule, "correct the points, or raise register_m")
-    quat = Rotation.from_matrix(turn.T).as_quat()
-    placed = replace(
-        facts, unit_m=unit, structure_position_m=tuple((-turn.T @ shift).tolist()),
-        structure_quat_xyzw=tuple(quat.tolist()), frame_id=""
-    )  # fmt: skip
+    place, quat = (-turn.T @ shift).tolist(), Rotation.from_matrix(turn.T).as_quat().tolist()
+    placed = replace(facts, unit_m=unit, structure_position_m=tuple(place), structure_quat_xyzw=tuple(quat))
+    placed = replace(placed, frame_id="")
     return placed, f"registered by {len(names)} points at a scale of {unit or 1.0:.6g}: off by {listed}"

@@ -114,8 +114,7 @@ def _check_accessors(source: Source, document: dict, buffers: list[bytes]) -> No
 
 def _plain_tree(source: Source, document: dict) -> int:
     """Make the scene a tree of plain nodes; how many meshes are skinned."""
-    nodes = document.setdefault("nodes", [])
-    if not nodes:
+    if not (nodes := document.setdefault("nodes", [])):
         nodes += [{"mesh": index} for index in range(len(document.get("meshes", [])))]
         document.pop("scenes", None)
     inner = [child for node in nodes for child in node.get("children", [])]
@@ -162,8 +161,7 @@ def _primitives(source: Source, document: dict) -> tuple[list[float], int]:
             if any("sparse" in accessors[n] or "bufferView" not in accessors[n] for n in named):
                 raise source.error("uses sparse accessors", "plain accessors", "export it without sparse")
             used.update(named)
-            corners = sum(accessors[number]["count"] for number in named)
-            total += corners * max(copies, 1)
+            total += max(copies, 1) * sum(accessors[number]["count"] for number in named)
             source.most(total, "corners", 1.0, 3_000_000)
             positions = accessors[named[0]]
             scaled = positions.get("normalized") and positions["componentType"] != 5126

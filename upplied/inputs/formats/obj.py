@@ -67,9 +67,8 @@ def _widths(lines: list[bytes]) -> Ints:
 
 
 def _first_three(source: Source, lines: list[bytes], rule: str) -> Floats:
-    counts = _widths(lines)
     try:
-        values = numbers(b" ".join(lines))
+        counts, values = _widths(lines), numbers(b" ".join(lines))
     except ValueError:
         raise source.error("holds a vertex that is no three numbers", rule) from None
     if len(values) != counts.sum() or (counts < 3).any():

@@ -58,8 +58,7 @@ def read_ply(source: Source) -> RawMesh:
 def _header(source: Source) -> tuple[list[tuple[str, int, list[_Property]]], memoryview]:
     """The elements, and the body; a body of text as the numbers it holds, in double precision."""
     end = source.data.find(b"end_header", 0, 1 << 16)
-    at = source.data.find(b"\n", end) + 1
-    if end < 0 or not at:
+    if end < 0 or not (at := source.data.find(b"\n", end) + 1):
         raise source.error("its header has no end", "end_header within 64 kB")
     form, elements = "", list[tuple[str, int, list[_Property]]]()
     try:
@@ -105,8 +104,7 @@ def _lists(
     widths = np.array([(form.itemsize, "iuf".find(form.kind), kind.itemsize) for form, kind in forms])
     data, big = np.frombuffer(body, np.uint8), any(length.str[0] == ">" for length in counts)
     sizes, starts = np.zeros((2, count), np.int64)
-    used = _walk(data, widths, wanted, big, sizes, starts)
-    if used < 0:
+    if (used := _walk(data, widths, wanted, big, sizes, starts)) < 0:
         raise source.error(f"ends within its {element} rows", "a complete file")
     if wanted < 0:
         return sizes[:0], sizes[:0], used

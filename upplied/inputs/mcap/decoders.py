@@ -50,10 +50,7 @@ class Decoder:
     def columns(
         self, payloads: Sequence[bytes], wanted: Iterable[str], most: int = 10**9
     ) -> tuple[Columns, Ints, int]:
-        """The wanted values of payloads, the payload (R,) of each row, and how many could not be read.
-
-        Paths are such as ``header.stamp.sec``; after `most` rows nothing more is read.
-        """
+        """The wanted values of payloads, `most` rows, of each its payload (R,), and how many are damaged."""
         known = [path for path in wanted if self.paths is None or path in self.paths]
         many = next((path.split("[]")[0] for path in known if "[]" in path), "")
         plain = [path for path in known if "[]" not in path]

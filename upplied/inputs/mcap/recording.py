@@ -1,7 +1,6 @@
 """The container of a log: an MCAP file's channels, metadata and messages, within bounds.
 
 The file is walked once and only the places of chunks and messages are noted; damage costs the chunks it hit.
-The `SeekingReader` of `mcap` ends at the first of them, unpacks chunks in the summary, and sorts by time.
 """
 
 import re

@@ -1,7 +1,6 @@
 """Records of an MCAP file by the `mcap` library, each from its own bytes alone.
 
-The library's `StreamReader` believes a file's own sizes: it allocates before it looks, returns short reads as
-records, and never ends on unknown kinds. So records are separated here; `unpacked` bounds a chunk.
+Its `StreamReader` believes a file's sizes, returns short reads as records, and never ends on unknown kinds.
 """
 
 import struct

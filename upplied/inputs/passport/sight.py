@@ -58,10 +58,7 @@ def sight_of(positions: Floats, quats: Floats, camera: Camera, structure: Struct
 
 
 def inside(positions: Floats, scene: Scene) -> Bools:
-    """Which positions (M,) the surface surrounds, by rays in 26 directions.
-
-    All but two must hit, and most of those must cross it an odd number of times: not so between its parts.
-    """
+    """Which positions (M,) the surface surrounds: nearly all rays hit it, most an odd number of times."""
     surrounded = np.zeros(len(positions), bool)
     low, high = scene.box
     maybe = np.flatnonzero(((positions > low) & (positions < high)).all(axis=1))

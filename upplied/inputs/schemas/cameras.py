@@ -34,10 +34,9 @@ class Zoom:
     vfov_deg: Floats  # (K,)
 
     def at(self, track: Track) -> Floats | None:
-        """Fields of view (N, 2), deg, of poses; None where no clock is common to both.
+        """Fields of view (N, 2), deg, of poses, early ones by the first known; None without a common clock.
 
-        The source's clock counts where it is that of the poses and never stepped, else the recorder's. What
-        is known later than the first pose counts from there on.
+        The source's clock counts where it is that of the poses and never stepped, else the recorder's.
         """
         for times, known in ((track.t_ns, self.t_ns), (track.log_ns, self.log_ns)):
             if times is track.t_ns and track.clock_steps:
@@ -102,10 +101,9 @@ def lens_of(model: str, values: Floats, middle_px: Floats, size: Floats) -> tupl
 def camera_of(
     tables: Sequence[Table], facts: LogOptions, what: str
 ) -> tuple[Camera, str, list[str], Zoom | None]:
-    """The camera of a flight: what the log measured, what the facts say, and defaults for the rest.
+    """The camera of a flight by log, facts and defaults, its optical frame, notes, and its view in time.
 
-    With its optical frame and its field of view in time, where known, and notes. Raises InputError if the
-    log holds several cameras and nothing says which.
+    Raises InputError if the log holds several cameras and nothing says which.
     """
     known = [(table.channel.topic, calibrated(table)) for table in tables if table.schema in _SCHEMAS]
     by_topic = {topic: each for topic, each in known if each is not None}
@@ -168,8 +166,7 @@ def through(
     """
     if zoom is None or facts.camera_hfov_deg is not None or not len(track):
         return camera, None
-    fov_deg = zoom.at(track)
-    if fov_deg is None:
+    if (fov_deg := zoom.at(track)) is None:
         if zoom.spread_pct > facts.passport.zoom_pct and "zoom-untimed" not in facts.allow:
             change = f"from {zoom.hfov_deg.max():.1f} to {zoom.hfov_deg.min():.1f} deg"
             finding = f"zoom-untimed: the field of view changes {change}, by another clock than the poses"

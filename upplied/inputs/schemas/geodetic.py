@@ -1,7 +1,4 @@
-"""Positions on the Earth (WGS 84), with an attitude from elsewhere, in the frame of the structure.
-
-Heights above the ellipsoid and above mean sea level differ by tens of metres: one datum is needed.
-"""
+"""Positions on the Earth (WGS 84), with an attitude from elsewhere, in the structure's frame and datum."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -37,10 +34,7 @@ _PIPELINE = (
 
 
 def samples(table: Table, tables: Sequence[Table], facts: LogOptions) -> Track:
-    """The poses of one channel in the structure's frame.
-
-    Raises InputError without the structure's place, an attitude or one datum, or if it lies elsewhere.
-    """
+    """The poses of one channel in the structure's frame; InputError without its place, datum, attitude."""
     wanted = ("structure_lat_deg", "structure_lon_deg", "structure_alt_m", "structure_heading_deg")
     if missing := [name for name in wanted if getattr(facts, name) is None]:
         finding = f"gives positions on the Earth, but the structure's place is unknown ({', '.join(missing)})"

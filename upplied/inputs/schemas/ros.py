@@ -41,10 +41,7 @@ def velocity(tables: Sequence[Table], topic: str) -> tuple[Ints, Floats] | None:
 
 
 def turning(tables: Sequence[Table]) -> list[tuple[Ints, Floats]]:
-    """Of each inertial unit when (N,), ns, and its turn (N,), rad/s, counter-clockwise from above.
-
-    The accelerometer gives the vertical, so how the unit is mounted does not count.
-    """
+    """When (N,), ns, and turn (N,), rad/s, of each inertial unit, counter-clockwise about felt vertical."""
     units = []
     for table in tables:
         if table.schema != IMU or not len(table) or any(path not in table for path in _INERTIAL):
@@ -65,10 +62,7 @@ def turning(tables: Sequence[Table]) -> list[tuple[Ints, Floats]]:
 
 
 def wind_of(tables: Sequence[Table], track: Track, heading_deg: float | None) -> LoggedWind | None:
-    """The wind while a track was logged; None where the log holds none.
-
-    Without the heading of the structure's +X, clockwise from north, where it blows to is not known.
-    """
+    """The wind while a track was logged, None without; whereto only by the heading, clockwise from north."""
     usable = []
     for table in tables:
         topic = table.channel.topic  # a twist tells of a vehicle, unless it is named for the wind

@@ -126,10 +126,7 @@ def tree_of(tables: Sequence[Table], limits: LogOptions) -> Tree:
 
 
 def transformed(tree: Tree, facts: LogOptions, camera_frame: str, what: str) -> Track:
-    """Poses of the camera's frame, else of the body's, from the top of the tree or `facts.frame_id`.
-
-    Raises InputError if several frames could be meant, or the frame that is asked for does not exist.
-    """
+    """Poses of the camera's frame, else the body's, from the top or `frame_id`; InputError if in doubt."""
     leaf, root = _leaf(tree, facts, camera_frame, what), facts.frame_id.lstrip("/")
     return tree.track(leaf, root if tree.moves(leaf, root) else "", facts)
 

@@ -47,9 +47,8 @@ def _local(topic: str, t_ns: Ints, values: Floats) -> Table:
     return fill.table(topic, "px4_msgs/VehicleLocalPosition", t_ns, x=x, y=y, z=z)
 
 
-def _wind(topic: str, t_ns: Ints, values: Floats) -> Table:
-    north, east = values.T
-    return fill.table(topic, "px4_msgs/Wind", t_ns, windspeed_north=north, windspeed_east=east)
+def _wind(topic: str, t_ns: Ints, v: Floats) -> Table:
+    return fill.table(topic, "px4_msgs/Wind", t_ns, windspeed_north=v[:, 0], windspeed_east=v[:, 1])
 
 
 # Message -> the fields that are read of it, and what makes a table of them.

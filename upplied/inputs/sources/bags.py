@@ -1,7 +1,4 @@
-"""Logs of messages: MCAP, ROS 1 bags by `rosbags`, and ROS 2 bags in SQLite.
-
-A bag from before ROS Iron holds no definitions: its types are those that `rosbags` knows by name.
-"""
+"""Logs of messages: MCAP, ROS 1 bags by `rosbags`, and ROS 2 bags in SQLite (types by name before Iron)."""
 
 import sqlite3
 from collections.abc import Callable, Iterator

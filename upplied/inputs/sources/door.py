@@ -1,7 +1,4 @@
-"""The one door: the kind of each file, by its content, and the flights in a folder.
-
-Nothing is dropped in silence: every file is a flight, part of one, none, or refused with the reason.
-"""
+"""The one door: the kind of each file, by its content, and the flights in a folder; none drops in silence."""
 
 import csv
 import os
@@ -108,8 +105,7 @@ def _text(path: Path, head: bytes) -> str:
 
 def read(path: Path, fields: Fields) -> Source:
     """The tables of a file or a folder of photos; InputError if it is no flight, or damaged beyond use."""
-    kind = kind_of(path)
-    if not kind:
+    if not (kind := kind_of(path)):
         rule = f"one of: {', '.join(dict.fromkeys(words for words, _ in KINDS.values()))}"
         raise InputError(str(path), "is not a readable flight", rule, "check that it is the right file")
     words, name = KINDS[kind]

@@ -1,7 +1,6 @@
 """A folder of drone photos: positions, times and cameras of EXIF, attitudes of XMP. Heads alone are read.
 
-The gimbal's yaw counts from true north, on some small models from the nose, which a series shows. Heights
-count from take-off, since other datums are unknown, unless RTK fixed them.
+A gimbal's yaw counts from north, on some models from the nose; heights from take-off, unless RTK fixed them.
 """
 
 import logging
@@ -53,8 +52,7 @@ def read(path: Path, fields: Fields) -> Source:
     if len(placed) < 2:
         remedy = "copy the originals: programs that resize or edit photos drop their tags"
         raise refusal(finding, "at least two", remedy)
-    models = sorted({head.pop("camera") for head in placed})
-    if len(models) > 1:
+    if len(models := sorted({head.pop("camera") for head in placed})) > 1:
         finding = f"holds photos of {len(models)} cameras ({', '.join(models[:5])})"
         raise refusal(finding, "one flight", "put the photos of each flight into a folder of its own")
     at = {name: np.array([head[name] for head in placed], float) for name in placed[0]}
@@ -168,8 +166,7 @@ def head_of(path: Path) -> dict[str, Any]:
 
 def _xmp(head: bytes) -> dict[str, float]:
     """Numbers of the XMP by local name, whether attributes or elements."""
-    start, stop = head.find(b"<x:xmpmeta"), head.find(b"</x:xmpmeta>")
-    if not 0 <= start < stop:
+    if not 0 <= (start := head.find(b"<x:xmpmeta")) < (stop := head.find(b"</x:xmpmeta>")):
         return {}
     try:
         root = ElementTree.fromstring(head[start : stop + 12], forbid_dtd=True)

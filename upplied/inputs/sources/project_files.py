@@ -69,9 +69,8 @@ def project_at(cameras: Path, options: LogOptions) -> Project | None:
         site=declared.site, placement=source.place, surface="scanned",
         notes=f"reconstructed by the project of {cameras.name}",
     )  # fmt: skip
-    demonstration_id = options.demonstration_id or f"{name}-flight"
-    flight = replace(options, structure_id=name, demonstration_id=demonstration_id)
-    axes = turn(up, forward)
+    flight_id = options.demonstration_id or f"{name}-flight"
+    flight, axes = replace(options, structure_id=name, demonstration_id=flight_id), turn(up, forward)
     if source.place is None and not np.array_equal(axes, np.eye(3)):
         flight = replace(flight, structure_quat_xyzw=tuple(Rotation.from_matrix(axes.T).as_quat().tolist()))
     return Project(entry, flight, folder)

@@ -1,7 +1,4 @@
-"""Photogrammetry: cameras of OpenSfM and OpenDroneMap, nerfstudio, Bundler and NVM, in the project's frame.
-
-Metashape and RealityCapture place it on the Earth. A camera looks along z, x right, y down, but for some.
-"""
+"""Photogrammetry: cameras of OpenSfM, OpenDroneMap, nerfstudio, Bundler, NVM, Metashape, RealityCapture."""
 
 import csv
 import io
@@ -159,8 +156,7 @@ def _nvm(lines: list[str]) -> Source:
     at = next((index for index, line in enumerate(lines[1:], 1) if line.strip()), 0)
     rows = sorted(line.replace("\t", " ").rsplit(" ", 10) for line in lines[at + 1 : at + 1 + int(lines[at])])
     values = np.array([[float(value) for value in row[1:9]] for row in rows])
-    turns = Rotation.from_quat(values[:, [2, 3, 4, 1]]).inv()
-    return reconstructed(turns.as_matrix(), values[:, 5:8])
+    return reconstructed(Rotation.from_quat(values[:, [2, 3, 4, 1]]).inv().as_matrix(), values[:, 5:8])
 
 
 _CALIBRATION = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2")
@@ -169,8 +165,7 @@ _ALIGN = ("at least two", "align the photos, export again")
 
 def _metashape(root: Any) -> Source:
     """Matrices from the camera to the chunk, and where it is placed from the chunk to the Earth's centre."""
-    chunk = next(root.iter("chunk"), None)
-    listed = [] if chunk is None else chunk.iter("camera")
+    listed = [] if (chunk := next(root.iter("chunk"), None)) is None else chunk.iter("camera")
     shots = [each for each in listed if each.find("transform") is not None]
     if chunk is None or len(shots) < 2:
         raise refusal(f"holds {len(shots)} aligned cameras", *_ALIGN)

@@ -90,8 +90,7 @@ def _captions(text: str) -> Source:
         clock = _CLOCK.search(block)
         parts = (3_600_000.0, 60_000.0, 1000.0, 1.0)
         since.append(np.dot(parts, [*map(int, clock.groups())]) if clock else np.nan)
-    names = {name for row in rows for name in row}
-    if not names & {"lat", "first"}:
+    if not (names := {name for row in rows for name in row}) & {"lat", "first"}:
         finding = f"has {len(blocks) if text.strip() else 0} captions, none with a place"
         raise refusal(finding, "captions with latitude and longitude", "let the camera record GPS")
     if {"lat", "first"} <= names:
@@ -114,8 +113,7 @@ def _captions(text: str) -> Source:
 def _source(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str]) -> Source:
     """The flight of columns; rows that repeat a place until the next one is known are left out."""
     datum = "alt_takeoff" if "takeoff" in columns else "alt"
-    height = columns.get("takeoff", columns.get("alt"))
-    if height is None:
+    if (height := columns.get("takeoff", columns.get("alt"))) is None:
         raise refusal("gives places without heights", "a record with heights", "use another log")
     if datum == "alt":
         notes.append("altitudes are taken to be above mean sea level")
@@ -129,8 +127,7 @@ def _source(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str]
     t_ns, height, level = t_ns[new], height[new], np.zeros(new.sum())
     columns = {name: column[new] for name, column in columns.items()}
     tables = [fill.fixes(topic, t_ns, columns["lat"], columns["lon"], **{datum: height})]
-    heading = columns.get("heading")
-    yaw = columns.get("yaw", heading)
+    yaw = columns.get("yaw", heading := columns.get("heading"))
     if "pitch" in columns and yaw is not None:
         tables.append(fill.gimbals(topic, t_ns, yaw, columns["pitch"], columns.get("roll", level)))
         if "yaw" not in columns:
@@ -138,8 +135,7 @@ def _source(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str]
     elif heading is not None:
         nose, bank = columns.get("nose", level), columns.get("bank", level)
         tables.append(fill.attitudes(topic, t_ns, heading, nose, bank))
-    focal = columns.get("focal", np.full(1, np.nan))
-    if np.isfinite(focal).any():
+    if np.isfinite(focal := columns.get("focal", np.full(1, np.nan))).any():
         focal = np.where(focal >= 100, focal / 10, focal)  # tenths of a millimetre in older captions
         tables.append(fill.cameras(topic, t_ns, *_VIDEO, fill.focal_of_35mm(*_VIDEO, focal)))
     return Source(tables, notes=notes)
