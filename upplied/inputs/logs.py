@@ -32,6 +32,7 @@ from upplied.records import Demonstration, Placement, Structure
 
 Places = Mapping[str, Placement]
 Structures = Callable[[str], Structure] | None
+Check = tuple[str, Callable[[LogOptions], object]]  # a rule of the reader, and what raises where it is broken
 _OF_FACTS = ("demonstration_id", "structure_id", "operator", "site", "about")
 _OF_TRACK = ("t_ns", "positions", "fov_deg", "clock")
 
@@ -157,7 +158,7 @@ def _demonstration(
         camera = replace(camera, trigger_s=float(np.diff(shortened.t_ns).min() * 1e-9))
     passport: Mapping[str, Any] = {}
     if structure is not None:
-        of_reader: list[tuple[str, Callable[[LogOptions], object]]] = [
+        of_reader: list[Check] = [
             ("zoom-untimed", through),
             ("several-publishers", lambda options: choose(tables, options, what)),
             ("several-publishers", lambda options: check_one(track, options, what)),
@@ -187,9 +188,7 @@ def _demonstration(
     return demonstration, declared
 
 
-def _overruled(
-    facts: LogOptions, checks: Sequence[tuple[str, Callable[[LogOptions], object]]]
-) -> tuple[Verdict, ...]:
+def _overruled(facts: LogOptions, checks: Sequence[Check]) -> tuple[Verdict, ...]:
     verdicts: dict[str, Verdict] = {}
     for rule, check in checks:
         try:

@@ -33,7 +33,6 @@ def read_structure(entry: StructureEntry, judge: bool = True) -> Structure:
     Parameters
     ----------
     entry : StructureEntry
-        Says where the file lies and what its units and axes mean.
     judge : bool
         False: a rule that is broken is no error, and stands in `verdicts_json` for who asks others too.
 

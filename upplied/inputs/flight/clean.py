@@ -29,8 +29,7 @@ REPEATED = "repeated"  # the same sample again: nothing is lost by dropping it
 
 def timed(track: Track) -> Track:
     """The samples with a believable stamp; the others are counted."""
-    track = track.keep(track.t_ns > 0, "no time stamp")
-    if not len(track):
+    if not len(track := track.keep(track.t_ns > 0, "no time stamp")):
         return track
     middle = np.partition(track.t_ns, len(track) // 2)[len(track) // 2]
     return track.keep(np.abs(track.t_ns - middle) <= MAX_SPAN_NS // 2, "stamp of another day")
@@ -129,8 +128,7 @@ def steady(track: Track) -> Track:
     """
     if len(track) < 3:
         return track
-    steps = np.union1d(_backwards(track.t_ns), _ahead(track.t_ns, track.log_ns))
-    if not len(steps):
+    if not len(steps := np.union1d(_backwards(track.t_ns), _ahead(track.t_ns, track.log_ns))):
         return track
     usual = int(np.median(np.abs(np.diff(track.t_ns))))
     t_ns, epoch = track.t_ns.copy(), np.zeros(len(track), np.int64)

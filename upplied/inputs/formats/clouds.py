@@ -69,8 +69,7 @@ def read_e57(source: Source) -> RawMesh:
 
 def read_pcd(source: Source) -> RawMesh:
     """The points of a PCD file, double precision kept, and their normals where it has them."""
-    data_line = _PCD.search(source.data, 0, 1 << 16)
-    if data_line is None:
+    if (data_line := _PCD.search(source.data, 0, 1 << 16)) is None:
         raise source.error("its header has no DATA line", "a complete PCD")
     lines = [line.split() for line in source.data[: data_line.start()].decode("latin-1").splitlines()]
     header = {words[0]: words[1:] for words in lines if words}

@@ -56,8 +56,7 @@ def read(path: Path, fields: Fields) -> Source:
         finding = f"holds photos of {len(models)} cameras ({', '.join(models[:5])})"
         raise refusal(finding, "one flight", "put the photos of each flight into a folder of its own")
     at = {name: np.array([head[name] for head in placed], float) for name in placed[0]}
-    timed = bool(np.isfinite(at["t_ms"]).all())
-    if timed:
+    if timed := bool(np.isfinite(at["t_ms"]).all()):
         notes = ["times of photos are taken to be UTC where they name no zone"]
         t_ns = fill.spread(np.round(at["t_ms"] * 1e6).astype(np.int64))
     else:

@@ -186,8 +186,7 @@ def _kitti(path: Path, matrices: np.ndarray) -> Source:
     beside = [name for name in times_beside(path) if name.is_file()]
     listed = _words(read_regular(beside[0], MAX_BYTES)) if beside else []
     times = 1_000_000_000 + _nanoseconds([line[0] for line in listed])
-    timed = len(times) == len(matrices)
-    if not timed:
+    if not (timed := len(times) == len(matrices)):
         times = fill.numbered(len(matrices))
         notes.append("no times beside it: one pose every 2 s")
     if (np.abs(np.linalg.det(matrices[:, :, :3]) - 1) > 1e-2).any():
