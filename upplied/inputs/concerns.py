@@ -49,10 +49,7 @@ class Outlier(Record):
 
 
 def find_outliers(vertices: Floats, triangles: Ints, topology: Topology) -> list[Outlier]:
-    """Planes of few triangles that stick out of all else, and clusters far off the main one.
-
-    The planes come first: a wake that trebles the box would hide a gap in it.
-    """
+    """Planes of few triangles that stick out (first: they would hide a gap), and clusters far off."""
     component = topology.component
     flat, planes = _flat(vertices, triangles, component), np.empty(0, np.int64)
     if not flat.all():  # flat components that stick out of the box of those that are not flat
@@ -124,8 +121,7 @@ def _flat(vertices: Floats, triangles: Ints, component: Ints) -> Bools:
 
 def _boxes(vertices: Floats, triangles: Ints, label: Ints) -> tuple[Floats, Floats]:
     """Corners (L, 3), low and high, of the box of the triangles of each label from 0, all of which occur."""
-    order = np.argsort(label, kind="stable")
-    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
+    starts = np.flatnonzero(np.diff(label[order := np.argsort(label, kind="stable")], prepend=-1))
     corners = vertices[triangles[order]]
     return np.minimum.reduceat(corners.min(axis=1), starts), np.maximum.reduceat(corners.max(axis=1), starts)
 
@@ -173,11 +169,9 @@ def nominal_problems(
     remedy = RULES["nominal"].remedy
     if outliers and not entry.drop_outliers:
         remedy += f", or set drop_outliers = true: it has {outliers[0]}"
-    size, most = np.ptp(vertices, axis=0), entry.bounds.nominal_pct
-    verdicts = []
-    for side, have, want in zip(
-        ("length (x)", "width (y)", "height (z)"), size, entry.nominal_m, strict=True
-    ):
+    size, most, verdicts = np.ptp(vertices, axis=0), entry.bounds.nominal_pct, []
+    sides = "length (x)", "width (y)", "height (z)"
+    for side, have, want in zip(sides, size, entry.nominal_m, strict=True):
         if want is not None and abs(have / want - 1) > most / 100:
             off = f"{side} is {have:.4g} m, {100 * (have / want - 1):+.0f} % off the nominal {want:g} m"
             verdicts.append(broken(RULES["nominal"], off, f"within {most:g} %", remedy))
@@ -230,10 +224,8 @@ class Findings(Record):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a person should look at, in words."""
         return (*self.assumed, *(it.found for it in self.verdicts if it.severity == "warn"))
 
     @property
     def problems(self) -> tuple[Verdict, ...]:
-        """Why it is refused."""
         return refusals(self.verdicts)

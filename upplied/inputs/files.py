@@ -41,8 +41,7 @@ def read_regular(path: Path | str, most: int, what: str = "", remedy: str = "che
     what = what or str(path)
     try:
         with open_regular(path) as stream:
-            size = os.fstat(stream.fileno()).st_size
-            if size > most:
+            if (size := os.fstat(stream.fileno()).st_size) > most:
                 bound = f"{most >> 30} GB" if most >> 30 else f"{most >> 20} MB"
                 raise InputError(what, f"is larger than {bound}", "", remedy)
             return stream.read(size)

@@ -30,8 +30,7 @@ class Key:
 
 def parse(row: Mapping[str, Any], what: str) -> dict[str, Any]:
     """The values of one entry, checked: typed by TOML, or text from CSV. `what` names it in errors."""
-    unknown = [str(key) for key in row if key not in KEYS]
-    if unknown:
+    if unknown := [str(key) for key in row if key not in KEYS]:
         raise InputError(what, f"unknown key {unknown[0][:60]!r}", f"known keys are {', '.join(KEYS)}")
     for name, key in KEYS.items():
         if key.required and name not in row:
@@ -102,8 +101,7 @@ def array(value: Any, what: str, shape: Sequence[int], rule: str) -> Any:
     except (ValueError, TypeError, OverflowError):
         values = np.empty(0)
     sizes = [have if want == 0 else want for want, have in zip(shape, values.shape, strict=False)]
-    fits = values.shape == tuple(sizes) and values.ndim == len(shape)
-    if not fits or not np.isfinite(values).all():
+    if values.shape != tuple(sizes) or values.ndim != len(shape) or not np.isfinite(values).all():
         raise InputError(what, f"got {value!r:.80}", rule)
     return tuple(values.tolist()) if len(shape) == 1 else values
 
@@ -157,7 +155,6 @@ _PARSERS: dict[str, Parser] = {
     "id": check_id, "units": _units, "boxes": _boxes, "polygon": _polygon, "points": points, "flag": _flag,
     "rules": _rules,
 }  # fmt: skip
-
 
 #: Every key of a manifest entry, in the order of the documentation.
 KEYS: dict[str, Key] = {}

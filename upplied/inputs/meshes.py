@@ -33,7 +33,6 @@ def read_structure(entry: StructureEntry, judge: bool = True) -> Structure:
     Parameters
     ----------
     entry : StructureEntry
-        Says where the file lies and what its units and axes mean.
     judge : bool
         False: a rule that is broken is no error, and stands in `verdicts_json` for who asks others too.
 
@@ -58,10 +57,9 @@ def read_structure(entry: StructureEntry, judge: bool = True) -> Structure:
 
 
 def fingerprint(entry: StructureEntry) -> str:
-    """The hash that `read_structure` would give, from the bytes of the file alone; nothing is parsed.
+    """The hash that `read_structure` would give, by the bytes of the file alone; OSError if it is unreadable.
 
     It differs where a file refers to others beside it (glTF): such a file is read to be known.
-    Raises OSError if the file cannot be read.
     """
     with open_regular(entry.path) as stream:
         return _sha256(hashlib.file_digest(stream, "sha256").hexdigest(), entry)
@@ -85,10 +83,9 @@ def normalise(entry: StructureEntry, raw: RawMesh, sha256: str) -> tuple[Structu
         "landmarks": dict(entry.landmarks),
         "notes": "; ".join(filter(None, (entry.notes, *findings.done, *(v.found for v in verdicts)))),
         "verdicts_json": to_json(verdicts) if verdicts else "",
+        "sha256": _sha256(sha256, entry),
     }
-    structure = Structure(
-        vertices=vertices, triangles=triangles, normals=normals, sha256=_sha256(sha256, entry), **declared
-    )
+    structure = Structure(vertices=vertices, triangles=triangles, normals=normals, **declared)
     what, stated = f"{entry.path} ({entry.structure_id})", entry.surface_error_m
     most = structure.diagonal_m / 10
     if structure.is_scan and structure.surface == "drawn":
@@ -186,8 +183,7 @@ def _cloud(vertices: Floats, raw: RawMesh, entry: StructureEntry) -> Clean:
     normals, word = outward_normals(points, given)
     dropped = counted((len(vertices) - len(points), "points dropped that stood twice or nowhere"))
     words = filter(None, [word, "a point cloud: sizes and sight lines are as dense as its points"])
-    findings = Findings(done=(*dropped, *words))
-    return points, NO_TRIANGLES, normals, findings
+    return points, NO_TRIANGLES, normals, Findings(done=(*dropped, *words))
 
 
 def _check_left(triangles: Ints, entry: StructureEntry) -> None:

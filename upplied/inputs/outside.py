@@ -83,7 +83,6 @@ def _chosen(patch: Ints, area: Floats, wanted: Ints, rng: np.random.Generator) -
 
 
 def _escaped(scene: Scene, origins: Floats, normals: Floats, reach: float, ground: float | None) -> Floats:
-    """How many rays of each origin leave the structure, (N,)."""
     rays = _around(normals)
     starts = np.repeat(origins - scene.origin, _RAYS, axis=0).astype(np.float32)
     free = ~scene.blocked(np.concatenate([starts, (reach * rays).astype(np.float32)], axis=1), slack=0.0)
@@ -129,7 +128,6 @@ def outward_normals(points: Floats, given: Floats | None = None) -> tuple[Floats
 
 
 def _planes(points: Floats) -> Floats:
-    """Normals (N, 3) of the planes through the nearest points, their sign arbitrary."""
     tree, normals = cKDTree(points), np.empty_like(points)
     for rows in _chunks(len(points)):
         _, near = tree.query(points[rows], k=min(_NEIGHBOURS, len(points)))
@@ -147,16 +145,14 @@ def _votes(points: Floats, normals: Floats) -> Floats:
     spacing = neighbour_spacing(points)
     scene = Scene(*Discs.of(points, normals).mesh())
     reach = 2 * float(np.linalg.norm(np.ptp(points, axis=0)))
-    directions = sphere(48)
-    escaped = np.zeros((2, len(points)))
+    directions, escaped = sphere(48), np.zeros((2, len(points)))
     for row, sign in enumerate((1.0, -1.0)):
         owner, which = np.nonzero((sign * normals) @ directions.T > 0.2)
         for gap in _GAPS:
             starts = points[owner] + sign * gap * spacing * normals[owner]
             free = ~scene.occluded(starts, starts + reach * directions[which], slack=0.0)
             escaped[row] += np.bincount(owner, free, len(points))
-    total = escaped.sum(axis=0)
-    return (escaped[0] - escaped[1]) / np.maximum(total, 1)
+    return (escaped[0] - escaped[1]) / np.maximum(escaped.sum(axis=0), 1)
 
 
 def _follow(points: Floats, normals: Floats, sure: Ints, sign: Floats) -> Floats:

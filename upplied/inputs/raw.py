@@ -45,8 +45,7 @@ class Source:
 
     def sibling(self, uri: str) -> bytes:
         """The bytes of a file in the same folder; nothing else is opened."""
-        folder = self.path.parent.resolve()
-        name = unquote(uri)
+        folder, name = self.path.parent.resolve(), unquote(uri)
         if "://" in name or "\0" in name or not (folder / name).resolve().is_relative_to(folder):
             finding, remedy = f"refers to {name[:120]!r}, outside its folder", "export it as one file (.glb)"
             raise self.error(finding, "buffers in the file itself or in its folder", remedy)
@@ -90,10 +89,9 @@ class Assembly:
 
     def __init__(self, source: Source) -> None:
         self._source = source
-        self._left = max(1_000_000, len(source.data) // 4)
+        self._left, self._count = max(1_000_000, len(source.data) // 4), 0
         self._pieces: list[tuple[Floats, Ints]] = []
         self._names: list[str] = []
-        self._count = 0
 
     def add(self, vertices: Floats, triangles: Ints, matrix: Floats, name: str) -> None:
         """One piece, placed by a matrix (4, 4); a mirroring one turns the winding."""
@@ -122,10 +120,7 @@ class Assembly:
 def flatten(
     source: Source, roots: list[tuple[Node, Floats]], children: Callable[[Node], list[tuple[Node, Floats]]]
 ) -> Iterator[tuple[Node, Floats]]:
-    """Every node of a tree with its transform (4, 4) to the scene, depth first, in order.
-
-    `children` gives those of a node, each with its transform to it. What refers to itself is refused.
-    """
+    """Every node of a tree, placed (4, 4), depth first; `children` are placed in it. A cycle is refused."""
     most = max(10_000, len(source.data) // 10)  # nodes, each placed as often as it is named
     stack = [(node, matrix, 0) for node, matrix in reversed(roots)]
     for _ in range(most + 1):
@@ -151,10 +146,9 @@ MAX_CORNERS = 10_000  # of one polygon; cutting ears takes their square at worst
 
 
 def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
-    """Triangles (T, 3) of planar polygons, winding kept, polygon after polygon.
+    """Triangles (T, 3) of planar polygons, winding kept, in their order; of less than three corners none.
 
-    Polygons `sizes` (P,) of corners stand one after the other in `corners`, indices that exist; those of less
-    than three give none.
+    Polygons `sizes` (P,) of corners stand one after the other in `corners`, indices that exist.
     """
     first = np.cumsum(sizes) - sizes
     triangles, polygons = [NO_TRIANGLES], [np.empty(0, np.int64)]
@@ -179,7 +173,6 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
 
 
 def _newell(points: Floats) -> Floats:
-    """Normals (P, 3) of polygons (P, n, 3), as long as twice their area."""
     centred = points - points[:, :1]
     return np.cross(centred, np.roll(centred, -1, axis=1)).sum(axis=1)
 
@@ -201,15 +194,8 @@ def _ears(points: Floats) -> Ints:
 
 
 def numbers(text: bytes) -> Floats:
-    """All numbers of a text that white space separates; ValueError where something else is among them.
-
-    Examples
-    --------
-    >>> numbers(b"1 2.5\\n-3e1")
-    array([  1. ,   2.5, -30. ])
-    """
-    text = text.strip()
-    if not text:
+    """All numbers of a text that white space separates; ValueError where something else is among them."""
+    if not (text := text.strip()):
         return np.empty(0)
     if b"\0" in text or b"," in text:
         raise ValueError("not a number")

@@ -21,8 +21,7 @@ def clean(vertices: Floats, triangles: Ints) -> tuple[Floats, Ints, Ints, tuple[
     Returns its vertices (W, 3), m, and triangles (U, 3), in the order of the input and wound alike, which
     triangles of the input they are (U,), and in words how much was repaired.
     """
-    used = used_vertices(triangles, len(vertices))
-    chosen = np.flatnonzero(used)
+    chosen = np.flatnonzero(used_vertices(triangles, len(vertices)))
     near = weld(vertices[chosen])
     first = np.arange(len(vertices))
     first[chosen] = chosen[near]
@@ -67,8 +66,7 @@ def _faults(vertices: Floats, triangles: Ints) -> Ints:
     # The height over the longest edge, in metres, squared; and relative to that edge.
     fault = np.where((normals**2).sum(axis=1) <= np.maximum(1e-18 * longest, 1e-20 * longest**2), 1, 0)
     intact = np.flatnonzero(fault == 0)
-    rows = np.sort(triangles[intact], axis=1)
-    order = np.lexsort(rows.T)
+    order = np.lexsort((rows := np.sort(triangles[intact], axis=1)).T)
     repeated = (np.diff(rows[order], axis=0) == 0).all(axis=1)
     fault[intact[order[1:][repeated]]] = 2
     return fault
@@ -128,7 +126,6 @@ class Topology(Record):
 
     @property
     def watertight(self) -> bool:
-        """Whether every edge has two triangles, wound alike."""
         return not (self.boundary_edges or self.nonmanifold_edges or self.twisted_edges)
 
 

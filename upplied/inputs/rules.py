@@ -63,8 +63,7 @@ def broken(rule: Rule, finding: str, allowed: str = "", remedy: str = "") -> Ver
 
 def check_allowed(names: Iterable[str], rules: Mapping[str, Rule]) -> tuple[str, ...]:
     """The names of rules to overrule, each once; SettingsError if there is no rule of that name."""
-    wanted = tuple(sorted(set(names)))
-    for name in wanted:
+    for name in (wanted := tuple(sorted(set(names)))):
         if name not in rules:
             raise SettingsError(f"--allow {name}", "is no rule", f"one of {', '.join(sorted(rules))}")
     return wanted
@@ -151,7 +150,7 @@ class StructureSettings(Bounds):
     other_kind_share: float = 0.6  # what the unlikeness to another kind must fall to
 
 
-#: In which a log may be written, see `upplied.inputs.passport.conventions`.
+#: In which a log may be written, see `upplied.inputs.passport.fits`.
 CONVENTIONS: Mapping[str, Any] = table("passport/conventions.toml")
 
 #: Bounds that change what is kept of a flight, and so what is planned from it; the others only judge.
@@ -227,13 +226,7 @@ _ANY = (0.0, math.inf)
 
 
 def known_kind(name: str) -> Mapping[str, Any] | None:
-    """The kind that a name tells of: bounds of its size and proportions; None where it is none of these.
-
-    Examples
-    --------
-    >>> known_kind("wind_turbine")["longest_m"]
-    [8, 450]
-    """
+    """The kind that a name as ``wind_turbine`` tells of: bounds of its size and proportions; else None."""
     words = set(re.split(r"[^a-z]+", name.lower()))
     words |= {word.removesuffix("s") for word in words}
     return next((kind for kind in _KINDS if words & set(kind["words"])), None)
@@ -241,8 +234,7 @@ def known_kind(name: str) -> Mapping[str, Any] | None:
 
 def unlike_its_kind(size_m: Floats, name: str) -> Iterator[Verdict]:
     """What in the box (3,), m, of a structure is as in no other of its kind."""
-    kind = known_kind(name)
-    if kind is None:
+    if (kind := known_kind(name)) is None:
         return
     length, width, height = (float(side) for side in np.maximum(size_m, 1e-9))
     longest, (low, high) = max(length, width, height), kind["longest_m"]

@@ -1,7 +1,6 @@
-"""Facts about a flight besides its messages: side-car, metadata record and options.
+"""Facts about a flight besides its messages, of which the later win: options, metadata and side-car.
 
-A metadata record ``inspection`` wins over the options, and a side-car (``flight.toml``, table
-``[inspection]``) over both; what to read is the options'.
+A metadata record is ``inspection``, a side-car a ``flight.toml`` with a table of that name.
 """
 
 from __future__ import annotations
@@ -117,7 +116,6 @@ def inspection(
     """All facts about a flight, each from its strongest source, and in words the options that were overruled.
 
     `metadata` are named records of the log. `demonstration_id` is filled in, `structure_id` may be missing.
-
     Raises InputError if a value has the wrong form, or the side-car holds an unknown key.
     """
     given = {name: getattr(options, name) for name in _KEYS} | {"points": dict(options.points)}
@@ -161,31 +159,21 @@ def placed(facts: LogOptions, placement: Placement | None) -> LogOptions:
 
 def stated(facts: LogOptions, defaults: Mapping[str, Any]) -> LogOptions:
     """The facts with the defaults of a kind of file, where nothing else is declared."""
-    missing = {name: value for name, value in defaults.items() if not _given(getattr(facts, name))}
-    return replace(facts, **missing)
+    return replace(facts, **{key: it for key, it in defaults.items() if not _given(getattr(facts, key))})
 
 
 def safe_id(text: str) -> str:
-    """An id made of a file's name.
-
-    Examples
-    --------
-    >>> safe_id("A320 left wing (2)")
-    'A320-left-wing-2'
-    """
-    safe = re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-_")[:64].rstrip("-_")
-    return safe or "flight"
+    """An id made of a file's name: ``A320-left-wing-2`` of ``A320 left wing (2)``."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-_")[:64].rstrip("-_") or "flight"
 
 
 def _merged(facts: LogOptions, values: Mapping[str, Any], what: str, strict: bool) -> LogOptions:
-    version = values.get("schema_version", "1")
-    if str(version) != "1":
-        raise InputError(what, f"has schema_version {str(version)[:20]!r}", "schema_version 1")
+    if (version := str(values.get("schema_version", "1"))) != "1":
+        raise InputError(what, f"has schema_version {version[:20]!r}", "schema_version 1")
     unknown = [str(name) for name in values if name not in (*_NAMES, "schema_version")]
     if unknown and strict:
         raise InputError(what, f"has an unknown key {unknown[0][:60]!r}", f"one of {', '.join(_NAMES)}")
-    given = {name: _parsed(name, values[name], what) for name in _NAMES if _given(values.get(name))}
-    return replace(facts, **given)
+    return replace(facts, **{it: _parsed(it, values[it], what) for it in _NAMES if _given(values.get(it))})
 
 
 def _given(value: Any) -> bool:

@@ -1,7 +1,6 @@
 """The inspection within a log: as given, by the log's `foxglove.Event`, or between stays on the ground.
 
-Ground, climb, transit and return are left out only where the log begins or ends on the ground, standing still
-at its lowest. A log that was started in the air is taken whole, whatever its camera sees.
+Ground, climb, transit and return are left out only where the log begins or ends standing still at its lowest.
 """
 
 from collections.abc import Sequence
@@ -36,10 +35,7 @@ _GROUND, _INSPECTION = "ground", "inspection"
 def inspected(
     track: Track, tables: Sequence[Table], facts: LogOptions, what: str
 ) -> tuple[Track, list[str], bool]:
-    """The samples of the inspection, in words how they were cut out, and whether start or stop were given.
-
-    Raises InputError if nothing was flown in the time that is given.
-    """
+    """The samples of the inspection (InputError: none), how they were cut, and whether times were given."""
     first = int(track.t_ns.min()) if len(track) else 0
     given = (facts.start_s, facts.stop_s, facts.start_ns, facts.end_ns)
     if any(value is not None for value in given):
@@ -57,8 +53,8 @@ def inspected(
             break
     if not inside.any():
         seconds = f"0 to {(int(track.t_ns.max()) - first) * 1e-9:.1f} s" if len(track) else "none"
-        rule = f"times within {seconds}"
-        raise InputError(what, f"has no pose within {words}", rule, "correct start and stop")
+        finding, rule = f"has no pose within {words}", f"times within {seconds}"
+        raise InputError(what, finding, rule, "correct start and stop")
     if inside.all():
         return track, [], True
     return track.take(inside), [f"cut to {words}: {int(inside.sum())} of {len(track)} samples"], True
@@ -100,7 +96,6 @@ class Phases(NamedTuple):
 
     @property
     def share(self) -> float:
-        """The inspections' share of the time in the air."""
         aloft_s = self.parts[-1][2] - self.lasting_s(_GROUND)
         return self.lasting_s(_INSPECTION) / max(aloft_s, 1e-9)
 
@@ -127,8 +122,7 @@ def phases(flown: Track, scene: Scene, reach_m: float) -> Phases | None:
 
 def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases | None:
     """The same by stations: (K,), s, (K, 3), m, and which of them look at the structure."""
-    ground = _on_ground(at, places)
-    if not ground.any():
+    if not (ground := _on_ground(at, places)).any():
         return None
     flights = _runs(~ground)
     outs, flying = [], np.zeros(len(at), bool)  # stations at which climbs end; between climb and descent
@@ -139,8 +133,7 @@ def phases_of(at: Floats, places: Floats, looks: Bools, scene: Scene) -> Phases 
     distance = scene.distance(places)
     usual = float(np.median(distance[looks & flying])) if (looks & flying).any() else 0.0
     good = looks & flying & (distance <= _FAR * usual)
-    parts: list[tuple[str, float, float]] = []
-    landed_s = 0.0
+    parts, landed_s = list[tuple[str, float, float]](), 0.0
     for (first, stop), out in zip(flights, outs, strict=True):
         seconds, inspects = at[first:stop], good[first:stop]
         begin = first + _begins(seconds, inspects) if first else first

@@ -25,10 +25,10 @@ def read_obj(source: Source) -> RawMesh:
     if len(corners) != sizes.sum() or (corners == 0).any():
         raise source.error("holds a face with a vertex 0", "vertices count from 1, or from -1 backwards")
     if (corners < 0).any():  # such an index counts back from the last vertex above its face
-        at_vertices, at_faces = (
-            [line.start() for line in re.finditer(_LINE % keyword, data)] for keyword in (b"v", b"f")
+        of_vertices, of_faces = (
+            [it.start() for it in re.finditer(_LINE % word, data)] for word in (b"v", b"f")
         )
-        above = np.repeat(np.searchsorted(at_vertices, at_faces), sizes)
+        above = np.repeat(np.searchsorted(of_vertices, of_faces), sizes)
         corners = np.where(corners > 0, corners, 1 + above + corners)
     triangles = source.triangulated(vertices, corners - 1, sizes, 1)
     names = (line.decode("utf-8", "replace").strip()[:80] for line in _lines(data, b"[og]"))
@@ -67,10 +67,8 @@ def _widths(lines: list[bytes]) -> Ints:
 
 
 def _first_three(source: Source, lines: list[bytes], rule: str) -> Floats:
-    """x y z of each line; weights, colours and normals may follow."""
-    counts = _widths(lines)
     try:
-        values = numbers(b" ".join(lines))
+        counts, values = _widths(lines), numbers(b" ".join(lines))
     except ValueError:
         raise source.error("holds a vertex that is no three numbers", rule) from None
     if len(values) != counts.sum() or (counts < 3).any():
@@ -104,9 +102,8 @@ def read_off(source: Source) -> RawMesh:
     except (ValueError, IndexError):
         rule = "numbers as OFF wants them"
         raise source.error("a line holds something else than its numbers", rule) from None
-    triangles = source.triangulated(vertices, corners, sizes)
     remarks = counted((int((sizes > 3).sum()), "polygons triangulated"))
-    return RawMesh(vertices, triangles, remarks=remarks)
+    return RawMesh(vertices, source.triangulated(vertices, corners, sizes), remarks=remarks)
 
 
 _HEAD, _FACET = 84, 50
@@ -119,9 +116,8 @@ def read_stl(source: Source) -> RawMesh:
     if is_text_stl(source.data):
         return _text(source)
     count, body = int.from_bytes(source.data[80:_HEAD], "little"), source.data[_HEAD:]
-    spare = body[count * _FACET :]
+    spare, held = body[count * _FACET :], len(body) // _FACET
     if len(body) < count * _FACET or (len(spare) >= _FACET and any(spare)):
-        held = len(body) // _FACET
         raise source.error(f"its header says {count} triangles, it holds {held}", "a complete file")
     loaded = load_stl_binary(io.BytesIO(source.data[: _HEAD + count * _FACET]))  # it takes no byte too many
     return _soup([loaded] if count else [], counted((len(spare), "bytes after the last triangle left aside")))

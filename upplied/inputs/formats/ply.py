@@ -15,8 +15,6 @@ _TYPES = {
 }  # fmt: skip
 _ORDER = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
 _INDICES = ("vertex_indices", "vertex_index")
-
-
 _Property = tuple[str, np.dtype, np.dtype | None]  # name, type, and of lists that of the length
 
 
@@ -60,11 +58,9 @@ def read_ply(source: Source) -> RawMesh:
 def _header(source: Source) -> tuple[list[tuple[str, int, list[_Property]]], memoryview]:
     """The elements, and the body; a body of text as the numbers it holds, in double precision."""
     end = source.data.find(b"end_header", 0, 1 << 16)
-    at = source.data.find(b"\n", end) + 1
-    if end < 0 or not at:
+    if end < 0 or not (at := source.data.find(b"\n", end) + 1):
         raise source.error("its header has no end", "end_header within 64 kB")
-    form = ""
-    elements: list[tuple[str, int, list[_Property]]] = []
+    form, elements = "", list[tuple[str, int, list[_Property]]]()
     try:
         for words in (line.split() for line in source.data[:end].decode("latin-1").splitlines()[1:]):
             match words:
@@ -104,13 +100,11 @@ def _lists(
     counts = [length for *_, length in properties if length is not None]
     if any(length.kind == "f" and length.itemsize < 8 for length in counts):
         raise source.error("gives the length of a list as a float", "whole numbers")
-    single = np.dtype("V0")  # of a property that is no list
-    forms = [(length or single, kind) for _, kind, length in properties]
+    forms = [(length or np.dtype("V0"), kind) for _, kind, length in properties]  # V0: it is no list
     widths = np.array([(form.itemsize, "iuf".find(form.kind), kind.itemsize) for form, kind in forms])
     data, big = np.frombuffer(body, np.uint8), any(length.str[0] == ">" for length in counts)
     sizes, starts = np.zeros((2, count), np.int64)
-    used = _walk(data, widths, wanted, big, sizes, starts)
-    if used < 0:
+    if (used := _walk(data, widths, wanted, big, sizes, starts)) < 0:
         raise source.error(f"ends within its {element} rows", "a complete file")
     if wanted < 0:
         return sizes[:0], sizes[:0], used
@@ -153,10 +147,7 @@ def _walk(  # pragma: no cover - compiled
 
 
 @njit(cache=True)
-def _gathered(  # pragma: no cover - compiled
-    data: np.ndarray, starts: np.ndarray, lengths: np.ndarray
-) -> np.ndarray:
-    """The pieces of data that start so, one after the other."""
+def _gathered(data: np.ndarray, starts: np.ndarray, lengths: np.ndarray) -> np.ndarray:  # pragma: no cover
     pieces, at = np.empty(lengths.sum(), np.uint8), 0
     for start, length in zip(starts, lengths):  # noqa: B905 - numba knows no strict
         pieces[at : at + length] = data[start : start + length]

@@ -30,8 +30,7 @@ _OBJ = re.compile(rb"^[ \t]*(v|f|vn|vt|o|g|mtllib|usemtl)[ \t]+\S", re.MULTILINE
 def read_raw(path: Path | str) -> tuple[RawMesh, str]:
     """What a mesh or point cloud file holds, and the SHA-256 of all bytes read.
 
-    Raises InputError where the file is missing, truncated, of another content than its suffix says or of a
-    format that is not read (with what to do), or where anything in it is not as its format wants.
+    Raises InputError where it is missing, damaged, not what its suffix says, or of a format that is not read.
     """
     source = Source(path)
     suffix = source.path.suffix.lower().removeprefix(".")
@@ -77,8 +76,7 @@ def content_of(data: bytes) -> str:
             if name == "las" and data[104:105] >= b"\x40":  # bits of its point format say that it is packed
                 return "laz"
             return "3mf" if name == "zip" and re.search(rb"(?i)3D/[^\0]{1,200}\.model", data) else name
-    if obj.is_text_stl(data) or (
-        len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
-    ):
+    binary_stl = len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+    if binary_stl or obj.is_text_stl(data):
         return "stl"
     return "obj" if b"\0" not in head and _OBJ.search(head) else ""

@@ -13,8 +13,7 @@ from upplied.inputs.flight.clean import UNSET, Pace
 from upplied.inputs.flight.mounts import NO_MOUNT
 from upplied.inputs.flight.tracks import Track
 from upplied.inputs.passport.fits import AS_WELL, NEARER, Comparison, Fit
-from upplied.inputs.passport.sight import Aim, Sight, aim_of, sight_of
-from upplied.inputs.passport.velocity import Steadiness, steadiness, turning_of
+from upplied.inputs.passport.sight import Aim, Sight, Steadiness, aim_of, sight_of, steadiness, turning_of
 from upplied.inputs.rules import PassportSettings, Verdict
 from upplied.inputs.schemas.cameras import NO_CALIBRATION, UNVERIFIED, ZOOM_UNHEARD
 from upplied.inputs.sources.source import Source
@@ -172,8 +171,7 @@ def _best(others: Sequence[Fit]) -> dict[str, Any]:
 
 def _least_clearance(flown: Track, spread: Ints, sight: Sight, distance: Callable[[Floats], Floats]) -> float:
     """The least distance of the whole path: between the poses that were measured, all are near the least."""
-    least = float(sight.clearance_m.min())
-    reach = leg_lengths(flown.positions[spread])
+    least, reach = float(sight.clearance_m.min()), leg_lengths(flown.positions[spread])
     lowest = np.minimum(sight.clearance_m[:-1], sight.clearance_m[1:]) - reach
     legs = [at for at in np.argsort(lowest)[:40] if lowest[at] < least]
     some = np.concatenate([np.arange(0), *(np.arange(spread[at] + 1, spread[at + 1]) for at in legs)])
@@ -190,8 +188,7 @@ def _off_centre(sight: Sight, turns: Floats) -> tuple[tuple[float, float], float
     far = sight.range_m[meets]
     usual = far < 4 * np.median(far)  # beside an edge the axis meets what stands behind
     rows, far = np.column_stack([np.ones(len(far)), ahead[:, :2]])[usual], far[usual]
-    weights = np.linalg.lstsq(rows, far, rcond=None)[0]
-    variance = float(np.var(far))
+    weights, variance = np.linalg.lstsq(rows, far, rcond=None)[0], float(np.var(far))
     sure = 1 - float(np.var(far - rows @ weights)) / variance if variance > 1e-9 else 0.0
     return (-float(weights[1]), -float(weights[2])), sure
 

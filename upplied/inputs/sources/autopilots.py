@@ -1,7 +1,4 @@
-"""Logs of autopilots: PX4's (ULog) by `pyulog`; ArduPilot's (DataFlash) and telemetry by `pymavlink`.
-
-Where both the filter's origin and satellites are logged, the place of the structure decides.
-"""
+"""Logs of autopilots: PX4's (ULog) by `pyulog`; ArduPilot's (DataFlash) and telemetry by `pymavlink`."""
 
 import mmap
 import re
@@ -50,9 +47,8 @@ def _local(topic: str, t_ns: Ints, values: Floats) -> Table:
     return fill.table(topic, "px4_msgs/VehicleLocalPosition", t_ns, x=x, y=y, z=z)
 
 
-def _wind(topic: str, t_ns: Ints, values: Floats) -> Table:
-    north, east = values.T
-    return fill.table(topic, "px4_msgs/Wind", t_ns, windspeed_north=north, windspeed_east=east)
+def _wind(topic: str, t_ns: Ints, v: Floats) -> Table:
+    return fill.table(topic, "px4_msgs/Wind", t_ns, windspeed_north=v[:, 0], windspeed_east=v[:, 1])
 
 
 # Message -> the fields that are read of it, and what makes a table of them.
@@ -105,9 +101,8 @@ def _dataflash(path: Path, text: bool, source: Source) -> Rows:
     with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         heads = size if text else sum(1 for _ in re.finditer(rb"\xa3\x95", data))
     if 2 * _LONGEST * heads < size:  # passed over byte by byte, it would take for ever
-        raise refusal(
-            f"holds {heads} messages in {size} bytes", "a whole log", "copy it again from the autopilot"
-        )
+        finding = f"holds {heads} messages in {size} bytes"
+        raise refusal(finding, "a whole log", "copy it again from the autopilot")
     for _ in range(MAX_ROWS):
         try:
             if log is None:
@@ -136,18 +131,15 @@ def _telemetry(path: Path, source: Source) -> Rows:
 
     link = ardupilotmega.MAVLink(None)
     rows: Rows = defaultdict(list)
-    ahead: list[int] = []
-    vehicles: set[int] = set()
+    ahead, vehicles = list[int](), set[int]()
     for t_us, packet in _packets(read_regular(path, MAX_BYTES), source):
         try:
             message = link.decode(bytearray(packet))
         except Exception:  # of an unknown dialect, or damaged
             continue
-        name = message.get_type()
-        if name not in _MESSAGES:
+        if (name := message.get_type()) not in _MESSAGES:
             continue
-        boot_ms = getattr(message, "time_boot_ms", None)
-        if boot_ms is not None:
+        if (boot_ms := getattr(message, "time_boot_ms", None)) is not None:
             ahead.append(t_us * 1000 - boot_ms * 1_000_000)
         if name in ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"):
             vehicles.add(message.get_srcSystem())
@@ -157,14 +149,12 @@ def _telemetry(path: Path, source: Source) -> Rows:
         raise refusal(f"holds {len(vehicles)} vehicles ({sorted(vehicles)})", "one vehicle", "split the log")
     start = int(np.median(ahead)) if ahead else 0
     source.notes.append("dates by the clock of the ground station")
-    return {
-        name: [(start - (t + 1) * 1_000_000 if t < 0 else t, values) for t, values in stamped]
-        for name, stamped in rows.items()
-    }
+    for stamped in rows.values():
+        stamped[:] = [(start - (t + 1) * 1_000_000 if t < 0 else t, values) for t, values in stamped]
+    return rows
 
 
 def _packets(data: bytes, source: Source) -> Iterator[tuple[int, bytes]]:
-    """When each packet came, us, and its bytes."""
     at, lost = 0, 0
     while at + 17 <= len(data):
         magic, length = data[at + 8], data[at + 9]
@@ -178,7 +168,6 @@ def _packets(data: bytes, source: Source) -> Iterator[tuple[int, bytes]]:
 
 
 def _lost(source: Source, lost: int, size: int) -> None:
-    """Note how many bytes between messages were passed over."""
     if lost > 0:
         source.losses.append(f"{lost} bytes between messages cannot be read")
         source.read_pct = 100 * (1 - lost / size)
@@ -220,7 +209,6 @@ def _start(log: Any) -> tuple[int, list[str]]:
     for data in log.data_list:
         if data.name in _GPS and {"time_utc_usec", "fix_type"} <= data.data.keys():
             utc, since = data.data["time_utc_usec"].astype(np.int64), data.data["timestamp"].astype(np.int64)
-            good = (data.data["fix_type"] >= _FIXED) & (utc > _LATER)
-            if good.any():
+            if (good := (data.data["fix_type"] >= _FIXED) & (utc > _LATER)).any():
                 return int(np.median(utc[good] - since[good])), []
     return 0, ["times count from the start of the autopilot: the log holds no date"]

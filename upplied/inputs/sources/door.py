@@ -1,7 +1,4 @@
-"""The one door: the kind of each file, by its content, and the flights in a folder.
-
-Nothing is dropped in silence: every file is a flight, part of one, none, or refused with the reason.
-"""
+"""The one door: the kind of each file, by its content, and the flights in a folder; none drops in silence."""
 
 import csv
 import os
@@ -45,7 +42,6 @@ class FileKind:
 
     @property
     def is_flight(self) -> bool:
-        """Whether a demonstration can be read of it."""
         return self.status == _FLIGHT
 
 
@@ -65,9 +61,7 @@ def kind_of(path: Path) -> str:
     except OSError as error:
         raise InputError(str(path), error.strerror or "cannot be read", "a readable file") from None
     tar = head[:1] == b"\x1f" and ".tar" in path.name
-    unread = (
-        [] if tar else [why for why, begins in _TABLES["unread"].items() if re.match(begins.encode(), head)]
-    )
+    unread = [why for why, it in _TABLES["unread"].items() if not tar and re.match(it.encode(), head)]
     unread += [why for why, name in _TABLES["unread_names"].items() if re.fullmatch(name, path.name)]
     if unread:
         raise InputError(str(path), unread[0])
@@ -90,7 +84,6 @@ def _binary(path: Path, head: bytes) -> str:
 
 
 def _text(path: Path, head: bytes) -> str:
-    """The kind of a text, by its patterns, captions, columns or numbers."""
     text = head.decode("utf-8-sig", "replace").replace("\r\n", "\n")
     if text.lstrip()[:1] in ("{", "[") and len(head) == _HEAD and path.stat().st_size < 1 << 28:
         text = path.read_bytes().decode("utf-8", "replace")  # of JSON all: its keys may follow a long list
@@ -112,8 +105,7 @@ def _text(path: Path, head: bytes) -> str:
 
 def read(path: Path, fields: Fields) -> Source:
     """The tables of a file or a folder of photos; InputError if it is no flight, or damaged beyond use."""
-    kind = kind_of(path)
-    if not kind:
+    if not (kind := kind_of(path)):
         rule = f"one of: {', '.join(dict.fromkeys(words for words, _ in KINDS.values()))}"
         raise InputError(str(path), "is not a readable flight", rule, "check that it is the right file")
     words, name = KINDS[kind]
@@ -169,8 +161,7 @@ def _file(path: Path, alone: bool = False) -> list[FileKind]:
 
 
 def _folder(folder: Path) -> list[FileKind]:
-    files: list[FileKind] = []
-    count = 0
+    files, count = list[FileKind](), 0
     for at, folders, names in os.walk(folder):  # links to folders are not followed
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         if "catalog.json" in names and "heads" in folders:  # a catalog holds no flights of others
@@ -180,8 +171,7 @@ def _folder(folder: Path) -> list[FileKind]:
         if count > MAX_FILES:
             rule = "the folder of some flights"
             raise InputError(str(folder), f"holds more than {MAX_FILES} files", rule, "name a folder in it")
-        images = set(photos.members(place))
-        if images:
+        if images := set(photos.members(place)):
             words = f"{len(images)} photos" if len(images) > 1 else "one photo: no flight"
             files.append(FileKind(place, _FLIGHT if len(images) > 1 else _OTHER, words))
         for name in sorted(names):

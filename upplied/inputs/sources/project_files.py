@@ -41,9 +41,7 @@ class Project:
 def project_at(cameras: Path, options: LogOptions) -> Project | None:
     """The structure and the flight of a project; None where a structure is named, or no surface is there.
 
-    `cameras` is a file of one of `KINDS`; of the facts, `kind` is that of the structure, `unit_m` the metres
-    per unit of a model.
-
+    `cameras` is a file of one of `KINDS`; `unit_m` of the facts is the metres per unit of a model.
     Raises InputError if its kind, its scale or its vertical is unknown, or the cameras cannot be read.
     """
     declared, _ = inspection(cameras, [], options)
@@ -71,9 +69,8 @@ def project_at(cameras: Path, options: LogOptions) -> Project | None:
         site=declared.site, placement=source.place, surface="scanned",
         notes=f"reconstructed by the project of {cameras.name}",
     )  # fmt: skip
-    demonstration_id = options.demonstration_id or f"{name}-flight"
-    flight = replace(options, structure_id=name, demonstration_id=demonstration_id)
-    axes = turn(up, forward)
+    flight_id = options.demonstration_id or f"{name}-flight"
+    flight, axes = replace(options, structure_id=name, demonstration_id=flight_id), turn(up, forward)
     if source.place is None and not np.array_equal(axes, np.eye(3)):
         flight = replace(flight, structure_quat_xyzw=tuple(Rotation.from_matrix(axes.T).as_quat().tolist()))
     return Project(entry, flight, folder)
@@ -81,8 +78,7 @@ def project_at(cameras: Path, options: LogOptions) -> Project | None:
 
 def _up(source: Source, what: str) -> str:
     """The axis of the file that points up: cameras of drones hold the horizon, so their sides lie level."""
-    tables = [table for table in source.tables if "pose.orientation.w" in table]
-    if not tables:
+    if not (tables := [table for table in source.tables if "pose.orientation.w" in table]):
         raise InputError(what, "holds no frame of its own", "cameras and surface in one", "give --structure")
     turns = Rotation.from_quat(tables[0].stack(*(f"pose.orientation.{axis}" for axis in "xyzw")))
     sides: Floats = turns.apply([0.0, 1.0, 0.0])

@@ -23,10 +23,8 @@ _NUMBER = r"([-+]?\d+(?:\.\d+)?)"
 _CLOCK = re.compile(r"(\d\d):(\d\d):(\d\d)[,.](\d{3}) -->")
 _GPS = re.compile(rf"(?<![A-Z])GPS ?\({_NUMBER}, ?{_NUMBER}(?:, ?{_NUMBER}(M?))?\)")
 _PRY = re.compile(rf"G\.PRY \({_NUMBER}\D*, {_NUMBER}\D*, {_NUMBER}")
-_CAPTIONS = {
-    name: re.compile(f"(?:{words}){_NUMBER}")
-    for name, words in table("kinds.toml")["record"]["captions"].items()
-}
+_WORDS: dict[str, str] = table("kinds.toml")["record"]["captions"]
+_CAPTIONS = {name: re.compile(f"(?:{words}){_NUMBER}") for name, words in _WORDS.items()}
 _VIDEO = 3840.0, 2160.0  # pixels, to which the focal length of captions belongs
 _SPLIT = re.compile(rb"[,;\s]+")
 WIDTHS = (8, 17, 12)  # numbers in a line of TUM, EuRoC and KITTI
@@ -72,8 +70,7 @@ def _named(head: Sequence[str]) -> dict[str, tuple[int, float]]:
     bare = [_UNIT.sub("", name).strip() for name in plain]
     columns: dict[str, tuple[int, float]] = {}
     for name, choices in _COLUMNS.items():
-        hits = [names.index(choice) for choice in choices for names in (plain, bare) if choice in names]
-        if hits:
+        if hits := [names.index(choice) for choice in choices for names in (plain, bare) if choice in names]:
             unit = _UNIT.search(plain[hits[0]])
             columns[name] = hits[0], _FOOT if unit is not None and unit[1] in ("feet", "ft") else 1.0
     return columns
@@ -93,8 +90,7 @@ def _captions(text: str) -> Source:
         clock = _CLOCK.search(block)
         parts = (3_600_000.0, 60_000.0, 1000.0, 1.0)
         since.append(np.dot(parts, [*map(int, clock.groups())]) if clock else np.nan)
-    names = {name for row in rows for name in row}
-    if not names & {"lat", "first"}:
+    if not (names := {name for row in rows for name in row}) & {"lat", "first"}:
         finding = f"has {len(blocks) if text.strip() else 0} captions, none with a place"
         raise refusal(finding, "captions with latitude and longitude", "let the camera record GPS")
     if {"lat", "first"} <= names:
@@ -117,8 +113,7 @@ def _captions(text: str) -> Source:
 def _source(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str]) -> Source:
     """The flight of columns; rows that repeat a place until the next one is known are left out."""
     datum = "alt_takeoff" if "takeoff" in columns else "alt"
-    height = columns.get("takeoff", columns.get("alt"))
-    if height is None:
+    if (height := columns.get("takeoff", columns.get("alt"))) is None:
         raise refusal("gives places without heights", "a record with heights", "use another log")
     if datum == "alt":
         notes.append("altitudes are taken to be above mean sea level")
@@ -132,8 +127,7 @@ def _source(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str]
     t_ns, height, level = t_ns[new], height[new], np.zeros(new.sum())
     columns = {name: column[new] for name, column in columns.items()}
     tables = [fill.fixes(topic, t_ns, columns["lat"], columns["lon"], **{datum: height})]
-    heading = columns.get("heading")
-    yaw = columns.get("yaw", heading)
+    yaw = columns.get("yaw", heading := columns.get("heading"))
     if "pitch" in columns and yaw is not None:
         tables.append(fill.gimbals(topic, t_ns, yaw, columns["pitch"], columns.get("roll", level)))
         if "yaw" not in columns:
@@ -141,8 +135,7 @@ def _source(topic: str, t_ns: Ints, columns: dict[str, Floats], notes: list[str]
     elif heading is not None:
         nose, bank = columns.get("nose", level), columns.get("bank", level)
         tables.append(fill.attitudes(topic, t_ns, heading, nose, bank))
-    focal = columns.get("focal", np.full(1, np.nan))
-    if np.isfinite(focal).any():
+    if np.isfinite(focal := columns.get("focal", np.full(1, np.nan))).any():
         focal = np.where(focal >= 100, focal / 10, focal)  # tenths of a millimetre in older captions
         tables.append(fill.cameras(topic, t_ns, *_VIDEO, fill.focal_of_35mm(*_VIDEO, focal)))
     return Source(tables, notes=notes)
@@ -173,8 +166,7 @@ def width_of(line: bytes) -> int:
 
 def _poses(path: Path, data: bytes) -> Source:
     words = _words(data)
-    rows = np.array([[float(word) for word in line] for line in words])
-    stamps = [line[0] for line in words]
+    rows, stamps = np.array([[float(word) for word in line] for line in words]), [line[0] for line in words]
     if rows.shape[1] == WIDTHS[2]:
         return _kitti(path, rows.reshape(-1, 3, 4))
     if rows[0, 0] > _NANOSECONDS:
@@ -191,12 +183,10 @@ def times_beside(path: Path) -> list[Path]:
 
 def _kitti(path: Path, matrices: np.ndarray) -> Source:
     notes = ["KITTI: the first camera's axes, turned until z points up"]
-    listed = next(
-        (_words(read_regular(name, MAX_BYTES)) for name in times_beside(path) if name.is_file()), []
-    )
+    beside = [name for name in times_beside(path) if name.is_file()]
+    listed = _words(read_regular(beside[0], MAX_BYTES)) if beside else []
     times = 1_000_000_000 + _nanoseconds([line[0] for line in listed])
-    timed = len(times) == len(matrices)
-    if not timed:
+    if not (timed := len(times) == len(matrices)):
         times = fill.numbered(len(matrices))
         notes.append("no times beside it: one pose every 2 s")
     if (np.abs(np.linalg.det(matrices[:, :, :3]) - 1) > 1e-2).any():
@@ -207,7 +197,6 @@ def _kitti(path: Path, matrices: np.ndarray) -> Source:
 
 
 def _words(data: bytes) -> list[list[bytes]]:
-    """The numbers of each line, as they are written; the last line may be cut off."""
     lines = [line for line in data.splitlines() if width_of(line)]
     words = [[word for word in _SPLIT.split(line.strip()) if word] for line in lines]
     if len(words) > 1 and len(words[-1]) < len(words[0]):

@@ -103,9 +103,8 @@ def cameras(
 def ned_wxyz(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
     """Quaternions (N, 4) ``w x y z``, forward, right, down in north, east, down; NaN where an angle is."""
     angles = np.column_stack([yaw, pitch, roll]).astype(float)
-    good = np.isfinite(angles).all(axis=1)
     quats = np.full((len(angles), 4), np.nan)
-    if good.any():
+    if (good := np.isfinite(angles).all(axis=1)).any():
         quats[good] = Rotation.from_euler("ZYX", angles[good], degrees=True).as_quat()[:, [3, 0, 1, 2]]
     return quats
 
@@ -128,8 +127,7 @@ def spread(t_ns: Ints) -> Ints:
 
 def dated(text: str) -> float:
     """Milliseconds since 1970 of the first date in a text; NaN where there is none."""
-    hit = _DATE.search(text)
-    if hit is None:
+    if (hit := _DATE.search(text)) is None:
         return float("nan")
     year, month, day, hour, minute, second = map(int, hit.groups()[:6])
     try:
