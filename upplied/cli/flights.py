@@ -134,7 +134,7 @@ def promote(
 
 
 def _show(row: dict[str, Any], results: Results) -> None:
-    from upplied.outputs.flown import wind_words
+    from upplied.outputs.verdicts import wind_words
 
     known = terminal.plain(row)
     if results.json:

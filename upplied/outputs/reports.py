@@ -18,13 +18,13 @@ from upplied.errors import UppliedError
 from upplied.geometry.scene import Scene, scene_of
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs import display, figures, pair_page
+from upplied.outputs.brief import fly_data, path_drawn
 from upplied.outputs.display import DisplayMesh, display_mesh, display_states, packed
-from upplied.outputs.flown import Flights, flown_data, flown_sentence, seen_as_flown
-from upplied.outputs.fly import fly_data, path_drawn
 from upplied.outputs.missions import gate
 from upplied.outputs.page_data import passport_data, structure_facts
 from upplied.outputs.pair_page import profile
 from upplied.outputs.pairs import Pair, shown_status
+from upplied.outputs.verdicts import Flights, flown_data, flown_sentence, seen_as_flown
 from upplied.outputs.zones import zones
 from upplied.proof.inspected import pictured
 from upplied.records import SURFACE_STATES, Camera, Cloud, Floats, Ints, Plan, Structure, SurfaceStates

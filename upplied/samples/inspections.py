@@ -16,8 +16,15 @@ from scipy.spatial import cKDTree
 from upplied.errors import RefusedError
 from upplied.geometry.scene import Scene, scene_of
 from upplied.records import Floats, Structure
-from upplied.samples.airframe import airframe, left_nacelle
-from upplied.samples.plan_view import Pier, offset_outline, surface_points, tower_of, two_piers
+from upplied.samples.airframe import (
+    Pier,
+    airframe,
+    left_nacelle,
+    offset_outline,
+    surface_points,
+    tower_of,
+    two_piers,
+)
 
 
 class Route(NamedTuple):

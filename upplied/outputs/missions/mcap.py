@@ -12,7 +12,7 @@ from upplied.errors import RefusedError
 from upplied.outputs.colours import PRESETS, STATES, SURFACE, rgb
 from upplied.outputs.display import display_mesh, display_states
 from upplied.outputs.draw.tubes import frustum_corners
-from upplied.outputs.ros2_schemas import CAMERA_INFO, camera_info, header, pose, registered, transform
+from upplied.outputs.logs import CAMERA_INFO, camera_info, header, pose, registered, transform
 from upplied.records import Camera, Floats, Plan, Structure, Trajectory
 
 FRAME, CAMERA_FRAME = "structure", "planned_camera"

@@ -14,10 +14,9 @@ from upplied.errors import RefusedError
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import gate
-from upplied.outputs.missions.flying import Flying, passing_m
+from upplied.outputs.missions.flying import Flying, passing_m, thinned
 from upplied.outputs.missions.photos import shots_of
 from upplied.outputs.missions.records import Fence, Mission, heading_and_pitch, placement_of, to_geodetic
-from upplied.outputs.missions.thinning import thinned
 from upplied.outputs.missions.transits import USUAL_CEILING_M, Cutter, Sortie, Transits, default_home
 from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.records import Bools, Camera, Floats, Plan, Structure, SupposedSurface, Trajectory
