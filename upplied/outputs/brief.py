@@ -38,20 +38,9 @@ def brief_html(
 ) -> str:
     """One self-contained page, A4 when printed.
 
-    Parameters
-    ----------
-    row : mapping
-        The plan's row of `transfers`.
-    missions, options : sequence of Mission, MissionOptions
-        Its sorties, with their options; they passed the gate, or their notes list the overruled rules.
-    structure, camera : Structure, Camera
-        What a photo shows is drawn.
-    warnings, zones : sequence of str
-        Warnings of the plan, and the result for each required zone.
-    photos : sequence of (str, bytes)
-        Captions and PNGs of findings to inspect again.
-    custody : sequence of str
-        The note with the heads of the catalog's tables.
+    The row is the plan's of `transfers`; the missions are its sorties, which passed the gate, or their notes
+    list the overruled rules. `zones` are the result for each required zone, `photos` captions and PNGs of
+    findings to inspect again, `custody` the note with the heads of the catalog's tables.
     """
     notes = [*missions[0].notes, *custody]
     overruled = [note for note in notes if note.startswith(("OVERRULED", DRAFT))]

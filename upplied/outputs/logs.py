@@ -76,7 +76,6 @@ def write_log(
 
     Parameters
     ----------
-    path, demonstration, frame : path, Demonstration, LogFrame
     structure : Structure, optional
         Subject of the camera's pictures; the log names its kind.
     heavy_topic : bool
@@ -111,19 +110,12 @@ def write_log(
 
 
 def _facts(
-    demonstration: Demonstration,
-    structure: Structure | None,
-    frame: LogFrame,
-    encoding: Encoding,
-    simulated: bool,
+    flown: Demonstration, structure: Structure | None, frame: LogFrame, encoding: Encoding, simulated: bool
 ) -> dict[str, str]:
-    camera = demonstration.camera
+    camera = flown.camera
     facts = {
         "schema_version": "1",
-        "structure_id": demonstration.structure_id,
-        "demonstration_id": demonstration.demonstration_id,
-        "operator": demonstration.operator,
-        "site": demonstration.site,
+        **{name: getattr(flown, name) for name in ("structure_id", "demonstration_id", "operator", "site")},
         "kind": structure.kind if structure is not None else "",
         "frame_id": frame.frame_id,
         "structure_position_m": _numbers(frame.position_m),
@@ -131,7 +123,7 @@ def _facts(
         "camera_min_range_m": repr(float(camera.min_range_m)),
         "camera_max_range_m": repr(float(camera.max_range_m)),
         "body_frame": {"pose_stamped": "camera", "odometry": "body", "tf": "optical"}[encoding],
-        "notes": demonstration.notes,
+        "notes": flown.notes,
     }
     if simulated:
         facts["simulated"] = "true"

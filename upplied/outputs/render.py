@@ -151,7 +151,6 @@ def undecided(catalog: Catalog, row: Any) -> list[Breach]:
 
 
 def _row(catalog: Catalog, transfer_id: str) -> dict[str, Any]:
-    """The row of a plan, with its state."""
     rows = catalog.transfers(every=True, ids=[transfer_id])
     if not len(rows):
         remedy = "see: upplied catalog transfers"

@@ -30,11 +30,7 @@ from upplied.proof.inspected import pictured
 from upplied.records import SURFACE_STATES, Camera, Cloud, Floats, Ints, Plan, Structure, SurfaceStates
 
 _INSPECTED = [SURFACE_STATES.index(name) for name in ("shown", "missed", "unattainable")]
-_QUALITY = {
-    "gsd_mm": "resolution (mm/px)",
-    "blur_px": "motion blur (px)",
-    "sharp_s": "time in sharp view (s)",
-}
+_FINEST = {"gsd_mm": "resolution (mm/px)", "blur_px": "motion blur (px)", "sharp_s": "time in sharp view (s)"}
 _NONE = 255  # code of surface that no sharp picture shows
 _MOST_PCT = 99.0  # of the values; larger ones have the last colour
 
@@ -245,7 +241,7 @@ def quality_data(
     nearest = display.nearest_samples(mesh, surface)
     nearest = nearest if nearest.ndim == 1 else nearest[:, 0]
     inspected, quantities = np.isin(surface.state, _INSPECTED), []
-    for key, name in _QUALITY.items():
+    for key, name in _FINEST.items():
         values = np.where(inspected, shown[key], np.nan)[nearest]
         known = np.isfinite(values)
         most = float(np.percentile(values[known], _MOST_PCT)) if known.any() else 0.0

@@ -158,7 +158,6 @@ def _occasion(flight: Mapping[str, Any]) -> str:
 
 
 def _weather(flight: Mapping[str, Any]) -> str:
-    """The wind of a simulation."""
     speed, towards, seed = (number(flight, name) or 0.0 for name in ("wind_mps", "towards_deg", "seed"))
     gusts = f"with gusts (seed {seed:.0f})" if flight["gusts"] else "without gusts"
     return f"In a wind of {speed:g} m/s towards {towards:g}° {gusts}"

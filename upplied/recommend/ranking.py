@@ -93,8 +93,6 @@ def recommend(
 
 
 class _Question:
-    """One structure as the target of the others, with the cached results of each pair."""
-
     def __init__(self, catalog: Catalog, target_id: str, structures: pd.DataFrame, by_kind: bool) -> None:
         self.catalog, self.target_id = catalog, target_id
         self.settings: Settings = settings_for("recommended")

@@ -197,7 +197,7 @@ def _measured(scene: Scene, y: Floats, z: Floats, front: Floats, spot: Bools, ap
     return Nacelle((lip - length / 2, float(middle_y), float(middle_z)), float(radius), length)
 
 
-def surface_points(structure: Structure, seed: int = 0) -> Floats:
+def points_on(structure: Structure, seed: int = 0) -> Floats:
     """Points (N, 3) spread evenly over a mesh, m; the points themselves for a cloud."""
     if not len(structure.triangles):
         return structure.vertices
@@ -238,7 +238,7 @@ def tower_of(structure: Structure) -> Tower:
 
     Raises RefusedError if nothing slender stands below.
     """
-    points = surface_points(structure)
+    points = points_on(structure)
     low, high = float(points[:, 2].min()), float(points[:, 2].max())
     foot = points[points[:, 2] < low + 0.25 * (high - low)]
     axis = (foot[:, :2].min(axis=0) + foot[:, :2].max(axis=0)) / 2
@@ -267,7 +267,7 @@ def two_piers(structure: Structure, scene: Scene) -> tuple[Pier, Pier, float, fl
 
     Raises RefusedError if no two piers stand apart.
     """
-    points = surface_points(structure)
+    points = points_on(structure)
     low, high = points[:, 2].min(), points[:, 2].max()
     middle_x = (points[:, 0].min() + points[:, 0].max()) / 2
     for share in (0.35, 0.25, 0.15, 0.5):

@@ -156,10 +156,7 @@ def pushed_clear(positions: Floats, scene: Scene, clearance_m: float, floor_z: f
     Distances change by at most the way flown, so that between two poses a m apart, at distances b
     and c, nothing comes nearer than (b + c - a) / 2: that bound is used.
 
-    Raises
-    ------
-    RefusedError
-        If pushing does not help: the route leads through a gap that is too narrow.
+    Raises RefusedError if pushing does not help: the route leads through a gap that is too narrow.
     """
     path = positions.copy()
     for round_ in range(80):

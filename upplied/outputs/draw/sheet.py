@@ -101,7 +101,6 @@ def png(image: np.ndarray) -> bytes:
 
 
 def _labelled(panel: Panel) -> list[str]:
-    """The lines of the panel's label."""
     return _wrapped(panel.label, panel.image.shape[1] - 2 * _PAD, _SMALL)[:3]
 
 
@@ -136,8 +135,7 @@ def _legend_rows(
     legend: Sequence[tuple[str, str, str]], width: int
 ) -> list[tuple[str, str, str, float, int]]:
     """Legend entries with their place: x in px and row."""
-    out = []
-    x, row = float(_PAD), 0
+    out, x, row = [], float(_PAD), 0
     for name, colour, mark in dict.fromkeys((drawable(name), colour, mark) for name, colour, mark in legend):
         wide = 34 + font(_LABEL).getlength(name) + 28
         if x > _PAD and x + wide > width:

@@ -64,10 +64,7 @@ def export_lerobot(
     demonstrations : sequence of str, optional
         Ids; by default every one in use.
 
-    Raises
-    ------
-    InputError
-        Where the folder is not empty, or there is nothing to write.
+    Raises InputError where the folder is not empty, or there is nothing to write.
     """
     place = new_folder(folder)
     rows = with_path(catalog, transfers)
@@ -152,7 +149,6 @@ def _episode(each: Episode, frames: Mapping[str, Any], first: int, file: int) ->
 
 
 def _chunk(file: int) -> dict[str, int]:
-    """Where a file of frames lies."""
     return {"chunk_index": file // _FILES_A_CHUNK, "file_index": file % _FILES_A_CHUNK}
 
 

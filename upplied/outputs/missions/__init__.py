@@ -91,14 +91,12 @@ def export(
         notes = (*gate.notes_of(overruled), *zones(()))
         content = mcap_bytes(plan, structure, camera, notes) if notes else content
         keep(overruled)
-        return Exported(
-            (replace_file(goal, content),), (), ("coordinates in metres, structure frame", *notes), overruled
-        )
+        notes = ("coordinates in metres, structure frame", *notes)
+        return Exported((replace_file(goal, content),), (), notes, overruled)
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
-    missions = fenced(
-        missions_for(format, plan, structure, options, camera, objections), structure, plan.supposed
-    )
+    sorties = missions_for(format, plan, structure, options, camera, objections)
+    missions = fenced(sorties, structure, plan.supposed)
     by_words: dict[str, gate.Breach] = {}  # overruled breaches
     for mission in missions:  # all, before the first is written
         reading = read_mission(format, _written(format, mission, options), mission)
@@ -106,9 +104,7 @@ def export(
         by_words |= {str(one): one for one in gate.pass_or_refuse(mission.name, broken, options.overruled)}
     more = tuple(breach for breach in by_words.values() if breach not in missions[0].overruled)
     notes = (*gate.notes_of(more), *zones(missions))
-    missions = [
-        replace(one, notes=(*notes, *one.notes), overruled=(*one.overruled, *more)) for one in missions
-    ]
+    missions = [replace(m, notes=(*notes, *m.notes), overruled=(*m.overruled, *more)) for m in missions]
     keep(missions[0].overruled)
     paths, first = [], missions[0]
     for one in missions:

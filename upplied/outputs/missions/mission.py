@@ -38,22 +38,16 @@ def missions_of(
 ) -> list[Mission]:
     """The sorties of a plan, each within the endurance and the number of waypoints that are allowed.
 
-    Raises
-    ------
-    RefusedError
-        If the plan is not ok, the structure's place is unknown or in another datum than the altitudes, no
-        safe transit leads there and back, or the plan breaks a rule of the gate that is not overruled.
+    Raises RefusedError if the plan is not ok, the structure's place is unknown or in another datum than the
+    altitudes, no safe transit leads there and back, or a rule of the gate is broken that is not overruled.
     """
     path, name = _path_of(plan, structure)
     supposed, seen = plan.supposed, (plan.surface, camera or Camera())
     placement = placement_of(structure)
     if options.altitude not in ("relative", placement.datum):  # they differ by tens of metres
-        raise RefusedError(
-            structure.structure_id,
-            f"its altitude is known as {placement.datum}, {options.altitude} was requested",
-            "no geoid model is applied",
-            "export with altitude relative to take-off, or give the manifest that datum",
-        )
+        fault = f"its altitude is known as {placement.datum}, {options.altitude} was requested"
+        remedy = "export with altitude relative to take-off, or give the manifest that datum"
+        raise RefusedError(structure.structure_id, fault, "no geoid model is applied", remedy)
     if options.altitude not in flying.altitudes:
         raise RefusedError(name, f"{options.altitude} altitudes were requested", flying.altitude_rule)
     limits, steps = gate.limits_of(options), gate.planned(path.positions, path.t_s)
@@ -143,7 +137,6 @@ def _airspace_of(
 def _notes(
     sorties: list[Sortie], options: MissionOptions, flying: Flying, transits: Transits, stops: int
 ) -> list[str]:
-    """Notes for the pilot about heights, return and sorties."""
     transit_legs = [leg for sortie in sorties for leg in (sortie.outbound, sortie.inbound) if len(leg)]
     highest = max((float(leg[:, 2].max()) for leg in transit_legs), default=float(transits.home[2]))
     over_ground = max(highest, float(transits.inspection[:, 2].max())) - transits.structure.floor_z_m
