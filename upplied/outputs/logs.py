@@ -74,16 +74,10 @@ def write_log(
 ) -> Path:
     """Write a demonstration as an MCAP log; returns its path.
 
-    Parameters
-    ----------
-    structure : Structure, optional
-        Subject of the camera's pictures; the log names its kind.
-    heavy_topic : bool
-        Also write pictures from the camera, or noise without a structure.
-    encoding : {"pose_stamped", "odometry", "tf"}
-        Poses of the camera as PoseStamped; of the body as Odometry, or as transforms.
-    simulated : bool
-        Mark the log as simulated, so that it never counts as the flight of a plan.
+    The structure is the subject of the camera's pictures, and the log names its kind; pictures, or noise
+    without a structure, are the `heavy_topic`. Poses are of the camera as PoseStamped, or of the body as
+    Odometry or transforms, by `encoding`. A log that is marked as `simulated` never counts as the flight of a
+    plan.
     """
     frame = frame or LogFrame()
     in_log = moved(demonstration.trajectory, frame.rotation.as_matrix(), np.array(frame.position_m))
@@ -125,8 +119,7 @@ def _facts(
         "body_frame": {"pose_stamped": "camera", "odometry": "body", "tf": "optical"}[encoding],
         "notes": flown.notes,
     }
-    if simulated:
-        facts["simulated"] = "true"
+    facts |= {"simulated": "true"} if simulated else {}
     if encoding == "odometry":
         facts["body_T_camera_position_m"] = _numbers(_MOUNT_M)
         facts["body_T_camera_quat_xyzw"] = _numbers(_MOUNT.as_quat())
@@ -148,14 +141,12 @@ def _static(demonstration: Demonstration, encoding: Encoding) -> list[_Message]:
     return [(stamp, "/tf_static", "tf2_msgs/msg/TFMessage", {"transforms": [link]})]
 
 
-def _poses(
-    demonstration: Demonstration, poses: Trajectory, frame: LogFrame, encoding: Encoding
-) -> list[_Message]:
+def _poses(flown: Demonstration, poses: Trajectory, frame: LogFrame, encoding: Encoding) -> list[_Message]:
     if encoding not in _TOPICS:
         raise SettingsError(f"encoding {encoding!r}", "is unknown", f"one of {', '.join(_TOPICS)}")
     (topic, schema), frame_id = _TOPICS[encoding], frame.frame_id
     messages: list[_Message] = []
-    for stamp, *place in zip(demonstration.t_ns.tolist(), poses.positions, poses.quat_xyzw, strict=True):
+    for stamp, *place in zip(flown.t_ns.tolist(), poses.positions, poses.quat_xyzw, strict=True):
         stamped = {"header": header(stamp, frame_id), "pose": pose(*place)}
         # What is not stated of an odometry is zero.
         moving = {**stamped, "child_frame_id": BODY_FRAME, "pose": {"pose": stamped["pose"]}}

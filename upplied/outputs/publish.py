@@ -47,8 +47,6 @@ class Published:
 
 @dataclass
 class _Folder:
-    """A report folder with a key for the content of each file."""
-
     root: Path
     before: dict[str, str]
     site: Site

@@ -85,7 +85,6 @@ class Reader:
         return pair_page.pair_data(pair, demonstration, paths, picture) | more
 
     def _path_data(self, pair: Pair, row: Any, plan: Plan) -> dict[str, Any]:
-        """The data of one plan with a path, the result of the gate, and its last flight."""
         assert plan.trajectory is not None and plan.is_viewpoint is not None
         scene = scene_for(self.structure(pair.target_id), plan.supposed)
         camera, origin = self.demonstration(pair.demonstration_id).camera, self._origin(pair.target_id)
@@ -94,9 +93,8 @@ class Reader:
         broken = self._broken(row, plan)
         if broken:
             self.refused[pair.name] = broken
-        data = pair_page.planned_data(
-            along, plan.trajectory.take(np.flatnonzero(plan.is_viewpoint)), origin, states
-        )
+        viewpoints = plan.trajectory.take(np.flatnonzero(plan.is_viewpoint))
+        data = pair_page.planned_data(along, viewpoints, origin, states)
         data |= {"gate": broken, "overruled": self.overruled(row)}
         flight = self._flights.of(row)
         if flight is not None:

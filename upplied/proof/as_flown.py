@@ -52,19 +52,10 @@ def as_flown(
 ) -> AsFlown:  # fmt: skip
     """What a flight inspected and saw of a surface, and how it differs from its plan.
 
-    Parameters
-    ----------
-    viewpoint_s : array, shape (K,), s
-        Moments of the plan's viewpoints.
-    logged : Trajectory
-        The path as it was logged; its clearance counts as well.
-    photo_s : array, shape (F,), s, optional
-        Times of the photos, by the log's clock from its first pose; without them the camera is taken to
-        see all the time.
-    planned_with : Camera, optional
-        Of the plan; else the flight's own.
-    rule : InspectionSettings, optional
-        When a look is sharp and frontal, as the plan's settings have it.
+    The plan's viewpoints are at moments `viewpoint_s` (K,) of it, s. The clearance of the path as it was
+    `logged` counts as well. Photos were taken at `photo_s` (F,), s, by the log's clock from its first pose;
+    without them the camera is taken to see all the time. The plan's camera is `planned_with`, else the
+    flight's own; its settings' `rule` says when a look is sharp and frontal.
     """
     flown = aligned.flown
     near = aligned.on_plan

@@ -144,9 +144,8 @@ class _Painter:
         hit = triangle >= 0
         points, normals = np.zeros_like(face), np.zeros_like(face)
         points[hit] = origins[hit] + reach[hit, None] * directions[hit]
-        mixed = smooth_normals(
-            self.body.vertices, self.body.triangles, self.body.normals, triangle[hit], points[hit]
-        )
+        mesh = self.body.vertices, self.body.triangles, self.body.normals
+        mixed = smooth_normals(*mesh, triangle[hit], points[hit])
         away = np.einsum("ij,ij->i", face[hit], directions[hit]) > 0
         same = np.einsum("ij,ij->i", mixed, face[hit]) > 0
         normals[hit] = np.where((away == same)[:, None], -mixed, mixed)
@@ -154,9 +153,8 @@ class _Painter:
 
     def _ambient_of_grid(self) -> Floats:
         """Open sky (rows, columns) at every second picture point; all of it where nothing is hit."""
-        x, y = np.meshgrid(
-            *(np.arange(0, side, _COARSE) + _COARSE / 2 for side in (self.frame.width, self.frame.height))
-        )
+        sides = self.frame.width, self.frame.height
+        x, y = np.meshgrid(*(np.arange(0, side, _COARSE) + _COARSE / 2 for side in sides))
         _, points, normals, hit = self._surface(*self.frame.rays(x.ravel(), y.ravel()))
         sky, size = np.ones(len(hit)), self.body.size_m
         sky[hit] = open_sky(self.body.scene, points[hit], normals[hit], 0.25 * size, 2e-3 * size)

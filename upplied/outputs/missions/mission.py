@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -128,9 +127,8 @@ def _airspace_of(
     usual = USUAL_CEILING_M if options.max_height_m is None else options.max_height_m
     declared = structure.surroundings.ceiling_z_m
     ceiling = max(structure.floor_z_m + usual, float(path[:, 2].max()))
-    around = replace(
-        structure.surroundings, ceiling_z_m=ceiling if declared is None else min(ceiling, declared)
-    )
+    ceiling = ceiling if declared is None else min(ceiling, declared)
+    around = replace(structure.surroundings, ceiling_z_m=ceiling)
     return Airspace(scene, min(options.clearance_m, planned) - _EXACT_M, around)
 
 
@@ -154,9 +152,8 @@ def _notes(
         notes.append(f"the mission reaches {over_ground:.0f} m above ground: more than {USUAL_CEILING_M:g} m")
     times = ", ".join(f"{sortie.duration_s:.0f}" for sortie in sorties)
     if len(sorties) > 1:
-        notes.append(
-            f"{len(sorties)} flights of {times} s; each resumes at the last waypoint of the previous one"
-        )
+        resumed = "each resumes at the last waypoint of the previous one"
+        notes.append(f"{len(sorties)} flights of {times} s; {resumed}")
     elif options.endurance_s is None:
         notes.append(f"flight time about {times} s; battery not checked: set --endurance-s")
     else:
@@ -203,9 +200,7 @@ def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) ->
     }
 
 
-def fenced(
-    missions: Sequence[Mission], structure: Structure, supposed: SupposedSurface | None
-) -> list[Mission]:
+def fenced(missions: list[Mission], structure: Structure, supposed: SupposedSurface | None) -> list[Mission]:
     """The sorties of a plan with the fence and the rally points of their structure's surroundings.
 
     A fence consists of polygons on the ground without a top: a keep-out box under the path is omitted, with a

@@ -207,10 +207,8 @@ class Cutter:
         return float(way.sum()) / self.options.transit_mps + _GROUND_S
 
     def _no_leg(self, at: int) -> RefusedError:
-        place = self.path.positions[at].round(1).tolist()
-        fault = (
-            f"no safe transit leg reaches the waypoint at {place} m, {self.path.t_s[at]:.0f} s into the plan"
-        )
+        place = f"{self.path.positions[at].round(1).tolist()} m, {self.path.t_s[at]:.0f} s into the plan"
+        fault = f"no safe transit leg reaches the waypoint at {place}"
         rule = "transit legs keep the clearance, the ceiling, keep-out boxes and geofence"
         remedy = "choose another home, a smaller clearance, or a plan that starts in the open"
         return RefusedError(self.transits.structure.structure_id, fault, rule, remedy)
