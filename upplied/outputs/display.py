@@ -122,15 +122,10 @@ def structure_data(structure: Structure, mesh: DisplayMesh) -> dict[str, Any]:
     vertices, triangles = mesh.vertices, mesh.triangles
     origin = ((vertices.min(axis=0) + vertices.max(axis=0)) / 2).round(3)
     index = triangles.astype(np.uint16 if len(vertices) < 65536 else np.uint32)
-    return {
-        "id": structure.structure_id,
-        "kind": structure.kind,
-        "origin": origin.tolist(),
-        "size_m": np.ptp(structure.vertices, axis=0).round(2).tolist(),
-        "findings": "; ".join(map(str, from_json(structure.verdicts_json))),
-        "vertices": packed((vertices - origin).astype(np.float32)),
-        "triangles": packed(index),
-    }
+    data = {"id": structure.structure_id, "kind": structure.kind, "origin": origin.tolist()}
+    data |= {"size_m": np.ptp(structure.vertices, axis=0).round(2).tolist()}
+    data |= {"findings": "; ".join(map(str, from_json(structure.verdicts_json)))}
+    return data | {"vertices": packed((vertices - origin).astype(np.float32)), "triangles": packed(index)}
 
 
 def packed(array: np.ndarray) -> dict[str, str]:
@@ -143,12 +138,8 @@ def packed(array: np.ndarray) -> dict[str, str]:
 def ply_bytes(vertices: Floats, triangles: Ints, normals: Floats | None = None) -> bytes:
     """A binary PLY in double precision: vertices (V, 3), m, triangles (T, 3), and normals (V, 3)."""
     names = ("x", "y", "z") if normals is None else ("x", "y", "z", "nx", "ny", "nz")
-    head = [
-        "ply",
-        "format binary_little_endian 1.0",
-        f"element vertex {len(vertices)}",
-        *(f"property double {name}" for name in names),
-    ]
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    head += [f"property double {name}" for name in names]
     if len(triangles):
         head += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
     rows = vertices if normals is None else np.hstack([vertices, normals])

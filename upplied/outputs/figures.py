@@ -15,16 +15,7 @@ from upplied.outputs.draw.canvas import Solid, picture, solid
 from upplied.outputs.draw.sheet import Panel, padded, png, sheet_png
 from upplied.outputs.draw.views import View, facing, fitted, named_view, proportion
 from upplied.outputs.labels import LABELS
-from upplied.records import (
-    Camera,
-    Demonstration,
-    Floats,
-    Ints,
-    Plan,
-    Structure,
-    SurfaceStates,
-    Trajectory,
-)
+from upplied.records import Camera, Demonstration, Floats, Ints, Plan, Structure, SurfaceStates, Trajectory
 
 _Line = tuple[Floats, tuple[float, float, float]]  # positions and colour of a path
 _Cameras = tuple[Floats, Floats, Camera, tuple[float, float, float]]  # positions and quaternions likewise

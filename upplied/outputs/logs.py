@@ -248,17 +248,12 @@ def header(stamp_ns: int, frame_id: str) -> dict[str, Any]:
 
 def pose(position: Floats, quat_xyzw: Floats) -> dict[str, Any]:
     """A pose, from a position (3,), m, and a quaternion (4,)."""
-    return {
-        "position": dict(zip("xyz", map(float, position), strict=True)),
-        "orientation": dict(zip("xyzw", map(float, quat_xyzw), strict=True)),
-    }
+    orientation = dict(zip("xyzw", map(float, quat_xyzw), strict=True))
+    return {"position": dict(zip("xyz", map(float, position), strict=True)), "orientation": orientation}
 
 
 def transform(stamp_ns: int, parent: str, child: str, position: Floats, quat_xyzw: Floats) -> dict[str, Any]:
     """The pose of a frame in its parent."""
     place = pose(position, quat_xyzw)
-    return {
-        "header": header(stamp_ns, parent),
-        "child_frame_id": child,
-        "transform": {"translation": place["position"], "rotation": place["orientation"]},
-    }
+    motion = {"translation": place["position"], "rotation": place["orientation"]}
+    return {"header": header(stamp_ns, parent), "child_frame_id": child, "transform": motion}

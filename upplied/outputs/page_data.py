@@ -77,33 +77,19 @@ def marks(catalog: Catalog, structure_id: str) -> list[dict[str, Any]]:
 def mark(row: dict[str, Any]) -> dict[str, Any]:
     """A finding as pages show it."""
     place = [float(row[axis]) for axis in ("x_m", "y_m", "z_m")]
-    return {
-        "finding": str(row["finding_id"]),
-        "class": str(row["class"] or ""),
-        "severity": str(row["severity"] or ""),
-        "state": str(row["state"]),
-        "place": ", ".join(f"{round(value, 2) + 0.0:.2f}" for value in place),  # no -0.00
-        "xyz": place,
-        "error": number(row, "place_error_m"),
-        "length": number(row, "length_mm"),
-        "photo": str(row["photo"] or ""),
-        "by": f"{row['by']}, {stamp(row['added_at'])}",
-    }
+    words = ", ".join(f"{round(value, 2) + 0.0:.2f}" for value in place)  # no -0.00
+    shown: dict[str, Any] = {"finding": str(row["finding_id"])}
+    shown |= {name: str(row[name] or "") for name in ("class", "severity")}
+    shown |= {"state": str(row["state"]), "place": words, "xyz": place, "error": number(row, "place_error_m")}
+    shown |= {"length": number(row, "length_mm"), "photo": str(row["photo"] or "")}
+    return shown | {"by": f"{row['by']}, {stamp(row['added_at'])}"}
 
 
 def _plan(pair: Pair, preset: str, row: Any) -> dict[str, Any]:
-    return {
-        "pair": pair.name,
-        "demonstration": pair.demonstration_id,
-        "preset": preset,
-        "status": shown_status(row),
-        "state": decision_words(row),
-        "coverage": coverage(row),
-        "gsd": number(row, "gsd_mm_p50"),
-        "clearance": number(row, "min_clearance_m"),
-        "duration": number(row, "duration_s"),
-        "planned": stamp(row.get("planned_at")),
-    }
+    plan: dict[str, Any] = {"pair": pair.name, "demonstration": pair.demonstration_id, "preset": preset}
+    plan |= {"status": shown_status(row), "state": decision_words(row), "coverage": coverage(row)}
+    plan |= {"gsd": number(row, "gsd_mm_p50"), "clearance": number(row, "min_clearance_m")}
+    return plan | {"duration": number(row, "duration_s"), "planned": stamp(row.get("planned_at"))}
 
 
 def _rows(frame: pd.DataFrame, structure_id: str) -> list[dict[str, Any]]:
@@ -200,29 +186,15 @@ def places(catalog: Catalog) -> dict[str, dict[str, Any]]:
 def _fleet_row(pair: Pair) -> dict[str, Any]:
     row = pair.main
     name = next((name for name in COVERAGES if number(row, name) is not None), COVERAGES[-1])
-    values = {
-        "coverage": coverage(row),
-        "attainable": of_pairs.attainable(row),
-        "gsd": number(row, "gsd_mm_p50"),
-        "clearance": number(row, "min_clearance_m"),
-        "length": number(row, "path_length_m"),
-        "duration": number(row, "duration_s"),
-        "battery_pct": of_pairs.battery_pct(row),
-        "paper": number(pair.plans.get("paper", {}), name),
-        "baseline": number(pair.plans.get("baseline", {}), name),
-        "frechet": number(row, "frechet_z"),
-    }
-    return {
-        "pair": pair.name,
-        "status": shown_status(row),
-        "demonstration": pair.demonstration_id,
-        "source": pair.source_id,
-        "target": pair.target_id,
-        "kind": pair.kind,
-        "state": str(row.get("state") or ""),
-        **{key: None if value is None else round(value, 3) for key, value in values.items()},
-        "change": of_pairs.change(pair),
-        "planned": stamp(row.get("planned_at")),
-        "reason": of_pairs.reason_of(row),
-        "warnings": all_warnings(row),
-    }
+    values = {"coverage": coverage(row), "attainable": of_pairs.attainable(row)}
+    values |= {"gsd": number(row, "gsd_mm_p50"), "clearance": number(row, "min_clearance_m")}
+    values |= {"length": number(row, "path_length_m"), "duration": number(row, "duration_s")}
+    values |= {"battery_pct": of_pairs.battery_pct(row)}
+    values |= {preset: number(pair.plans.get(preset, {}), name) for preset in ("paper", "baseline")}
+    values |= {"frechet": number(row, "frechet_z")}
+    own = {"pair": pair.name, "status": shown_status(row), "demonstration": pair.demonstration_id}
+    own |= {"source": pair.source_id, "target": pair.target_id, "kind": pair.kind}
+    figures = {key: None if value is None else round(value, 3) for key, value in values.items()}
+    last = {"change": of_pairs.change(pair), "planned": stamp(row.get("planned_at"))}
+    last |= {"reason": of_pairs.reason_of(row)}
+    return {**own, "state": str(row.get("state") or ""), **figures, **last, "warnings": all_warnings(row)}

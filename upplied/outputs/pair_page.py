@@ -113,16 +113,9 @@ def pair_data(
     drafted = [] if pair.draft is None else [_plan(DRAFTED, pair.draft, paths.get(DRAFTED, {}))]
     order = dict.fromkeys(filter(None, (pair.decided, *PRESETS, *sorted(pair.plans))))
     plans = [_plan(name, pair.plans[name], paths.get(name, {})) for name in order if name in pair.plans]
-    return {
-        "pair": pair.name,
-        "source": pair.source_id,
-        "target": pair.target_id,
-        "kind": pair.kind,
-        "change": pairs.change(pair),
-        "picture": picture,
-        "demonstration": demonstration,
-        "plans": [*plans[:1], *drafted, *plans[1:]],
-    }
+    ids = {"pair": pair.name, "source": pair.source_id, "target": pair.target_id, "kind": pair.kind}
+    shown = {"change": pairs.change(pair), "picture": picture, "demonstration": demonstration}
+    return {**ids, **shown, "plans": [*plans[:1], *drafted, *plans[1:]]}
 
 
 def planned_data(
@@ -130,27 +123,16 @@ def planned_data(
 ) -> dict[str, Any]:
     """A planned path, its viewpoints, as x y z and quaternion, and the state of each triangle."""
     shifted = np.concatenate([viewpoints.positions - origin, viewpoints.quat_xyzw], axis=1)
-    data: dict[str, Any] = {
-        "path": path_data(profile, origin),
-        "viewpoints": packed(shifted.astype(np.float32)),
-        "origin": [float(value) for value in origin],
-    }
-    if states is not None:
-        data["states"] = packed(states)
-    return data
+    data = {"path": path_data(profile, origin), "viewpoints": packed(shifted.astype(np.float32))}
+    more = {} if states is None else {"states": packed(states)}
+    return {**data, "origin": [float(value) for value in origin], **more}
 
 
 def path_data(profile: Profile, origin: Floats) -> dict[str, Any]:
     """Times, poses and values along a path as arrays of single precision."""
     path = profile.path
-    columns = {
-        "t": path.t_s,
-        "xyz": path.positions - origin,
-        "quat": path.quat_xyzw,
-        "speed": profile.speed_mps,
-        "clearance": profile.clearance_m,
-        "standoff": profile.standoff_m,
-    }
+    columns = {"t": path.t_s, "xyz": path.positions - origin, "quat": path.quat_xyzw}
+    columns |= {"speed": profile.speed_mps, "clearance": profile.clearance_m, "standoff": profile.standoff_m}
     return {name: packed(values.astype(np.float32)) for name, values in columns.items()}
 
 

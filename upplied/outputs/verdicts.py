@@ -178,12 +178,9 @@ def seen_as_flown(planned: SurfaceStates, looks: StoredLooks) -> SurfaceStates:
 
 def flown_data(flight: Mapping[str, Any], row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:
     """A flight for the page of its plan; `path` is the flown path by `path_data`."""
-    return {
-        "summary": flown_sentence(flight, row),
-        "kind": flight["kind"],
-        "path": path,
-        "measures": {item.name: number(flight, item.name) for item in fields(Measures)},
-    }
+    measures = {item.name: number(flight, item.name) for item in fields(Measures)}
+    summary = flown_sentence(flight, row)
+    return {"summary": summary, "kind": flight["kind"], "path": path, "measures": measures}
 
 
 def _of(row: Mapping[str, Any], name: str, digits: int, unit: str) -> str:

@@ -16,14 +16,7 @@ from scipy.spatial import cKDTree
 from upplied.errors import RefusedError
 from upplied.geometry.scene import Scene, scene_of
 from upplied.records import Floats, Structure
-from upplied.samples.airframe import (
-    airframe,
-    left_nacelle,
-    offset_outline,
-    points_on,
-    tower_of,
-    two_piers,
-)
+from upplied.samples.airframe import airframe, left_nacelle, offset_outline, points_on, tower_of, two_piers
 
 
 class Route(NamedTuple):

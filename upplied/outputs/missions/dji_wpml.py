@@ -159,17 +159,13 @@ def _signed(heading_deg: float) -> str:
 
 def _group(number: int, kind: int, trigger: dict, actions: list[tuple[str, dict]]) -> dict[str, object]:
     """What is done at a waypoint (kind 0), or on the leg behind it."""
-    return {
-        "actionGroupId": 3 * number + kind,
-        "actionGroupStartIndex": number,
-        "actionGroupEndIndex": number + (kind > 0),
-        "actionGroupMode": "sequence",
-        "actionTrigger": trigger,
-        "action": [
-            {"actionId": at, "actionActuatorFunc": name, "actionActuatorFuncParam": parameters}
-            for at, (name, parameters) in enumerate(actions)
-        ],
-    }
+    group: dict[str, object] = {"actionGroupId": 3 * number + kind, "actionGroupStartIndex": number}
+    group |= {"actionGroupEndIndex": number + (kind > 0), "actionGroupMode": "sequence"}
+    listed = [
+        {"actionId": at, "actionActuatorFunc": name, "actionActuatorFuncParam": parameters}
+        for at, (name, parameters) in enumerate(actions)
+    ]
+    return group | {"actionTrigger": trigger, "action": listed}
 
 
 def _xml(values: Mapping[str, object]) -> str:
