@@ -196,22 +196,15 @@ def _mission_data(
     usable_s = None if options.endurance_s is None else options.endurance_s * (1 - options.reserve_pct / 100)
     megapixels = camera.width_px * camera.height_px / 1e6 or _USUAL_MEGAPIXELS
     legs = np.concatenate([mission.local[~mission.inspect, 2] for mission in missions])
-    return {
-        "refused": "",
-        **_drawings(MissionDrawing.of_missions(missions, structure, camera)),
-        "home_deg": first.home[:2].tolist(),
-        "return_m": first.return_height_m,
-        "transit_m": float(legs.max() - home[2]) if len(legs) else None,
-        "highest_m": float(max(mission.height_m.max() for mission in missions)),
-        "endurance_s": options.endurance_s,
-        "usable_s": usable_s,
-        "photos": photos,
-        "shown_pct": None if np.isnan(first.shown_pct) else first.shown_pct,
-        "interval_s": _interval_s(missions),
-        "storage_mb": photos * (megapixels * _MB_OF_A_MEGAPIXEL),
-        "assumed_camera": not camera.width_px,
-        "flights_s": [mission.duration_s for mission in missions],
-    }
+    data = {"refused": "", **_drawings(MissionDrawing.of_missions(missions, structure, camera))}
+    data |= {"home_deg": first.home[:2].tolist(), "return_m": first.return_height_m}
+    data["transit_m"] = float(legs.max() - home[2]) if len(legs) else None
+    data["highest_m"] = float(max(mission.height_m.max() for mission in missions))
+    data |= {"endurance_s": options.endurance_s, "usable_s": usable_s, "photos": photos}
+    data["shown_pct"] = None if np.isnan(first.shown_pct) else first.shown_pct
+    data |= {"interval_s": _interval_s(missions), "storage_mb": photos * (megapixels * _MB_OF_A_MEGAPIXEL)}
+    data["assumed_camera"] = not camera.width_px
+    return data | {"flights_s": [mission.duration_s for mission in missions]}
 
 
 def _drawings(drawing: MissionDrawing) -> dict[str, Any]:

@@ -229,11 +229,7 @@ def camera_info(camera: Camera, header: dict[str, Any]) -> dict[str, Any]:
     model = "plumb_bob" if half.max() < np.radians(80) else "equidistant"
     reach = np.tan(half) if model == "plumb_bob" else half
     fx, fy = (np.array([width, height]) / 2 / reach).tolist()
-    return {
-        "header": header,
-        "height": height,
-        "width": width,
-        "distortion_model": model,
+    return {"header": header, "height": height, "width": width, "distortion_model": model} | {
         "d": [0.0] * (4 if model == "equidistant" else 5),
         "k": [fx, 0.0, width / 2, 0.0, fy, height / 2, 0.0, 0.0, 1.0],
         "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],

@@ -111,7 +111,13 @@ class _Painter:
     def __init__(self, body: Solid, lines: Tubes, frame: Frame) -> None:
         self.body, self.lines, self.frame = body, lines, frame
         self.line_scene = Scene(lines.vertices, lines.triangles) if len(lines.triangles) else None
-        self._sky = self._ambient_of_grid()
+        # Open sky (rows, columns) at every second picture point; all of it where nothing is hit.
+        sides = frame.width, frame.height
+        x, y = np.meshgrid(*(np.arange(0, side, _COARSE) + _COARSE / 2 for side in sides))
+        _, points, normals, hit = self._surface(*frame.rays(x.ravel(), y.ravel()))
+        sky, size = np.ones(len(hit)), body.size_m
+        sky[hit] = open_sky(body.scene, points[hit], normals[hit], 0.25 * size, 2e-3 * size)
+        self._sky = sky.reshape(x.shape)
 
     def surface(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Colour (N, 3) in 0 .. 1 and distance (N,), m, of the surface at picture points x, y (N,), px."""
@@ -150,15 +156,6 @@ class _Painter:
         same = np.einsum("ij,ij->i", mixed, face[hit]) > 0
         normals[hit] = np.where((away == same)[:, None], -mixed, mixed)
         return reach, points, normals, hit
-
-    def _ambient_of_grid(self) -> Floats:
-        """Open sky (rows, columns) at every second picture point; all of it where nothing is hit."""
-        sides = self.frame.width, self.frame.height
-        x, y = np.meshgrid(*(np.arange(0, side, _COARSE) + _COARSE / 2 for side in sides))
-        _, points, normals, hit = self._surface(*self.frame.rays(x.ravel(), y.ravel()))
-        sky, size = np.ones(len(hit)), self.body.size_m
-        sky[hit] = open_sky(self.body.scene, points[hit], normals[hit], 0.25 * size, 2e-3 * size)
-        return sky.reshape(x.shape)
 
 
 def corner_normals(vertices: Floats, triangles: Ints) -> Floats:

@@ -73,13 +73,9 @@ def export(
         The first receives the rules that were overruled, before the first file is written; the second gives
         the results of the required zones, as notes; those of the plan itself without sorties.
 
-    Raises
-    ------
-    RefusedError
-        If the plan is not ok, the place is unknown, no safe mission follows from it, or the bytes that
-        would be written break a rule of the gate that is not overruled.
-    SettingsError
-        If the format or an option is not known.
+    Raises RefusedError if the plan is not ok, the place is unknown, no safe mission follows from it, or the
+    bytes that would be written break a rule of the gate that is not overruled; SettingsError if the format
+    or an option is not known.
     """
     options = options or MissionOptions()
     goal, limits = Path(path), gate.limits_of(options, interval_of(options, camera)[0])
