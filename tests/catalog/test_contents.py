@@ -17,7 +17,7 @@ from upplied.catalog.database import Catalog
 from upplied.catalog.schema.tables import TABLES
 from upplied.catalog.store.contents import Cache
 from upplied.errors import CatalogError
-from upplied.outputs.flown import Flights
+from upplied.outputs.verdicts import Flights
 from upplied.records import Cloud, SurfaceStates, Trajectory
 
 DAY = 86_400

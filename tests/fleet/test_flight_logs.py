@@ -27,10 +27,10 @@ from upplied.geometry.scene import scene_of
 from upplied.inputs.columns import photo_times
 from upplied.inputs.sidecar import LogOptions
 from upplied.outputs import logs
-from upplied.outputs.flown import seen_as_flown
 from upplied.outputs.logs import write_log
 from upplied.outputs.missions.mcap import mcap_bytes
 from upplied.outputs.publish import publish_pages
+from upplied.outputs.verdicts import seen_as_flown
 from upplied.planning.airspace.rules import path_clearance
 from upplied.planning.surface.samples import surface_samples
 from upplied.proof.looks import looks_of

@@ -134,7 +134,7 @@ def zones(structure: StructureId, /, *, mesh: Path | None = None, results: Resul
         Save the structure's mesh as PLY, for labelling faces.
     """
     if mesh is not None:
-        from upplied.outputs.ply import ply_bytes
+        from upplied.outputs.display import ply_bytes
 
         record = results.opened().structure(structure)
         replace_file(mesh, ply_bytes(record.vertices, record.triangles, record.normals))

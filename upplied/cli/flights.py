@@ -117,7 +117,7 @@ def promote(flight: FlightId, /, *, by: By, name: Name = "", force: Force = (), 
 
 
 def _show(row: dict[str, Any], results: Results) -> None:
-    from upplied.outputs.flown import wind_words
+    from upplied.outputs.verdicts import wind_words
 
     known = terminal.plain(row)
     if results.json:

@@ -186,8 +186,8 @@ def _checked(
 def _cleaned(structure: Structure, png: Path) -> None:
     """Write the structure without ground, clutter and neighbours, and a picture before and after."""
     from upplied.geometry.separation import CLASSES, separated, structure_alone
+    from upplied.outputs.display import ply_bytes
     from upplied.outputs.figures import separation_png
-    from upplied.outputs.ply import ply_bytes
 
     separation = separated(structure)
     if not separation.texts:

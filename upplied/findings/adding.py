@@ -2,7 +2,6 @@
 
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -148,11 +147,9 @@ class Placing:
                 return {}
             raise
 
-    def _about(
-        self, mark: Mark, structure: Structure, place: Any, normal: Any, seen_by: str
-    ) -> dict[str, Any]:
+    def _about(self, mark: Mark, structure: Structure, place: Any, normal: Any, by: str) -> dict[str, Any]:
         photo = Path(mark.photo).name
-        key: list[Any] = [structure.structure_id, seen_by, photo, mark.t_s, mark.pixels, mark.class_name]
+        key: list[Any] = [structure.structure_id, by, photo, mark.t_s, mark.pixels, mark.class_name]
         key += [] if mark.place is None else [list(mark.place)]
         return {
             "finding_id": digest(key)[:_DIGITS],
@@ -165,11 +162,7 @@ class Placing:
 
 
 def add_marks(
-    catalog: Catalog,
-    marks: Sequence[Mark],
-    by: str,
-    errors: Errors | None = None,
-    pose_m: float | None = None,
+    catalog: Catalog, marks: list[Mark], by: str, errors: Errors | None = None, pose_m: float | None = None
 ) -> Added:
     """Place marks (see `Placing`) and add those that can be placed, in one commit of who found them.
 

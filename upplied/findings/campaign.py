@@ -40,23 +40,11 @@ def plan_campaign(
 ) -> list[dict[str, str]]:
     """Plan a mission to the place of a finding on each structure where no flight showed it.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    row : dict
-        Of `findings`.
-    mm_px : float
-        The largest ground sample distance of a look that counts, and of those that are planned, mm.
-    to : str
-        ``kind``, or ids with commas.
-    since : datetime or str, optional
-        Looks before that moment do not count.
+    The row is of `findings`; `mm_px` is the largest ground sample distance, mm, of a look that counts, and of
+    those that are planned. `to` is ``kind``, or ids with commas; looks before `since` do not count.
 
-    Returns
-    -------
-    list of dict
-        Of each structure its id, status (seen, refused, or the plan's: draft, released, rejected and others)
-        and, in words, the look, the plan or why there is none.
+    Returned are of each structure its id, status (seen, refused, or the plan's: draft, released, rejected and
+    others) and, in words, the look, the plan or why there is none.
     """
     jobs, results = campaign_jobs(catalog, row, mm_px, to, since)
     keys = [job.key for job in jobs]

@@ -18,17 +18,8 @@ import numpy as np
 from upplied.catalog import Catalog
 from upplied.config import Settings
 from upplied.errors import CatalogError, RefusedError, UppliedError
-from upplied.findings.counterparts import (
-    FARTHEST,
-    Carried,
-    CarriedGroup,
-    Counterparts,
-    Near,
-    about,
-    carried_spots,
-    nowhere,
-    themselves,
-)
+from upplied.findings import counterparts
+from upplied.findings.counterparts import Carried, CarriedGroup, Counterparts, Near
 from upplied.findings.looks import Spot, off_surface
 from upplied.fleet.decisions import PlanRequest, SettingsOf, SiblingsOf
 from upplied.planning.correspondence.memo import content_key
@@ -105,7 +96,7 @@ class Carrying:
         source_id = spots[0].structure_id
         off = off_surface(self.catalog, spots, self._sha256[source_id])
         places = np.array([[*spot.place, *spot.normal] for spot in spots])
-        here = themselves(places, off, self._size_m[source_id])
+        here = counterparts.themselves(places, off, self._size_m[source_id])
         reference = self.reference(self.kinds[source_id])
         on_map = here
         if source_id != reference and set(names) != {source_id}:
@@ -118,7 +109,7 @@ class Carrying:
             try:
                 known[name] = self._continued(on_map, self.carried(reference, name), reference, [name])
             except RefusedError:  # nothing of it corresponds
-                known[name] = nowhere(len(spots))
+                known[name] = counterparts.nowhere(len(spots))
         return [known[name] for name in names]
 
     def _on_many(self, on_map: Counterparts, reference: str, names: set[str]) -> dict[str, Counterparts]:
@@ -166,7 +157,7 @@ class Carrying:
         reference, settings = self.reference(self.kinds[target_id]), self._settings_of(target_id)
         on_map, first = self.everywhere([spot], [reference, target_id])
         carried = self.carried(reference, target_id)
-        near = about(on_map.spots, carried.point, carried.normal, carried.step_m)
+        near = counterparts.about(on_map.spots, carried.point, carried.normal, carried.step_m)
         mine = int(carried.own_part[near.samples[0, 0]])
         with one_thread():
             pair = self._pair(reference, target_id, settings)[0]
@@ -215,7 +206,7 @@ class Carrying:
         cancels: 97 % of such places lie within it (bench/findings.py).
         """
         size_m = np.repeat([self._size_m[name] for name in names], len(spots) // len(names))
-        there = carried_spots(spots.spots, carried, size_m, near)
+        there = counterparts.carried_spots(spots.spots, carried, size_m, near)
         lost = ~np.isfinite(spots.place[:, :1])
         error = np.maximum(there.error_m, size_m / self._size_m[source] * spots.error_m)
         return replace(
@@ -224,7 +215,7 @@ class Carrying:
             turn=there.turn @ spots.turn,
             probability=there.probability * spots.probability,
             error_m=error,
-            doubtful=spots.doubtful | there.doubtful | lost[:, 0] | (error > FARTHEST * size_m),
+            doubtful=spots.doubtful | there.doubtful | lost[:, 0] | (error > counterparts.FARTHEST * size_m),
         )
 
     def _settings_of(self, structure_id: str) -> Settings:

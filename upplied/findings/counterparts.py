@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -141,19 +141,12 @@ class Carried(Record):
         there = np.isfinite(self.place[:, 0])
         stretch = np.abs(np.linalg.det(self.linear)) ** (1 / 3)
         scale = stretch[self.map[there]]
-        return replace(
-            self,
-            point=self.place[there],
-            normal=self.towards[there],
-            own_part=self.part[there],
-            part=self.own_part[there],
-            place=self.point[there],
-            towards=self.normal[there],
-            error_m=self.error_m[there] / scale,
-            map=self.map[there],
-            linear=np.asarray(np.linalg.inv(self.linear), np.float64),
-            step_m=self.step_m * float(np.median(scale)) if there.any() else self.step_m,
-        )
+        turned = {"point": "place", "normal": "towards", "own_part": "part", "map": "map"}
+        turned |= {other: name for name, other in turned.items()}
+        columns: dict[str, Any] = {name: getattr(self, other)[there] for name, other in turned.items()}
+        columns["linear"] = np.asarray(np.linalg.inv(self.linear), np.float64)
+        step_m = self.step_m * float(np.median(scale)) if there.any() else self.step_m
+        return replace(self, **columns, error_m=self.error_m[there] / scale, step_m=step_m)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -43,12 +43,8 @@ def write_crops(
 ) -> tuple[Path, list[str]]:  # fmt: skip
     """Write the crops of looks that have a photo, and a page that shows them side by side.
 
-    Photos that are not where they were are looked for in the folder `photos`.
-
-    Returns
-    -------
-    tuple
-        The page, and the photos that are missing or changed, in words.
+    Photos that are not where they were are looked for in the folder `photos`. Returned are the page, and the
+    photos that are missing or changed, in words.
     """
     shown = [look for look in looks if look.row["photo"]][:_MOST]
     finest = min((look.row["mm_px"] for look in shown), default=1.0)

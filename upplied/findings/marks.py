@@ -130,13 +130,11 @@ def _csv(path: Path, text: str, about: Mapping[str, str]) -> Iterator[Mark]:
         yield _mark(f"{path.name}, line {number}", line, about, pixels, place=place)
 
 
-def _mark(
-    what: str, stated: Mapping[str, Any], about: Mapping[str, str], pixels: Pixels, **more: Any
-) -> Mark:
+def _mark(what: str, stated: Mapping[str, Any], about: Mapping[str, str], pixels: Pixels, **own: Any) -> Mark:
     texts = ("" if stated.get(name) is None else str(stated[name]).strip() for name in _WORDS.values())
     words: dict[str, Any] = dict(zip(_WORDS, texts, strict=True))
     t_s = float(stated["t_s"]) if stated.get("t_s") not in (None, "") else None
-    return Mark(what, pixels=pixels, t_s=t_s, **(words | dict(about) | more))
+    return Mark(what, pixels=pixels, t_s=t_s, **(words | dict(about) | own))
 
 
 def corners_of(flat: Any) -> Pixels:

@@ -107,19 +107,10 @@ def register_photos(
 ) -> tuple[int, list[str]]:  # fmt: skip
     """Register the photos of a flight by name, hash and time; they stay where they are.
 
-    Parameters
-    ----------
-    times : path, optional
-        A CSV with the columns ``name`` and ``t_ns`` (the log's clock) or ``t_s`` (from the first pose).
-        Without it the time of each photo is that in its head, and where there is none, the photos of a
-        demonstration of photos are its poses in the order of their names.
-    clock_s : float
-        Added to the times in the photos' heads: what the camera's clock was behind the log's.
-
-    Returns
-    -------
-    tuple
-        How many were new, and which were refused, in words.
+    `times` is a CSV with the columns ``name`` and ``t_ns`` (log's clock) or ``t_s`` (from the first pose).
+    Without it the time of each photo is that in its head, with `clock_s` added (what the camera's clock was
+    behind the log's), and where there is none, the photos of a demonstration of photos are its poses in the
+    order of their names. Returned are how many were new, and which were refused, in words.
     """
     if not folder.is_dir():
         raise InputError(str(folder), "is no folder", "the folder of the photos", "check the path")

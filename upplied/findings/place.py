@@ -58,8 +58,6 @@ class Located(Record):
 
 @dataclass(frozen=True)
 class _View:
-    """A photo of a structure."""
-
     scene: Scene
     camera: Camera
     position: Floats  # (3,) m

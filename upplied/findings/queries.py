@@ -90,7 +90,11 @@ def _looks(catalog: Catalog, places: Sequence[tuple[str, Counterparts]]) -> list
         looks[at].append(look | {"mm_px": 1e3 * look.pop("sampled_m") / pixels})
     for at, (name, spot) in known.items():
         if name in demonstrated:
-            looks[at] += _demonstrated(catalog, Spot(name, spot[:3], spot[3:], places[at][1].place))
+            there = Spot(name, spot[:3], spot[3:], places[at][1].place)
+            finest = looks_frame(looks_at_spot(catalog, there, ("demonstration",)))
+            finest = finest[finest["doubt"] == ""].drop_duplicates("flight_id")
+            finest = finest.rename(columns={"taken_at": "looked_at"})
+            looks[at] += finest[["looked_at", "flight_id", "mm_px", "incidence_deg"]].to_dict("records")
     return looks
 
 
@@ -150,16 +154,9 @@ def study_kinds(catalog: Catalog) -> list[str]:
     for kind in sorted(set(catalog.findings()["kind"]).intersection(carrying.kinds.values())):
         problems += carrying.study(kind)
         by_reference(catalog, carrying.reference(kind), carrying=carrying)
-    remember_looks(catalog)
+    for some in _groups(catalog):
+        _remembered(catalog, some["looks_sha256"].tolist())
     return problems
-
-
-def _demonstrated(catalog: Catalog, spot: Spot) -> list[dict[str, Any]]:
-    """The finest look of each demonstration at a spot."""
-    finest = looks_frame(looks_at_spot(catalog, spot, ("demonstration",)))
-    finest = finest[finest["doubt"] == ""].drop_duplicates("flight_id")
-    finest = finest.rename(columns={"taken_at": "looked_at"})
-    return finest[["looked_at", "flight_id", "mm_px", "incidence_deg"]].to_dict("records")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -198,12 +195,6 @@ def flown_looks(
                     flight = {name: row[name] for name in _OF_FLIGHT}
                     look = {name: float(getattr(looks, name)[nearest]) for name in _OF_LOOK}
                     yield number, {"looked_at": row["flown_at"], **flight, **look}
-
-
-def remember_looks(catalog: Catalog) -> None:
-    """Remember the looks of all flown flights as they are read."""
-    for some in _groups(catalog):
-        _remembered(catalog, some["looks_sha256"].tolist())
 
 
 def _groups(catalog: Catalog) -> list[pd.DataFrame]:

@@ -10,8 +10,8 @@ from upplied.findings.rays import focal_of
 from upplied.geometry.poses import from_yaw_pitch, look_at, yaw_pitch
 from upplied.planning.airspace.roadmap import Roadmap, links
 from upplied.planning.visibility.observations import TRULY
+from upplied.proof.gap import Part
 from upplied.proof.inspected import narrowed
-from upplied.proof.zone_gap import Part
 from upplied.records import Bools, Camera, Cloud, Floats, Record, Trajectory
 
 _TILTS_DEG = (4.0, 8.0, 14.0, 20.0, 28.0, 36.0, 45.0, 55.0, 65.0)  # from the wanted direction

@@ -24,8 +24,7 @@ from upplied.planning.airspace.roadmap import roadmap
 from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.planning.geometry.clouds import spacing
 from upplied.planning.plan import METHOD_VERSION
-from upplied.proof.gap import GapFlight, gap_flight, square_metres
-from upplied.proof.zone_gap import ZoneGap
+from upplied.proof.gap import GapFlight, ZoneGap, gap_flight, square_metres
 from upplied.proof.zones import Demand
 from upplied.provenance import method, recorded
 from upplied.records import Bools, Camera, Cloud, Ints, Measures, Plan, Structure, SurfaceStates

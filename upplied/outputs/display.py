@@ -1,4 +1,4 @@
-"""Structures as a browser shows them: few triangles, small enough for a colour each."""
+"""Structures as a browser shows them, few triangles, small enough for a colour each; and as PLY files."""
 
 from __future__ import annotations
 
@@ -122,15 +122,10 @@ def structure_data(structure: Structure, mesh: DisplayMesh) -> dict[str, Any]:
     vertices, triangles = mesh.vertices, mesh.triangles
     origin = ((vertices.min(axis=0) + vertices.max(axis=0)) / 2).round(3)
     index = triangles.astype(np.uint16 if len(vertices) < 65536 else np.uint32)
-    return {
-        "id": structure.structure_id,
-        "kind": structure.kind,
-        "origin": origin.tolist(),
-        "size_m": np.ptp(structure.vertices, axis=0).round(2).tolist(),
-        "findings": "; ".join(map(str, from_json(structure.verdicts_json))),
-        "vertices": packed((vertices - origin).astype(np.float32)),
-        "triangles": packed(index),
-    }
+    data = {"id": structure.structure_id, "kind": structure.kind, "origin": origin.tolist()}
+    data |= {"size_m": np.ptp(structure.vertices, axis=0).round(2).tolist()}
+    data |= {"findings": "; ".join(map(str, from_json(structure.verdicts_json)))}
+    return data | {"vertices": packed((vertices - origin).astype(np.float32)), "triangles": packed(index)}
 
 
 def packed(array: np.ndarray) -> dict[str, str]:
@@ -138,3 +133,17 @@ def packed(array: np.ndarray) -> dict[str, str]:
     plain = np.ascontiguousarray(array)
     little = plain.astype(plain.dtype.newbyteorder("<"))
     return {"type": little.dtype.str.lstrip("<|"), "data": base64.b64encode(little.tobytes()).decode()}
+
+
+def ply_bytes(vertices: Floats, triangles: Ints, normals: Floats | None = None) -> bytes:
+    """A binary PLY in double precision: vertices (V, 3), m, triangles (T, 3), and normals (V, 3)."""
+    names = ("x", "y", "z") if normals is None else ("x", "y", "z", "nx", "ny", "nz")
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    head += [f"property double {name}" for name in names]
+    if len(triangles):
+        head += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
+    rows = vertices if normals is None else np.hstack([vertices, normals])
+    faces = np.empty(len(triangles), [("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, triangles
+    text = "\n".join([*head, "end_header", ""]).encode()
+    return text + np.ascontiguousarray(rows, "<f8").tobytes() + faces.tobytes()

@@ -15,17 +15,7 @@ from upplied.outputs.draw.canvas import Solid, picture, solid
 from upplied.outputs.draw.sheet import Panel, padded, png, sheet_png
 from upplied.outputs.draw.views import View, facing, fitted, named_view, proportion
 from upplied.outputs.labels import LABELS
-from upplied.records import (
-    SURFACE_STATES,
-    Camera,
-    Demonstration,
-    Floats,
-    Ints,
-    Plan,
-    Structure,
-    SurfaceStates,
-    Trajectory,
-)
+from upplied.records import Camera, Demonstration, Floats, Ints, Plan, Structure, SurfaceStates, Trajectory
 
 _Line = tuple[Floats, tuple[float, float, float]]  # positions and colour of a path
 _Cameras = tuple[Floats, Floats, Camera, tuple[float, float, float]]  # positions and quaternions likewise
@@ -48,10 +38,8 @@ def structure_png(
 
     Parameters
     ----------
-    structure, states : Structure, SurfaceStates
-        The states colour the surface.
     views : sequence of view names or View
-        See `upplied.outputs.draw.views.VIEWS`; the first is drawn large.
+        See `upplied.outputs.draw.views.VIEWS`; the first is drawn large. `states` colour the surface.
     trajectories : sequence of (name, trajectory or demonstration, colour)
         Drawn as tubes; a colour is ``#rrggbb``.
     title, width : str, int
@@ -117,7 +105,6 @@ def transfer_png(
 def _demonstrated(
     source: Structure, demonstration: Demonstration, states: SurfaceStates | None, view: View, width: int
 ) -> Panel:
-    """The left half of `transfer_png`."""
     shown = chosen_evenly(len(demonstration), _FRUSTA)
     flown = (demonstration.positions[shown], demonstration.quat_xyzw[shown])
     return _panel(
@@ -235,4 +222,4 @@ def _layout(count: int, width: int) -> list[_Box]:
 
 def _state_legend(states: Sequence[SurfaceStates | None]) -> list[tuple[str, str, str]]:
     present = {int(code) for each in states if each is not None for code in np.unique(each.state)} - {0}
-    return [(SURFACE_STATES[code], STATES[SURFACE_STATES[code]], "patch") for code in sorted(present)]
+    return [(name, colour, "patch") for code, (name, colour) in enumerate(STATES.items()) if code in present]

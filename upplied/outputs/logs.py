@@ -7,13 +7,15 @@ its ID and the mount of the camera.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from mcap.records import Schema
 from mcap_ros2.writer import Writer
+from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from upplied.errors import SettingsError
@@ -21,12 +23,12 @@ from upplied.extras import extra
 from upplied.files import replace_file
 from upplied.geometry.poses import interpolate, matrices, moved
 from upplied.geometry.scene import scene_of
-from upplied.outputs import ros2_schemas
 from upplied.records import Camera, Demonstration, Floats, Structure, Trajectory
 
 Encoding = Literal["pose_stamped", "odometry", "tf"]
 
 CAMERA_FRAME, BODY_FRAME = "camera_optical_frame", "base_link"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 _OPTICAL_XYZW = (-0.5, 0.5, -0.5, 0.5)  # ROS optical frame (z forward, y down) to camera (x forward, z up)
 _LATENCY_NS = 4_000_000  # from measurement to recorder
 _SECOND_NS = 1_000_000_000
@@ -34,7 +36,7 @@ _SECOND_NS = 1_000_000_000
 _MOUNT_M, _MOUNT = np.array([0.11, 0.0, -0.06]), Rotation.from_euler("y", -10.0, degrees=True)
 _SCHEMAS = (
     "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage",
-    ros2_schemas.CAMERA_INFO, "sensor_msgs/msg/CompressedImage",
+    CAMERA_INFO, "sensor_msgs/msg/CompressedImage",
 )  # fmt: skip
 _TOPICS = {
     "pose_stamped": ("/drone/camera/pose", "geometry_msgs/msg/PoseStamped"),
@@ -72,17 +74,10 @@ def write_log(
 ) -> Path:
     """Write a demonstration as an MCAP log; returns its path.
 
-    Parameters
-    ----------
-    path, demonstration, frame : path, Demonstration, LogFrame
-    structure : Structure, optional
-        Subject of the camera's pictures; the log names its kind.
-    heavy_topic : bool
-        Also write pictures from the camera, or noise without a structure.
-    encoding : {"pose_stamped", "odometry", "tf"}
-        Poses of the camera as PoseStamped; of the body as Odometry, or as transforms.
-    simulated : bool
-        Mark the log as simulated, so that it never counts as the flight of a plan.
+    The structure is the subject of the camera's pictures, and the log names its kind; pictures, or noise
+    without a structure, are the `heavy_topic`. Poses are of the camera as PoseStamped, or of the body as
+    Odometry or transforms, by `encoding`. A log that is marked as `simulated` never counts as the flight of a
+    plan.
     """
     frame = frame or LogFrame()
     in_log = moved(demonstration.trajectory, frame.rotation.as_matrix(), np.array(frame.position_m))
@@ -99,7 +94,7 @@ def write_log(
     messages.sort(key=lambda message: message[0])
     buffer = io.BytesIO()
     writer = Writer(buffer)
-    schemas = ros2_schemas.registered(writer, _SCHEMAS)
+    schemas = registered(writer, _SCHEMAS)
     writer.add_metadata("inspection", _facts(demonstration, structure, frame, encoding, simulated))
     for number, (stamp, topic, schema, message) in enumerate(messages):
         sent = stamp + _LATENCY_NS // 2
@@ -109,19 +104,12 @@ def write_log(
 
 
 def _facts(
-    demonstration: Demonstration,
-    structure: Structure | None,
-    frame: LogFrame,
-    encoding: Encoding,
-    simulated: bool,
+    flown: Demonstration, structure: Structure | None, frame: LogFrame, encoding: Encoding, simulated: bool
 ) -> dict[str, str]:
-    camera = demonstration.camera
+    camera = flown.camera
     facts = {
         "schema_version": "1",
-        "structure_id": demonstration.structure_id,
-        "demonstration_id": demonstration.demonstration_id,
-        "operator": demonstration.operator,
-        "site": demonstration.site,
+        **{name: getattr(flown, name) for name in ("structure_id", "demonstration_id", "operator", "site")},
         "kind": structure.kind if structure is not None else "",
         "frame_id": frame.frame_id,
         "structure_position_m": _numbers(frame.position_m),
@@ -129,10 +117,9 @@ def _facts(
         "camera_min_range_m": repr(float(camera.min_range_m)),
         "camera_max_range_m": repr(float(camera.max_range_m)),
         "body_frame": {"pose_stamped": "camera", "odometry": "body", "tf": "optical"}[encoding],
-        "notes": demonstration.notes,
+        "notes": flown.notes,
     }
-    if simulated:
-        facts["simulated"] = "true"
+    facts |= {"simulated": "true"} if simulated else {}
     if encoding == "odometry":
         facts["body_T_camera_position_m"] = _numbers(_MOUNT_M)
         facts["body_T_camera_quat_xyzw"] = _numbers(_MOUNT.as_quat())
@@ -150,22 +137,20 @@ def _static(demonstration: Demonstration, encoding: Encoding) -> list[_Message]:
     if encoding != "pose_stamped":
         parent, position, rotation = BODY_FRAME, _MOUNT_M, _MOUNT * optical
     stamp = int(demonstration.t_ns[0])
-    link = ros2_schemas.transform(stamp, parent, CAMERA_FRAME, position, rotation.as_quat())
+    link = transform(stamp, parent, CAMERA_FRAME, position, rotation.as_quat())
     return [(stamp, "/tf_static", "tf2_msgs/msg/TFMessage", {"transforms": [link]})]
 
 
-def _poses(
-    demonstration: Demonstration, poses: Trajectory, frame: LogFrame, encoding: Encoding
-) -> list[_Message]:
+def _poses(flown: Demonstration, poses: Trajectory, frame: LogFrame, encoding: Encoding) -> list[_Message]:
     if encoding not in _TOPICS:
         raise SettingsError(f"encoding {encoding!r}", "is unknown", f"one of {', '.join(_TOPICS)}")
     (topic, schema), frame_id = _TOPICS[encoding], frame.frame_id
     messages: list[_Message] = []
-    for stamp, *place in zip(demonstration.t_ns.tolist(), poses.positions, poses.quat_xyzw, strict=True):
-        stamped = {"header": ros2_schemas.header(stamp, frame_id), "pose": ros2_schemas.pose(*place)}
+    for stamp, *place in zip(flown.t_ns.tolist(), poses.positions, poses.quat_xyzw, strict=True):
+        stamped = {"header": header(stamp, frame_id), "pose": pose(*place)}
         # What is not stated of an odometry is zero.
         moving = {**stamped, "child_frame_id": BODY_FRAME, "pose": {"pose": stamped["pose"]}}
-        links = {"transforms": [ros2_schemas.transform(stamp, frame_id, BODY_FRAME, *place)]}
+        links = {"transforms": [transform(stamp, frame_id, BODY_FRAME, *place)]}
         fields: dict[str, dict[str, Any]] = {"pose_stamped": stamped, "odometry": moving, "tf": links}
         messages.append((stamp, topic, schema, fields[encoding]))
     return messages
@@ -178,9 +163,9 @@ def _calibration(demonstration: Demonstration) -> list[_Message]:
     if demonstration.fov_deg is not None:
         stamps = demonstration.t_ns.tolist()
         cameras = demonstration.camera.zoomed(demonstration.fov_deg)
-    topic, info = "/camera/camera_info", ros2_schemas.camera_info
+    topic, info = "/camera/camera_info", camera_info
     return [
-        (at, topic, ros2_schemas.CAMERA_INFO, info(camera, ros2_schemas.header(at, CAMERA_FRAME)))
+        (at, topic, CAMERA_INFO, info(camera, header(at, CAMERA_FRAME)))
         for at, camera in zip(stamps, cameras, strict=True)
     ]
 
@@ -196,7 +181,7 @@ def _pictures(demonstration: Demonstration, structure: Structure | None) -> list
     pictures = _jpegs(structure, poses, demonstration.camera)
     topic, schema = "/camera/image/compressed", "sensor_msgs/msg/CompressedImage"
     return [
-        (at, topic, schema, {"header": ros2_schemas.header(at, CAMERA_FRAME), "format": "jpeg", "data": jpeg})
+        (at, topic, schema, {"header": header(at, CAMERA_FRAME), "format": "jpeg", "data": jpeg})
         for at, jpeg in zip(stamps, pictures, strict=True)
     ]
 
@@ -229,3 +214,42 @@ def _shaded(structure: Structure, position: Floats, rays: Floats) -> Floats:
     background = np.where(rays[:, 2:] < 0, _GROUND, _SKY)
     hazed = light[:, None] * _PAINT * np.exp(-np.where(np.isfinite(reach), reach, 0) / 400)[:, None]
     return np.where(triangle[:, None] >= 0, hazed, background)
+
+
+def registered(writer: Writer, names: Iterable[str]) -> dict[str, Schema]:
+    """The schema of each message, by its name, with the definitions of ROS 2 Humble."""
+    text_of = get_typestore(Stores.ROS2_HUMBLE).generate_msgdef
+    return {name: writer.register_msgdef(name, text_of(name, ros_version=2)[0]) for name in names}
+
+
+def camera_info(camera: Camera, header: dict[str, Any]) -> dict[str, Any]:
+    """The calibration message of a camera without distortion: a fisheye where no pinhole can be."""
+    width, height = camera.width_px or 1000, camera.height_px or 1000
+    half = np.radians([camera.hfov_deg, camera.vfov_deg]) / 2
+    model = "plumb_bob" if half.max() < np.radians(80) else "equidistant"
+    reach = np.tan(half) if model == "plumb_bob" else half
+    fx, fy = (np.array([width, height]) / 2 / reach).tolist()
+    return {"header": header, "height": height, "width": width, "distortion_model": model} | {
+        "d": [0.0] * (4 if model == "equidistant" else 5),
+        "k": [fx, 0.0, width / 2, 0.0, fy, height / 2, 0.0, 0.0, 1.0],
+        "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        "p": [fx, 0.0, width / 2, 0.0, 0.0, fy, height / 2, 0.0, 0.0, 0.0, 1.0, 0.0],
+    }
+
+
+def header(stamp_ns: int, frame_id: str) -> dict[str, Any]:
+    """The header of a stamped message."""
+    return {"stamp": {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}, "frame_id": frame_id}
+
+
+def pose(position: Floats, quat_xyzw: Floats) -> dict[str, Any]:
+    """A pose, from a position (3,), m, and a quaternion (4,)."""
+    orientation = dict(zip("xyzw", map(float, quat_xyzw), strict=True))
+    return {"position": dict(zip("xyz", map(float, position), strict=True)), "orientation": orientation}
+
+
+def transform(stamp_ns: int, parent: str, child: str, position: Floats, quat_xyzw: Floats) -> dict[str, Any]:
+    """The pose of a frame in its parent."""
+    place = pose(position, quat_xyzw)
+    motion = {"translation": place["position"], "rotation": place["orientation"]}
+    return {"header": header(stamp_ns, parent), "child_frame_id": child, "transform": motion}

@@ -213,7 +213,6 @@ def _ticks(low: float, high: float, most: int) -> Floats:
 
 
 def _svg(parts: Sequence[str]) -> str:
-    """A drawing as the address of a picture."""
     size = f'width="{_SIZE[0]}" height="{_SIZE[1]}" viewBox="0 0 {_SIZE[0]} {_SIZE[1]}"'
     style = f"<style>{asset('drawing.css')}</style>"
     svg = f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{style}{"".join(parts)}</svg>'

@@ -76,10 +76,8 @@ def _standoff(path: Trajectory, scene: Scene, camera: Camera | None, clearance_m
 
 def speeds(path: Trajectory) -> Floats:
     """Speed (N,), m/s, at each pose: of the steps on both of its sides together."""
-    distance, duration = (
-        np.append(0.0, step) + np.append(step, 0.0)
-        for step in (leg_lengths(path.positions), np.diff(path.t_s))
-    )
+    steps = leg_lengths(path.positions), np.diff(path.t_s)
+    distance, duration = (np.append(0.0, step) + np.append(step, 0.0) for step in steps)
     return distance / np.maximum(duration, 1e-9)
 
 
@@ -89,10 +87,7 @@ def demonstration_data(demonstration: Demonstration, profile: Profile, origin: F
     return {
         "id": demonstration.demonstration_id,
         "source": demonstration.structure_id,
-        "operator": demonstration.operator,
-        "site": demonstration.site,
-        "notes": demonstration.notes,
-        "about": demonstration.about,
+        **{name: getattr(demonstration, name) for name in ("operator", "site", "notes", "about")},
         "poses": len(demonstration),
         "passport": _passport(demonstration.passport),
         "camera": {"hfov_deg": camera.hfov_deg, "vfov_deg": camera.vfov_deg, "range_m": camera.max_range_m},
@@ -116,17 +111,11 @@ def pair_data(
     `picture` is the address of a PNG of both, for print and for browsers that draw no 3-D views.
     """
     drafted = [] if pair.draft is None else [_plan(DRAFTED, pair.draft, paths.get(DRAFTED, {}))]
-    plans = [_plan(preset, row, paths.get(preset, {})) for preset, row in _ordered(pair)]
-    return {
-        "pair": pair.name,
-        "source": pair.source_id,
-        "target": pair.target_id,
-        "kind": pair.kind,
-        "change": pairs.change(pair),
-        "picture": picture,
-        "demonstration": demonstration,
-        "plans": [*plans[:1], *drafted, *plans[1:]],
-    }
+    order = dict.fromkeys(filter(None, (pair.decided, *PRESETS, *sorted(pair.plans))))
+    plans = [_plan(name, pair.plans[name], paths.get(name, {})) for name in order if name in pair.plans]
+    ids = {"pair": pair.name, "source": pair.source_id, "target": pair.target_id, "kind": pair.kind}
+    shown = {"change": pairs.change(pair), "picture": picture, "demonstration": demonstration}
+    return {**ids, **shown, "plans": [*plans[:1], *drafted, *plans[1:]]}
 
 
 def planned_data(
@@ -134,33 +123,17 @@ def planned_data(
 ) -> dict[str, Any]:
     """A planned path, its viewpoints, as x y z and quaternion, and the state of each triangle."""
     shifted = np.concatenate([viewpoints.positions - origin, viewpoints.quat_xyzw], axis=1)
-    data: dict[str, Any] = {
-        "path": path_data(profile, origin),
-        "viewpoints": packed(shifted.astype(np.float32)),
-        "origin": [float(value) for value in origin],
-    }
-    if states is not None:
-        data["states"] = packed(states)
-    return data
+    data = {"path": path_data(profile, origin), "viewpoints": packed(shifted.astype(np.float32))}
+    more = {} if states is None else {"states": packed(states)}
+    return {**data, "origin": [float(value) for value in origin], **more}
 
 
 def path_data(profile: Profile, origin: Floats) -> dict[str, Any]:
     """Times, poses and values along a path as arrays of single precision."""
     path = profile.path
-    columns = {
-        "t": path.t_s,
-        "xyz": path.positions - origin,
-        "quat": path.quat_xyzw,
-        "speed": profile.speed_mps,
-        "clearance": profile.clearance_m,
-        "standoff": profile.standoff_m,
-    }
+    columns = {"t": path.t_s, "xyz": path.positions - origin, "quat": path.quat_xyzw}
+    columns |= {"speed": profile.speed_mps, "clearance": profile.clearance_m, "standoff": profile.standoff_m}
     return {name: packed(values.astype(np.float32)) for name, values in columns.items()}
-
-
-def _ordered(pair: Pair) -> list[tuple[str, Mapping[str, Any]]]:
-    order = dict.fromkeys(filter(None, (pair.decided, *PRESETS, *sorted(pair.plans))))
-    return [(preset, pair.plans[preset]) for preset in order if preset in pair.plans]
 
 
 def _plan(preset: str, row: Mapping[str, Any], path: dict[str, Any]) -> dict[str, Any]:
@@ -200,7 +173,6 @@ def _parts(value: Any) -> list[dict[str, str]]:
 
 
 def _part(one: Mapping[str, Any]) -> dict[str, str]:
-    """One inspected part: its share, the flown and the omitted parts, and the certainty."""
     sure = one.get("probability")
     return {
         "part": str(one["part"]),

@@ -179,9 +179,8 @@ def _key(row: Mapping[Any, Any]) -> tuple[str, str, str]:
 def attention(pair: Pair) -> tuple[float, float, float, str]:
     """Sort key, attention first: failed, refused, then by coverage, then by clearance."""
     row = pair.main
-    seen, clearance = (
-        -1.0 if value is None else value for value in (coverage(row), number(row, "min_clearance_m"))
-    )
+    known = coverage(row), number(row, "min_clearance_m")
+    seen, clearance = (-1.0 if value is None else value for value in known)
     return ATTENTION.get(shown_status(row), 0), seen, clearance, pair.name
 
 

@@ -47,8 +47,6 @@ class Published:
 
 @dataclass
 class _Folder:
-    """A report folder with a key for the content of each file."""
-
     root: Path
     before: dict[str, str]
     site: Site
@@ -243,7 +241,6 @@ def _mission(catalog: Catalog, transfer_id: str, format: str) -> bytes:
 
 
 def _put_passport(place: _Folder, row: Mapping[Any, Any]) -> None:
-    """The page of a demonstration: its passport, its inspected surface, and the findings."""
     name = check_id(str(row["demonstration_id"]), "demonstration_id")
     words = [str(row.get(key, "")) for key in ("sha256", "passport_json", "notes")]
     surface, structure = place.site.inspected.get(name, ("", ""))[1], str(row["structure_id"])
@@ -252,7 +249,6 @@ def _put_passport(place: _Folder, row: Mapping[Any, Any]) -> None:
 
 
 def _put_structure(place: _Folder, name: str) -> None:
-    """The page of a structure, to which the pages of its plans link."""
     reader, plans = place.site.reader, place.site.plans_of(name)
     rows = [[_plain(pair.plans), _plain({"draft": pair.draft or {}})] for pair in plans]
     words = [reader.flown(pair.main) for pair in plans]
@@ -263,7 +259,6 @@ def _put_structure(place: _Folder, name: str) -> None:
 
 
 def _put_map(place: _Folder, kind: str) -> None:
-    """The page with the findings of a kind on its map."""
     reader, map_of = place.site.reader, place.site.map_of
     assert map_of is not None
     name, rows = map_of(reader.catalog, check_id(kind, "kind"))

@@ -16,10 +16,9 @@ from upplied.catalog.verbs.custody import FOREIGN_PLAN, HEAD_DIGITS, alterations
 from upplied.errors import CatalogError
 from upplied.files import replace_file
 from upplied.outputs import figures
-from upplied.outputs.brief import brief_html
+from upplied.outputs.brief import as_settled, brief_html
 from upplied.outputs.colours import DEMONSTRATED
 from upplied.outputs.draw.views import View
-from upplied.outputs.fly import as_settled
 from upplied.outputs.missions import FORMATS, Exported, MissionOptions, export, missions_for
 from upplied.outputs.missions.gate import CUSTODY, Breach
 from upplied.outputs.pairs import PRESETS
@@ -152,7 +151,6 @@ def undecided(catalog: Catalog, row: Any) -> list[Breach]:
 
 
 def _row(catalog: Catalog, transfer_id: str) -> dict[str, Any]:
-    """The row of a plan, with its state."""
     rows = catalog.transfers(every=True, ids=[transfer_id])
     if not len(rows):
         remedy = "see: upplied catalog transfers"

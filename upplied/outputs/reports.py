@@ -18,23 +18,19 @@ from upplied.errors import UppliedError
 from upplied.geometry.scene import Scene, scene_of
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs import display, figures, pair_page
+from upplied.outputs.brief import fly_data, path_drawn
 from upplied.outputs.display import DisplayMesh, display_mesh, display_states, packed
-from upplied.outputs.flown import Flights, flown_data, flown_sentence, seen_as_flown
-from upplied.outputs.fly import fly_data, path_drawn
 from upplied.outputs.missions import gate
 from upplied.outputs.page_data import passport_data, structure_facts
 from upplied.outputs.pair_page import profile
 from upplied.outputs.pairs import Pair, shown_status
+from upplied.outputs.verdicts import Flights, flown_data, flown_sentence, seen_as_flown
 from upplied.outputs.zones import zones
 from upplied.proof.inspected import pictured
 from upplied.records import SURFACE_STATES, Camera, Cloud, Floats, Ints, Plan, Structure, SurfaceStates
 
 _INSPECTED = [SURFACE_STATES.index(name) for name in ("shown", "missed", "unattainable")]
-_QUALITY = {
-    "gsd_mm": "resolution (mm/px)",
-    "blur_px": "motion blur (px)",
-    "sharp_s": "time in sharp view (s)",
-}
+_FINEST = {"gsd_mm": "resolution (mm/px)", "blur_px": "motion blur (px)", "sharp_s": "time in sharp view (s)"}
 _NONE = 255  # code of surface that no sharp picture shows
 _MOST_PCT = 99.0  # of the values; larger ones have the last colour
 
@@ -89,7 +85,6 @@ class Reader:
         return pair_page.pair_data(pair, demonstration, paths, picture) | more
 
     def _path_data(self, pair: Pair, row: Any, plan: Plan) -> dict[str, Any]:
-        """The data of one plan with a path, the result of the gate, and its last flight."""
         assert plan.trajectory is not None and plan.is_viewpoint is not None
         scene = scene_for(self.structure(pair.target_id), plan.supposed)
         camera, origin = self.demonstration(pair.demonstration_id).camera, self._origin(pair.target_id)
@@ -98,9 +93,8 @@ class Reader:
         broken = self._broken(row, plan)
         if broken:
             self.refused[pair.name] = broken
-        data = pair_page.planned_data(
-            along, plan.trajectory.take(np.flatnonzero(plan.is_viewpoint)), origin, states
-        )
+        viewpoints = plan.trajectory.take(np.flatnonzero(plan.is_viewpoint))
+        data = pair_page.planned_data(along, viewpoints, origin, states)
         data |= {"gate": broken, "overruled": self.overruled(row)}
         flight = self._flights.of(row)
         if flight is not None:
@@ -245,7 +239,7 @@ def quality_data(
     nearest = display.nearest_samples(mesh, surface)
     nearest = nearest if nearest.ndim == 1 else nearest[:, 0]
     inspected, quantities = np.isin(surface.state, _INSPECTED), []
-    for key, name in _QUALITY.items():
+    for key, name in _FINEST.items():
         values = np.where(inspected, shown[key], np.nan)[nearest]
         known = np.isfinite(values)
         most = float(np.percentile(values[known], _MOST_PCT)) if known.any() else 0.0

@@ -110,9 +110,8 @@ def align(plan: Trajectory, log: Trajectory, accuracy_m: float | None = None) ->
     corrected = used or any(bias)
     turned_to = from_yaw_pitch(yaw + bias[0], np.clip(pitch + bias[1], -np.pi / 2, np.pi / 2))
     clock, clock_error = _clock(log, place.moment, near, on)
-    jumped, off = (
-        float(np.linalg.norm(path - log.positions, axis=1).max()) for path in (whole.positions, positions)
-    )
+    moved = whole.positions - log.positions, positions - log.positions
+    jumped, off = (float(np.linalg.norm(each, axis=1).max()) for each in moved)
     place_error = jumped + error.error_m
     if accuracy_m is not None:  # two sigma of what the log states
         place_error = min(place_error, 2 * accuracy_m + off)

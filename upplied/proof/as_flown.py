@@ -52,19 +52,10 @@ def as_flown(
 ) -> AsFlown:  # fmt: skip
     """What a flight inspected and saw of a surface, and how it differs from its plan.
 
-    Parameters
-    ----------
-    viewpoint_s : array, shape (K,), s
-        Moments of the plan's viewpoints.
-    logged : Trajectory
-        The path as it was logged; its clearance counts as well.
-    photo_s : array, shape (F,), s, optional
-        Times of the photos, by the log's clock from its first pose; without them the camera is taken to
-        see all the time.
-    planned_with : Camera, optional
-        Of the plan; else the flight's own.
-    rule : InspectionSettings, optional
-        When a look is sharp and frontal, as the plan's settings have it.
+    The plan's viewpoints are at moments `viewpoint_s` (K,) of it, s. The clearance of the path as it was
+    `logged` counts as well. Photos were taken at `photo_s` (F,), s, by the log's clock from its first pose;
+    without them the camera is taken to see all the time. The plan's camera is `planned_with`, else the
+    flight's own; its settings' `rule` says when a look is sharp and frontal.
     """
     flown = aligned.flown
     near = aligned.on_plan
@@ -86,12 +77,13 @@ def as_flown(
         unphotographed = int(lost.any(axis=1).sum())
         text = f"{unphotographed} of {count} viewpoints show surface that no photo shows"
         photos = text if unphotographed else ""
+    beside = logged.positions[near] - projected(plan, logged.positions[near], aligned.planned_s[near]).place
     return AsFlown(
         looks=looks,
         flown_pct=share,
         clearance_m=_clearance(scene, aligned, logged),
         silent_s=float(sum(length for _, length in silences(flown))),
-        cross_track_p95_m=_cross_track(plan, logged, aligned),
+        cross_track_p95_m=float(np.percentile(np.linalg.norm(beside, axis=1), 95)),
         frechet_m=_frechet(plan, flown, near, covered),
         photos_missing=unphotographed,
         findings=(*findings(plan, aligned, share), *filter(None, [photos])),
@@ -142,13 +134,6 @@ def _flown_share(plan: Trajectory, covered: Floats, silence: float) -> float:
         return 0.0
     gaps = np.diff(np.interp(np.clip(covered, plan.t_s[0], plan.t_s[-1]), plan.t_s, along))
     return 100 * float(gaps[np.diff(covered) <= silence].sum() / along[-1])
-
-
-def _cross_track(plan: Trajectory, logged: Trajectory, aligned: Alignment) -> float:
-    """95th percentile of the distance of the log as it came from the planned path, m."""
-    on = aligned.on_plan
-    place = projected(plan, logged.positions[on], aligned.planned_s[on]).place
-    return float(np.percentile(np.linalg.norm(logged.positions[on] - place, axis=1), 95))
 
 
 def _frechet(plan: Trajectory, flown: Trajectory, near: Bools, covered: Floats) -> float:

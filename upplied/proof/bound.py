@@ -121,7 +121,6 @@ class _Relaxed:
         return bound, bool(len(new))
 
     def _reduced(self, node: Floats, cut: Floats) -> Floats:
-        """The reduced cost of each leg."""
         cost = self.cost - node[:, None] - node[None]
         for side, price in zip(self.sides, cut, strict=True):
             if price:

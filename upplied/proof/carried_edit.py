@@ -97,9 +97,8 @@ def restored(stored: StoredEdit, path: Trajectory, is_viewpoint: Bools) -> tuple
     """
     edit, _ = matched_edit(stored, viewpoints_of(path, is_viewpoint))
     index, flags = np.flatnonzero(is_viewpoint), np.array(is_viewpoint, bool)
-    wanted = {
-        int(index[at]): view for at, view in (*dict.fromkeys(edit.deleted).items(), *edit.changed.items())
-    }
+    both = *dict.fromkeys(edit.deleted).items(), *edit.changed.items()
+    wanted = {int(index[at]): view for at, view in both}
     for view in (one.wanted for one in stored.touched):
         if view is not None and view not in wanted.values():
             off = np.linalg.norm(path.positions - view.position, axis=1)

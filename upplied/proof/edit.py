@@ -15,7 +15,7 @@ from upplied.errors import RefusedError
 from upplied.geometry.polylines import arc_length
 from upplied.geometry.poses import fov_at, from_yaw_pitch, yaw_pitch
 from upplied.planning.airspace.roadmap import Roadmap, way
-from upplied.planning.airspace.rules import Airspace, pushed_out
+from upplied.planning.airspace.rules import pushed_out
 from upplied.planning.trajectory.retime import retime
 from upplied.records import Bools, Floats, Ints, Rows, Trajectory, Waypoints
 
@@ -108,10 +108,12 @@ def edited(
     yaw, pitch = yaw_pitch(plan.quat_xyzw)
     whole = _Piece(plan.positions, np.unwrap(yaw), pitch, plan.t_s, np.asarray(is_viewpoint, bool))
     stops = {number: _stop(whole, int(index[number]), edit.changed.get(number)) for number in left}
+    airspace = graph.airspace
     for number, stop in stops.items():
-        if number not in edit.changed:
-            stops[number] = stop = _farther(stop, graph.airspace)
-        if why := graph.airspace.why(stop.positions[0]):
+        lack = airspace.clearance_m - float(airspace.scene.distance(stop.positions)[0])
+        if number not in edit.changed and lack > 0:  # as far as required; its camera looks as before
+            stops[number] = stop = replace(stop, positions=pushed_out(stop.positions, airspace))
+        if why := airspace.why(stop.positions[0]):
             raise RefusedError(f"viewpoint {number}", why, "", "move it, or leave it out")
     first, last = left[0], left[-1]
     parts = []
@@ -138,12 +140,6 @@ def _stop(whole: _Piece, at: int, wanted: Viewpoint | None) -> _Piece:
     turn = np.angle(np.exp(1j * (np.radians(wanted.yaw_deg) - own.yaw)))
     place, pitch = np.array([wanted.position], float), np.radians([wanted.pitch_deg])
     return _Piece(place, own.yaw + turn, pitch, own.t_s, own.is_viewpoint)
-
-
-def _farther(stop: _Piece, airspace: Airspace) -> _Piece:
-    """A viewpoint moved as far from the structure as the clearance requires; its camera looks as before."""
-    lack = airspace.clearance_m - float(airspace.scene.distance(stop.positions)[0])
-    return stop if lack <= 0 else replace(stop, positions=pushed_out(stop.positions, airspace))
 
 
 def _between(

@@ -97,8 +97,6 @@ def frame_error(plan: Trajectory, log: Trajectory, moment: Floats, near_m: float
 
 
 class _Beside:
-    """A log's poses beside the moments of the plan that they correspond to."""
-
     def __init__(self, plan: Trajectory, log: Trajectory, moment: Floats, near_m: float) -> None:
         self.plan, self.log, self.moment, self.near_m = plan, log, moment, near_m
         since = log.t_s - log.t_s[0]

@@ -133,20 +133,18 @@ def recorded(flown: Trajectory, moments: Floats) -> Floats:
 
 
 @njit(cache=True)
-def _best(
-    positions: Floats, points: Floats, normals: Floats, seen: Bools, farthest_m: float, frontal: bool
-) -> Ints:
+def _best(poses: Floats, points: Floats, normals: Floats, seen: Bools, far_m: float, frontal: bool) -> Ints:
     """For each point the pose that sees it from nearest, or most frontally, within a distance; or -1."""
     best, which = np.full(len(points), np.inf), np.full(len(points), -1, np.int64)
-    for pose in range(len(positions)):
+    for pose in range(len(poses)):
         for index in range(len(points)):
             if seen[pose, index]:
                 gap, along = 0.0, 0.0
                 for axis in range(3):
-                    ray = positions[pose, axis] - points[index, axis]
+                    ray = poses[pose, axis] - points[index, axis]
                     gap += ray * ray
                     along += ray * normals[index, axis]
-                if gap > farthest_m * farthest_m:
+                if gap > far_m * far_m:
                     continue
                 cost = -along / np.sqrt(max(gap, 1e-24)) if frontal else gap
                 if cost < best[index]:

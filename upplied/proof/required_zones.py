@@ -143,14 +143,12 @@ class RequiredZones:
         flags = np.zeros(len(path), bool) if plan.is_viewpoint is None else plan.is_viewpoint
         return self.along(path, camera, path.t_s[flags], scene_for(self.target, plan.supposed))
 
-    def along(
-        self, path: Trajectory, camera: Camera, picture_s: Floats, scene: Scene | None = None
-    ) -> Looked:
+    def along(self, path: Trajectory, camera: Camera, photo_s: Floats, scene: Scene | None = None) -> Looked:
         """How a path sees the samples: the nearest view, and the most frontal within each required range."""
         gsd_mm = sorted({demand.gsd_mm for demand, _ in self._zones if demand.gsd_mm is not None})
         focal = focal_px(camera.width_px, camera.hfov_deg) if camera.width_px else 0.0
         within_m = [1e-3 * each * focal for each in gsd_mm] if focal else []
-        looks = looks_of(path, self.surface, camera, scene or self.scene, None, picture_s, within_m)
+        looks = looks_of(path, self.surface, camera, scene or self.scene, None, photo_s, within_m)
         return Looked(looks.distance_m, looks.incidence_deg, 0.0, camera, looks.pictures, looks.frontal)
 
     def judged(self, *looks: Looked) -> list[dict[str, Any]]:

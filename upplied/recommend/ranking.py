@@ -63,19 +63,9 @@ def recommend(
     then the others by similarity. Another declared kind counts against a flight, but a good fit of the shapes
     outweighs it.
 
-    Parameters
-    ----------
-    catalog : Catalog
-    structure_id : str
-    most : int
-        Maximum number of results; only flights of the few most similar structures are considered.
-    by_kind : bool
-        Whether declared kinds count; otherwise only the shape decides.
-
-    Raises
-    ------
-    InputError
-        If the catalog lacks the structure, or has no demonstration with its structure.
+    At most `most` are given, of the few most similar structures. Unless declared kinds count (`by_kind`),
+    only the shape decides. An InputError is raised if the catalog lacks the structure, or has no
+    demonstration with its structure.
     """
     check_id(structure_id, "structure id")
     structures = catalog.structures().set_index("structure_id")
@@ -93,8 +83,6 @@ def recommend(
 
 
 class _Question:
-    """One structure as the target of the others, with the cached results of each pair."""
-
     def __init__(self, catalog: Catalog, target_id: str, structures: pd.DataFrame, by_kind: bool) -> None:
         self.catalog, self.target_id = catalog, target_id
         self.settings: Settings = settings_for("recommended")

@@ -148,16 +148,14 @@ class Shapes:
         key, of_cloud = self._key(sha256), lambda: shape_features(self.cloud(structure_id, sha256))
         return self.catalog.cache("features", ShapeFeatures, key, of_cloud)
 
-    def inspected(
-        self, flight_id: str, flight_sha256: str, structure_id: str, structure_sha256: str
-    ) -> Inspected:
+    def inspected(self, flight_id: str, flight_sha256: str, structure_id: str, its_sha256: str) -> Inspected:
         """The surface of its structure that a demonstration saw."""
-        self.cloud(structure_id, structure_sha256)
+        self.cloud(structure_id, its_sha256)
 
         def both() -> tuple[Demonstration, Structure]:
             return self.catalog.demonstration(flight_id), self.catalog.structure(structure_id)
 
-        return self._inspected(flight_sha256, structure_sha256, both)
+        return self._inspected(flight_sha256, its_sha256, both)
 
     def library(self, sha256: Mapping[str, str]) -> ShapeLibrary:
         """Features of many structures, in the order of the mapping from id to hash."""

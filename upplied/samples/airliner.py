@@ -177,7 +177,6 @@ def _reach(direction: Floats, half_width: Floats, half_height: Floats, rise: Flo
 
 
 def _fairing(shape: AirlinerShape) -> Part:
-    """The belly fairing where the wings meet the fuselage."""
     root = shape.wing.chords_m[0]
     along = np.linspace(0, np.pi, 13)[1:-1, None]
     aft = shape.wing.apex_m + root * (0.55 - 0.72 * np.cos(along))

@@ -58,10 +58,7 @@ def sample_structures() -> list[Structure]:
 def member(structure_id: str) -> Member:
     """A sample structure with its parts.
 
-    Raises
-    ------
-    InputError
-        If there is no sample of that id.
+    Raises InputError if there is no sample of that id.
     """
     if structure_id not in _KINDS:
         known = ", ".join(sorted(_KINDS))

@@ -5,7 +5,7 @@ A route is coarse: the simulated hand (`upplied.samples.pilot`) rounds it and ad
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,8 +16,7 @@ from scipy.spatial import cKDTree
 from upplied.errors import RefusedError
 from upplied.geometry.scene import Scene, scene_of
 from upplied.records import Floats, Structure
-from upplied.samples.airframe import airframe, left_nacelle
-from upplied.samples.plan_view import Pier, offset_outline, surface_points, tower_of, two_piers
+from upplied.samples.airframe import airframe, left_nacelle, offset_outline, points_on, tower_of, two_piers
 
 
 class Route(NamedTuple):
@@ -139,7 +138,7 @@ def _tower(structure: Structure, scene: Scene, ground_z: float) -> Route:
 
 def _hull(structure: Structure, scene: Scene, ground_z: float) -> Route:
     """Once round the ship at the height of its side, as the paper's flights almost in a plane."""
-    points = surface_points(structure)
+    points = points_on(structure)
     tall = float(np.ptp(points[:, 2]))
     height = ground_z + float(np.clip(0.2 * tall, 2.5, 9.0))
     side = points[points[:, 2] < ground_z + 0.35 * tall]
@@ -150,7 +149,7 @@ def _hull(structure: Structure, scene: Scene, ground_z: float) -> Route:
 
 def _sides(structure: Structure, scene: Scene, ground_z: float) -> Route:
     """A U: along the left side, across the front, and back along the right side."""
-    points = surface_points(structure)
+    points = points_on(structure)
     tall = float(points[:, 2].max()) - ground_z
     off = float(np.clip(0.55 * tall, 5.0, 14.0))
     loop = offset_outline(points[:, :2], off)
@@ -165,7 +164,7 @@ def _piers(structure: Structure, scene: Scene, ground_z: float) -> Route:
     one, two, low, high = two_piers(structure, scene)
     apart = two.centre[0] - one.centre[0]
     room = min(high - low, 0.6 * float(np.ptp(structure.vertices[:, 2])))
-    loops = [_figure(pier, side, apart) for pier, side in ((one, 1.0), (two, -1.0))]
+    loops = [_figure(*pier, side, apart) for pier, side in ((one, 1.0), (two, -1.0))]
     plan = np.concatenate(loops)
     best, at = -np.inf, 0.0
     for share in (0.45, 0.38, 0.55, 0.3, 0.65, 0.75):
@@ -180,9 +179,9 @@ def _piers(structure: Structure, scene: Scene, ground_z: float) -> Route:
     return Route(_level(plan, at), _level(nearer, at))
 
 
-def _figure(pier: Pier, side: float, apart: float) -> Floats:
+def _figure(middle: Sequence[float], size: Sequence[float], side: float, apart: float) -> Floats:
     """One loop of the 8, from the crossing round a pier and back; `side` is 1 for the pier at smaller x."""
-    half, centre = np.array(pier.half), np.array(pier.centre)
+    half, centre = np.array(size), np.array(middle)
     radius = half + float(np.clip(0.5 * apart - half[0] - 2.0, 3.0, 6.0))
     angle = np.linspace(-0.72 * np.pi, 0.72 * np.pi, 80)
     ring = centre + np.column_stack([-side * np.cos(angle), -np.sin(angle)]) * radius

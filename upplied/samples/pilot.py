@@ -35,31 +35,14 @@ _CLEARANCE_M, _ABOVE_GROUND_M = 2.1, 1.0  # of the whole path
 
 
 def fly(structure: Structure, inspection: str, seed: int = 0, camera: Camera | None = None) -> Demonstration:
-    """Demonstrate an inspection.
+    """Demonstrate an inspection of `samples.inspections.INSPECTIONS`; nose, bow, hub or road are along +X.
 
     The pilot knows only the surface: fuselage, wings, engine, tower or piers are located on it, so that real
-    meshes can be flown as well as the samples.
+    meshes can be flown as well as the samples. The same seed of the hand gives the same flight; the camera is
+    the paper's by default. The flight is named after structure and inspection, e.g. ``a320-fuselage-v1``. It
+    stays 2 m from the surface and 1 m from the ground.
 
-    Parameters
-    ----------
-    structure : Structure
-        In metres, Z up, nose, bow, hub or road along +X.
-    inspection : {"fuselage", "wings", "engine_left", "tower", "hull", "sides", "piers"}
-    seed : int
-        Of the hand; the same seed gives the same flight.
-    camera : Camera, optional
-        By default the paper's.
-
-    Returns
-    -------
-    Demonstration
-        Named after structure and inspection, e.g. ``a320-fuselage-v1``. The whole path stays 2 m from
-        the surface and 1 m from the ground.
-
-    Raises
-    ------
-    RefusedError
-        If the structure lacks the inspected part, or there is no room to fly.
+    Raises RefusedError if the structure lacks the inspected part, or there is no room to fly.
     """
     scene, floor = scene_of(structure), structure.floor_z_m
     stem = re.sub(r"-v\d+$", "", structure.structure_id)
@@ -81,7 +64,6 @@ def fly(structure: Structure, inspection: str, seed: int = 0, camera: Camera | N
 
 
 def _flown(route: Route, scene: Scene, ground_z: float, rng: np.random.Generator) -> Trajectory:
-    """A route as a person would fly it."""
     positions, look = _rounded(route)
     floor = ground_z + _ABOVE_GROUND_M
     positions = pushed_clear(positions, scene, _CLEARANCE_M + 0.9, floor)
@@ -156,10 +138,7 @@ def pushed_clear(positions: Floats, scene: Scene, clearance_m: float, floor_z: f
     Distances change by at most the way flown, so that between two poses a m apart, at distances b
     and c, nothing comes nearer than (b + c - a) / 2: that bound is used.
 
-    Raises
-    ------
-    RefusedError
-        If pushing does not help: the route leads through a gap that is too narrow.
+    Raises RefusedError if pushing does not help: the route leads through a gap that is too narrow.
     """
     path = positions.copy()
     for round_ in range(80):

@@ -125,12 +125,10 @@ def airfoil(half: int = 12, camber: float = 0.015) -> Floats:
     closed trailing edge of 0.1036 for the last coefficient).
     """
     aft = (1 - np.cos(np.pi * np.arange(half + 1) / half)) / 2
-    thickness = 5 * (
-        0.2969 * np.sqrt(aft) - 0.126 * aft - 0.3516 * aft**2 + 0.2843 * aft**3 - 0.1036 * aft**4
-    )
+    thick = 5 * (0.2969 * np.sqrt(aft) - 0.126 * aft - 0.3516 * aft**2 + 0.2843 * aft**3 - 0.1036 * aft**4)
     mean = camber * 4 * aft * (1 - aft) / 0.12
-    upper = np.stack([aft, mean + thickness], axis=1)
-    lower = np.stack([aft, mean - thickness], axis=1)
+    upper = np.stack([aft, mean + thick], axis=1)
+    lower = np.stack([aft, mean - thick], axis=1)
     return np.concatenate([upper[::-1], lower[1:-1]])
 
 
@@ -138,9 +136,7 @@ def airfoil(half: int = 12, camber: float = 0.015) -> Floats:
 Section = tuple[tuple[float, float, float], float, float]
 
 
-def foil_loft(
-    name: str, sections: Sequence[Section], up: tuple[float, float, float], stations: int = 12
-) -> Part:
+def foil_loft(name: str, sections: list[Section], up: tuple[float, float, float], stations: int = 12) -> Part:
     """A wing, fin or pylon through airfoils whose chords run aft (-x) and whose thickness runs along `up`."""
     corners = np.array([[*leading, chord_m, thickness] for leading, chord_m, thickness in sections])
     travelled, pieces = arc_length(corners[:, :3]), len(sections) - 1

@@ -72,7 +72,7 @@ def sheet_png(
     bottom = max(panel.y + panel.image.shape[0] for panel in panels)
     notes = _wrapped(subtitle, width - 2 * _PAD, _SMALL) if subtitle else []
     head = _HEAD + _LINE * len(notes)
-    entries = _legend_rows(legend, width)
+    entries = _entries(legend, width)
     rows = max((row for *_, row in entries), default=-1) + 1
     sheet = Image.new("RGB", (width, head + bottom + (_LINE * rows + _PAD if rows else 0)), BACKGROUND)
     draw = ImageDraw.Draw(sheet)
@@ -101,7 +101,6 @@ def png(image: np.ndarray) -> bytes:
 
 
 def _labelled(panel: Panel) -> list[str]:
-    """The lines of the panel's label."""
     return _wrapped(panel.label, panel.image.shape[1] - 2 * _PAD, _SMALL)[:3]
 
 
@@ -132,12 +131,9 @@ def round_length(metres: float) -> float:
     return float(max(step for step in (1, 2, 5) if step * power <= metres * (1 + 1e-9)) * power)
 
 
-def _legend_rows(
-    legend: Sequence[tuple[str, str, str]], width: int
-) -> list[tuple[str, str, str, float, int]]:
+def _entries(legend: Sequence[tuple[str, str, str]], width: int) -> list[tuple[str, str, str, float, int]]:
     """Legend entries with their place: x in px and row."""
-    out = []
-    x, row = float(_PAD), 0
+    out, x, row = [], float(_PAD), 0
     for name, colour, mark in dict.fromkeys((drawable(name), colour, mark) for name, colour, mark in legend):
         wide = 34 + font(_LABEL).getlength(name) + 28
         if x > _PAD and x + wide > width:

@@ -12,6 +12,7 @@ from upplied.geometry.vectors import across
 from upplied.records import Camera, Floats, Ints
 
 _SIDES = 6
+Colour = tuple[float, float, float]  # red, green and blue in 0 .. 1
 
 
 @dataclass(frozen=True)
@@ -77,12 +78,7 @@ def thinned(positions: Floats, step_m: float) -> Floats:
 
 
 def frusta(
-    positions: Floats,
-    quat_xyzw: Floats,
-    camera: Camera,
-    depth_m: float,
-    radius_m: float,
-    colour: tuple[float, float, float],
+    positions: Floats, quat_xyzw: Floats, camera: Camera, depth_m: float, radius_m: float, colour: Colour
 ) -> Tubes:
     """The edges of each camera's pyramid of sight, cut off at a depth."""
     corners = frustum_corners(positions, quat_xyzw, camera, depth_m)

@@ -88,16 +88,10 @@ def of_demonstrations(
 
 def _facts(row: Row, origin: str, name: str, source: str, structure: str, kind: str) -> dict[str, Any]:
     """What episodes of plans and of demonstrations both say; the camera is the demonstration's."""
-    return {
-        "origin": origin,
-        "demonstration_id": name,
-        "source_id": source,
-        "structure_id": structure,
-        "kind": kind,
-        "operator": str(row.get("operator") or ""),
-        **{key: float(row.get(key, math.nan)) for key in _FIGURES},
-        "demonstration_sha256": str(row.get("sha256") or ""),
-    }
+    ids = {"origin": origin, "demonstration_id": name, "source_id": source, "structure_id": structure}
+    figures = {key: float(row.get(key, math.nan)) for key in _FIGURES}
+    operator, sha256 = (str(row.get(key) or "") for key in ("operator", "sha256"))
+    return {**ids, "kind": kind, "operator": operator, **figures, "demonstration_sha256": sha256}
 
 
 def _task(facts: Mapping[str, Any], counterparts: str, about: str = "") -> str:

@@ -64,10 +64,7 @@ def export_lerobot(
     demonstrations : sequence of str, optional
         Ids; by default every one in use.
 
-    Raises
-    ------
-    InputError
-        Where the folder is not empty, or there is nothing to write.
+    Raises InputError where the folder is not empty, or there is nothing to write.
     """
     place = new_folder(folder)
     rows = with_path(catalog, transfers)
@@ -152,7 +149,6 @@ def _episode(each: Episode, frames: Mapping[str, Any], first: int, file: int) ->
 
 
 def _chunk(file: int) -> dict[str, int]:
-    """Where a file of frames lies."""
     return {"chunk_index": file // _FILES_A_CHUNK, "file_index": file % _FILES_A_CHUNK}
 
 
@@ -218,9 +214,7 @@ def _write(path: Path, table: pa.Table) -> None:
     replace_file(path, sink.getvalue())
 
 
-def _data_card(
-    episodes: Sequence[Mapping[str, Any]], info: Mapping[str, Any], licence: str, attribution: str
-) -> str:
+def _data_card(episodes: Sequence[Mapping[str, Any]], info: dict[str, Any], licence: str, named: str) -> str:
     """``README.md``: what the dataset holds, how to read it and what it is not, as dataset hubs read it."""
     counts = Counter((row["kind"], row["split"], row["origin"]) for row in episodes)
     kinds = sorted({kind for kind, _, _ in counts})
@@ -236,7 +230,7 @@ def _data_card(
     return text.format(
         licence=json.dumps(licence or "unknown"),
         rights=licence or "none was stated: ask whoever gave you this before you pass it on",
-        whom=f" Please name: {attribution}." if attribution else "",
+        whom=f" Please name: {named}." if named else "",
         episodes=len(episodes),
         frames=info["total_frames"],
         fps=info["fps"],

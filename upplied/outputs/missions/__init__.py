@@ -73,13 +73,9 @@ def export(
         The first receives the rules that were overruled, before the first file is written; the second gives
         the results of the required zones, as notes; those of the plan itself without sorties.
 
-    Raises
-    ------
-    RefusedError
-        If the plan is not ok, the place is unknown, no safe mission follows from it, or the bytes that
-        would be written break a rule of the gate that is not overruled.
-    SettingsError
-        If the format or an option is not known.
+    Raises RefusedError if the plan is not ok, the place is unknown, no safe mission follows from it, or the
+    bytes that would be written break a rule of the gate that is not overruled; SettingsError if the format
+    or an option is not known.
     """
     options = options or MissionOptions()
     goal, limits = Path(path), gate.limits_of(options, interval_of(options, camera)[0])
@@ -91,14 +87,12 @@ def export(
         notes = (*gate.notes_of(overruled), *zones(()))
         content = mcap_bytes(plan, structure, camera, notes) if notes else content
         keep(overruled)
-        return Exported(
-            (replace_file(goal, content),), (), ("coordinates in metres, structure frame", *notes), overruled
-        )
+        notes = ("coordinates in metres, structure frame", *notes)
+        return Exported((replace_file(goal, content),), (), notes, overruled)
     if format not in _WRITERS:
         raise SettingsError(f"mission format {format!r}", "is unknown", f"one of {', '.join(FORMATS)}")
-    missions = fenced(
-        missions_for(format, plan, structure, options, camera, objections), structure, plan.supposed
-    )
+    sorties = missions_for(format, plan, structure, options, camera, objections)
+    missions = fenced(sorties, structure, plan.supposed)
     by_words: dict[str, gate.Breach] = {}  # overruled breaches
     for mission in missions:  # all, before the first is written
         reading = read_mission(format, _written(format, mission, options), mission)
@@ -106,9 +100,7 @@ def export(
         by_words |= {str(one): one for one in gate.pass_or_refuse(mission.name, broken, options.overruled)}
     more = tuple(breach for breach in by_words.values() if breach not in missions[0].overruled)
     notes = (*gate.notes_of(more), *zones(missions))
-    missions = [
-        replace(one, notes=(*notes, *one.notes), overruled=(*one.overruled, *more)) for one in missions
-    ]
+    missions = [replace(m, notes=(*notes, *m.notes), overruled=(*m.overruled, *more)) for m in missions]
     keep(missions[0].overruled)
     paths, first = [], missions[0]
     for one in missions:

@@ -137,14 +137,14 @@ def _actions(mission: Mission, number: int, stop: range, zooms: dict[int, float]
             actions.append(("stopRecord", {"payloadPositionIndex": 0}))
     groups = []
     if actions:
-        groups.append(_action_group(number, 0, {"actionTriggerType": "reachPoint"}, actions))
+        groups.append(_group(number, 0, {"actionTriggerType": "reachPoint"}, actions))
     if stop[-1] + 1 < len(mission):
         even = {"gimbalPitchRotateAngle": f"{mission.pitch_deg[stop[-1] + 1]:.1f}", "payloadPositionIndex": 0}
         between = {"actionTriggerType": "betweenAdjacentPoints"}
-        groups.append(_action_group(number, 1, between, [("gimbalEvenlyRotate", even)]))
+        groups.append(_group(number, 1, between, [("gimbalEvenlyRotate", even)]))
     if mission.photo_distance_m and mission.inspects_behind(stop[-1]):
         every = {"actionTriggerType": "multipleDistance", "actionTriggerParam": mission.photo_distance_m}
-        groups.append(_action_group(number, 2, every, [("takePhoto", _photo(stop[-1]))]))
+        groups.append(_group(number, 2, every, [("takePhoto", _photo(stop[-1]))]))
     return groups
 
 
@@ -157,21 +157,15 @@ def _signed(heading_deg: float) -> str:
     return f"{(heading_deg + 180) % 360 - 180:.1f}"
 
 
-def _action_group(
-    number: int, kind: int, trigger: dict, actions: list[tuple[str, dict]]
-) -> dict[str, object]:
+def _group(number: int, kind: int, trigger: dict, actions: list[tuple[str, dict]]) -> dict[str, object]:
     """What is done at a waypoint (kind 0), or on the leg behind it."""
-    return {
-        "actionGroupId": 3 * number + kind,
-        "actionGroupStartIndex": number,
-        "actionGroupEndIndex": number + (kind > 0),
-        "actionGroupMode": "sequence",
-        "actionTrigger": trigger,
-        "action": [
-            {"actionId": at, "actionActuatorFunc": name, "actionActuatorFuncParam": parameters}
-            for at, (name, parameters) in enumerate(actions)
-        ],
-    }
+    group: dict[str, object] = {"actionGroupId": 3 * number + kind, "actionGroupStartIndex": number}
+    group |= {"actionGroupEndIndex": number + (kind > 0), "actionGroupMode": "sequence"}
+    listed = [
+        {"actionId": at, "actionActuatorFunc": name, "actionActuatorFuncParam": parameters}
+        for at, (name, parameters) in enumerate(actions)
+    ]
+    return group | {"actionTrigger": trigger, "action": listed}
 
 
 def _xml(values: Mapping[str, object]) -> str:

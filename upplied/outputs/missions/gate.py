@@ -91,12 +91,8 @@ def broken_by(plan: Plan, structure: Structure, clearance_m: float) -> list[Brea
 
 def limits_of(options: MissionOptions, trigger_s: float = 0.0) -> Limits:
     """The limits of the options, and the least time between two photos."""
-    return Limits(
-        trigger_s=trigger_s,
-        clearance_m=options.clearance_m,
-        max_height_m=options.max_height_m,
-        least_seen_pct=options.least_seen_pct,
-    )
+    own = {name: getattr(options, name) for name in ("clearance_m", "max_height_m", "least_seen_pct")}
+    return Limits(trigger_s=trigger_s, **own)
 
 
 def breaches(
@@ -158,9 +154,7 @@ def pass_or_refuse(what: str, objections: Iterable[Breach], force: tuple[str, ..
 
 def notes_of(overruled: Iterable[Breach]) -> list[str]:
     """Breaches that were overruled, as notes of a mission."""
-    return [
-        f"{DRAFT} {breach.fault}" if breach.rule in DRAFTS else f"OVERRULED {breach}" for breach in overruled
-    ]
+    return [f"{DRAFT} {one.fault}" if one.rule in DRAFTS else f"OVERRULED {one}" for one in overruled]
 
 
 def written(notes: Iterable[str]) -> list[str]:

@@ -102,22 +102,12 @@ def geojson_text(mission: Mission) -> str:
     lon_lat_alt = zip(mission.geodetic[:, 1], mission.geodetic[:, 0], mission.written_alt_m, strict=True)
     places = [[round(float(v), digits) for v, digits in zip(each, (9, 9, 3), strict=True)]
               for each in lon_lat_alt]  # fmt: skip
-    path = {
-        "name": mission.name,
-        "sortie": mission.number,
-        "sorties": mission.count,
-        "altitude_reference": mission.altitude,
-        "datum": mission.placement.datum,
-        "duration_s": round(mission.duration_s, 1),
-        "notes": list(mission.notes),
-    }
+    path: dict[str, Any] = {"name": mission.name, "sortie": mission.number, "sorties": mission.count}
+    path |= {"altitude_reference": mission.altitude, "datum": mission.placement.datum}
+    path |= {"duration_s": round(mission.duration_s, 1), "notes": list(mission.notes)}
     features = [_feature("LineString", places, path)]
-    figures = {
-        "heading_deg": (2, mission.heading_deg),
-        "gimbal_pitch_deg": (2, mission.pitch_deg),
-        "speed_mps": (3, mission.speed_mps),
-        "hold_s": (3, mission.hold_s),
-    }
+    figures = {"heading_deg": (2, mission.heading_deg), "gimbal_pitch_deg": (2, mission.pitch_deg)}
+    figures |= {"speed_mps": (3, mission.speed_mps), "hold_s": (3, mission.hold_s)}
     for at, place in enumerate(places):
         values = {"seq": at} | {name: round(float(v[at]), digits) for name, (digits, v) in figures.items()}
         values |= {"photo": bool(mission.photo[at]), "inspect": bool(mission.inspect[at])}

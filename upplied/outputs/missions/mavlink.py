@@ -145,14 +145,9 @@ def qgc_plan_text(mission: Mission, options: MissionOptions) -> str:
 
 
 def _simple_item(item: Item, number: int, mission: Mission) -> dict[str, Any]:
-    command: dict[str, Any] = {
-        "type": "SimpleItem",
-        "autoContinue": True,
-        "command": item.command,
-        "doJumpId": number,
-        "frame": item.frame,
-        "params": [None if math.isnan(value) else float(value) for value in item.params],
-    }
+    command: dict[str, Any] = {"type": "SimpleItem", "autoContinue": True, "command": item.command}
+    params = [None if math.isnan(value) else float(value) for value in item.params]
+    command |= {"doJumpId": number, "frame": item.frame, "params": params}
     if item.command in (TAKEOFF, WAYPOINT):
         command |= {"Altitude": float(item.params[6]), "AltitudeMode": _ALTITUDE_MODE[mission.altitude]}
         command["AMSLAltAboveTerrain"] = None

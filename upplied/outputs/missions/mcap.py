@@ -12,7 +12,7 @@ from upplied.errors import RefusedError
 from upplied.outputs.colours import PRESETS, STATES, SURFACE, rgb
 from upplied.outputs.display import display_mesh, display_states
 from upplied.outputs.draw.tubes import frustum_corners
-from upplied.outputs.ros2_schemas import CAMERA_INFO, camera_info, header, pose, registered, transform
+from upplied.outputs.logs import CAMERA_INFO, camera_info, header, pose, registered, transform
 from upplied.records import Camera, Floats, Plan, Structure, Trajectory
 
 FRAME, CAMERA_FRAME = "structure", "planned_camera"
@@ -91,17 +91,10 @@ def _frusta(plan: Plan, path: Trajectory, camera: Camera) -> dict[str, Any]:
 
 def _marker(name: str, kind: int, points: Floats, colour: str, size: float) -> dict[str, Any]:
     """A marker in the structure's frame; the writer fills the other fields with zeros."""
-    return {
-        "header": header(0, FRAME),
-        "ns": name,
-        "type": kind,
-        "pose": pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])),
-        "scale": dict.fromkeys("xyz", size),
-        "color": _colour(colour),
-        "frame_locked": True,
-        "points": [dict(zip("xyz", point, strict=True)) for point in points.tolist()],
-        "texture": {"header": header(0, FRAME)},
-    }
+    own, places = header(0, FRAME), [dict(zip("xyz", point, strict=True)) for point in points.tolist()]
+    marker: dict[str, Any] = {"header": own, "ns": name, "type": kind, "scale": dict.fromkeys("xyz", size)}
+    marker |= {"pose": pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])), "color": _colour(colour)}
+    return marker | {"frame_locked": True, "points": places, "texture": {"header": own}}
 
 
 def _colour(colour: str) -> dict[str, float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -14,10 +13,9 @@ from upplied.errors import RefusedError
 from upplied.geometry.supposed_scene import scene_for
 from upplied.outputs.mission_options import MissionOptions
 from upplied.outputs.missions import gate
-from upplied.outputs.missions.flying import Flying, passing_m
+from upplied.outputs.missions.flying import Flying, passing_m, thinned
 from upplied.outputs.missions.photos import shots_of
 from upplied.outputs.missions.records import Fence, Mission, heading_and_pitch, placement_of, to_geodetic
-from upplied.outputs.missions.thinning import thinned
 from upplied.outputs.missions.transits import USUAL_CEILING_M, Cutter, Sortie, Transits, default_home
 from upplied.planning.airspace.rules import Airspace, path_clearance
 from upplied.records import Bools, Camera, Floats, Plan, Structure, SupposedSurface, Trajectory
@@ -39,22 +37,16 @@ def missions_of(
 ) -> list[Mission]:
     """The sorties of a plan, each within the endurance and the number of waypoints that are allowed.
 
-    Raises
-    ------
-    RefusedError
-        If the plan is not ok, the structure's place is unknown or in another datum than the altitudes, no
-        safe transit leads there and back, or the plan breaks a rule of the gate that is not overruled.
+    Raises RefusedError if the plan is not ok, the structure's place is unknown or in another datum than the
+    altitudes, no safe transit leads there and back, or a rule of the gate is broken that is not overruled.
     """
     path, name = _path_of(plan, structure)
     supposed, seen = plan.supposed, (plan.surface, camera or Camera())
     placement = placement_of(structure)
     if options.altitude not in ("relative", placement.datum):  # they differ by tens of metres
-        raise RefusedError(
-            structure.structure_id,
-            f"its altitude is known as {placement.datum}, {options.altitude} was requested",
-            "no geoid model is applied",
-            "export with altitude relative to take-off, or give the manifest that datum",
-        )
+        fault = f"its altitude is known as {placement.datum}, {options.altitude} was requested"
+        remedy = "export with altitude relative to take-off, or give the manifest that datum"
+        raise RefusedError(structure.structure_id, fault, "no geoid model is applied", remedy)
     if options.altitude not in flying.altitudes:
         raise RefusedError(name, f"{options.altitude} altitudes were requested", flying.altitude_rule)
     limits, steps = gate.limits_of(options), gate.planned(path.positions, path.t_s)
@@ -135,16 +127,14 @@ def _airspace_of(
     usual = USUAL_CEILING_M if options.max_height_m is None else options.max_height_m
     declared = structure.surroundings.ceiling_z_m
     ceiling = max(structure.floor_z_m + usual, float(path[:, 2].max()))
-    around = replace(
-        structure.surroundings, ceiling_z_m=ceiling if declared is None else min(ceiling, declared)
-    )
+    ceiling = ceiling if declared is None else min(ceiling, declared)
+    around = replace(structure.surroundings, ceiling_z_m=ceiling)
     return Airspace(scene, min(options.clearance_m, planned) - _EXACT_M, around)
 
 
 def _notes(
     sorties: list[Sortie], options: MissionOptions, flying: Flying, transits: Transits, stops: int
 ) -> list[str]:
-    """Notes for the pilot about heights, return and sorties."""
     transit_legs = [leg for sortie in sorties for leg in (sortie.outbound, sortie.inbound) if len(leg)]
     highest = max((float(leg[:, 2].max()) for leg in transit_legs), default=float(transits.home[2]))
     over_ground = max(highest, float(transits.inspection[:, 2].max())) - transits.structure.floor_z_m
@@ -162,9 +152,8 @@ def _notes(
         notes.append(f"the mission reaches {over_ground:.0f} m above ground: more than {USUAL_CEILING_M:g} m")
     times = ", ".join(f"{sortie.duration_s:.0f}" for sortie in sorties)
     if len(sorties) > 1:
-        notes.append(
-            f"{len(sorties)} flights of {times} s; each resumes at the last waypoint of the previous one"
-        )
+        resumed = "each resumes at the last waypoint of the previous one"
+        notes.append(f"{len(sorties)} flights of {times} s; {resumed}")
     elif options.endurance_s is None:
         notes.append(f"flight time about {times} s; battery not checked: set --endurance-s")
     else:
@@ -211,9 +200,7 @@ def _waypoints(cutter: Cutter, photo: Bools, passing: Floats, sortie: Sortie) ->
     }
 
 
-def fenced(
-    missions: Sequence[Mission], structure: Structure, supposed: SupposedSurface | None
-) -> list[Mission]:
+def fenced(missions: list[Mission], structure: Structure, supposed: SupposedSurface | None) -> list[Mission]:
     """The sorties of a plan with the fence and the rally points of their structure's surroundings.
 
     A fence consists of polygons on the ground without a top: a keep-out box under the path is omitted, with a

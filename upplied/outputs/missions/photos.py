@@ -109,12 +109,9 @@ def _by_distance(
     """The path flown no faster than a photo every so many metres allows, and notes."""
     fastest = every_m / (interval * MARGIN)
     if fastest < SLOWEST_MPS:
-        raise RefusedError(
-            name,
-            f"a photo every {every_m:g} m needs {fastest:.2f} m/s or less: {ready}",
-            f"{SLOWEST_MPS:g} m/s at least",
-            "take fewer photos: --photo-distance-m, or set the interval of the camera: --trigger-s",
-        )
+        fault = f"a photo every {every_m:g} m needs {fastest:.2f} m/s or less: {ready}"
+        remedy = "take fewer photos: --photo-distance-m, or set the interval of the camera: --trigger-s"
+        raise RefusedError(name, fault, f"{SLOWEST_MPS:g} m/s at least", remedy)
     planned = np.diff(path.t_s)
     took = np.maximum(planned, leg_lengths(path.positions) / fastest)
     note = f"a photo every {every_m:g} m, at least {interval * MARGIN:.1f} s apart: {ready}"

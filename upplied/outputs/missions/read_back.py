@@ -87,8 +87,6 @@ def _whole(local: Floats, file: _File, home: Floats) -> Reading:
 
 @dataclass
 class _Stop:
-    """A waypoint as stated in a file."""
-
     place: Sequence[float]  # latitude and longitude, deg, altitude as written, m
     speed: float = np.nan  # of the leg that ends here, m/s; NaN if not stated
     hold: float = 0.0  # s, that the vehicle stays
@@ -98,8 +96,6 @@ class _Stop:
 
 @dataclass
 class _File:
-    """The waypoints of a file, and its photos."""
-
     stops: list[_Stop]
     photos: list[tuple[int, float]] = field(default_factory=list)  # waypoint, and s after it is reached
     photo_s: list[float] = field(default_factory=list)  # if the file states the times

@@ -119,12 +119,9 @@ class Mission(Record):
 def placement_of(structure: Structure) -> Placement:
     """The structure's place on the Earth; a mission for one without a place is refused."""
     if structure.placement is None:
-        raise RefusedError(
-            structure.structure_id,
-            "its place on the Earth is unknown",
-            "a mission needs latitude, longitude, altitude, datum and heading",
-            "give lat, lon, alt and heading in the manifest",
-        )
+        rule = "a mission needs latitude, longitude, altitude, datum and heading"
+        remedy = "give lat, lon, alt and heading in the manifest"
+        raise RefusedError(structure.structure_id, "its place on the Earth is unknown", rule, remedy)
     return structure.placement
 
 

@@ -61,12 +61,9 @@ class Transits:
         above = self._above(self.low_z_m)
         if not self._climb_is_free(above):
             why = self._climbing.why(self.home) or self._climbing.why(above) or "there is an obstacle"
-            raise RefusedError(
-                self.structure.structure_id,
-                f"the climb from {self.home.round(1).tolist()} m to {self.low_z_m:.1f} m is not free: {why}",
-                "",
-                "choose another take-off point (--home-m)",
-            )
+            fault = f"the climb from {self.home.round(1).tolist()} m to {self.low_z_m:.1f} m is not free"
+            remedy = "choose another take-off point (--home-m)"
+            raise RefusedError(self.structure.structure_id, f"{fault}: {why}", "", remedy)
 
     def leg_home(self, at: int) -> Floats | None:
         """The shortest free way (K, 3), m, from a place of the inspection to straight above home; or None.
@@ -177,9 +174,8 @@ class Cutter:
         if there is None:
             raise self._no_leg(first)
         least = first if len(self.path) == 1 else first + 1
-        reach = np.searchsorted(
-            self.elapsed_s, self.elapsed_s[first] + self.budget_s - self._transit_s(there)
-        )
+        until_s = self.elapsed_s[first] + self.budget_s - self._transit_s(there)
+        reach = np.searchsorted(self.elapsed_s, until_s)
         farthest = min(len(self.path) - 1, int(reach), first + self.most - len(there) - 1)
         for last in range(farthest, least - 1, -1):
             back = self._leg_home(last)
@@ -196,12 +192,10 @@ class Cutter:
             limits.append(f"an endurance of {given:g} s, {self.options.reserve_pct:g} % in reserve")
         if self.most < 10**9:
             limits.append(f"at most {self.most} waypoints")
-        raise RefusedError(
-            f"mission from {self.path.positions[first].round(1).tolist()} m",
-            "no part of the inspection fits into one flight with its transit legs",
-            ", ".join(limits),
-            "raise the limit, take off nearer (--home-m), or fly faster",
-        )
+        what = f"mission from {self.path.positions[first].round(1).tolist()} m"
+        fault = "no part of the inspection fits into one flight with its transit legs"
+        remedy = "raise the limit, take off nearer (--home-m), or fly faster"
+        raise RefusedError(what, fault, ", ".join(limits), remedy)
 
     def _leg_home(self, at: int) -> Floats | None:
         if at not in self.legs_home:
@@ -213,10 +207,8 @@ class Cutter:
         return float(way.sum()) / self.options.transit_mps + _GROUND_S
 
     def _no_leg(self, at: int) -> RefusedError:
-        place = self.path.positions[at].round(1).tolist()
-        return RefusedError(
-            self.transits.structure.structure_id,
-            f"no safe transit leg reaches the waypoint at {place} m, {self.path.t_s[at]:.0f} s into the plan",
-            "transit legs keep the clearance, the ceiling, keep-out boxes and geofence",
-            "choose another home, a smaller clearance, or a plan that starts in the open",
-        )
+        place = f"{self.path.positions[at].round(1).tolist()} m, {self.path.t_s[at]:.0f} s into the plan"
+        fault = f"no safe transit leg reaches the waypoint at {place}"
+        rule = "transit legs keep the clearance, the ceiling, keep-out boxes and geofence"
+        remedy = "choose another home, a smaller clearance, or a plan that starts in the open"
+        return RefusedError(self.transits.structure.structure_id, fault, rule, remedy)
