@@ -21,7 +21,6 @@ from upplied.planning.correspondence.certainty import (
     certainty,
     evidence_of_same_kind,
     probability,
-    wholes_of,
 )
 from upplied.planning.correspondence.naming import choices_for, place_of, side_of
 from upplied.planning.demonstration.repetition import Attended, Take, choices_in, inspected_parts
@@ -224,7 +223,9 @@ def _probability(
     if len(matched) == 1 and (take.choice >= 0 or settings.correspondence.counterparts):
         for other in alike:
             if other != matched[0]:
-                known = wholes_of(fit), fit.inferred >= 0
+                # How badly the target fits the structure that labelled its parts, of what was scanned of it.
+                wholes = fit if fit.labelling is None else fit.labelling.to_target
+                known = wholes.registration.scanned, fit.inferred >= 0
                 evidence = evidence_of_same_kind(fit.registered, other, matched[0], *known)
                 best = max(best, certainty(fit, part, [other]) * probability(evidence, SAME_KIND))
     return best

@@ -70,11 +70,6 @@ def certainty(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = Fa
     return sure
 
 
-def wholes_of(fit: Fit) -> float:
-    """How badly the target fits the structure that labelled its parts, of what was scanned of it."""
-    return (fit if fit.labelling is None else fit.labelling.to_target).registration.scanned
-
-
 def named_by(fit: Fit) -> Bools:
     """Which samples of the target (M,) lie on the part that their place on the source corresponds to."""
     here, there = fit.correspondences.source_class, fit.correspondences.target_class

@@ -69,7 +69,15 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: F
     if blades_of(source).any() and blades_of(registered).any():
         moved = aligned_parts(*patches(source, registered, matched(source, registered)), turned_only=True)
         here = Cloud(moved.points, moved.normals, source.area_m2, source.part)
-    common, explained = _overlaps(here.points, registered.points)
+    # Share of the cells of either that are at most one cell from the other's.
+    low = np.minimum(here.points.min(axis=0), registered.points.min(axis=0))
+    size = np.maximum(np.maximum(here.points.max(axis=0), registered.points.max(axis=0)) - low, 1e-9)
+    one, other = np.zeros((2, _CELLS, _CELLS, _CELLS), bool)
+    for grid, places in ((one, here.points), (other, registered.points)):
+        cell = np.clip(((places - low) / size * _CELLS).astype(int), 0, _CELLS - 1)
+        grid[tuple(cell.T)] = True
+    common = float((one & ndimage.binary_dilation(other)).sum() / one.sum())
+    explained = float((other & ndimage.binary_dilation(one)).sum() / other.sum())
     overlap = (common + explained) / 2
     forth, gap_here = _distances(here, registered, diagonal)
     back, gap_there = _distances(registered, here, diagonal)
@@ -80,19 +88,6 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: F
     scanned = float(np.dot(_WEIGHTS, (1 - explained, gap_there, stretch)))
     worst = _worst(source, registered, forth, back, diagonal, words)
     return Misfit(overlap, gap, stretch, value, scanned, common, worst)
-
-
-def _overlaps(points: Floats, others: Floats) -> tuple[float, float]:
-    """Share of the cells of either that are at most one cell from the other's."""
-    low = np.minimum(points.min(axis=0), others.min(axis=0))
-    size = np.maximum(np.maximum(points.max(axis=0), others.max(axis=0)) - low, 1e-9)
-    one, other = np.zeros((2, _CELLS, _CELLS, _CELLS), bool)
-    for grid, places in ((one, points), (other, others)):
-        cell = np.clip(((places - low) / size * _CELLS).astype(int), 0, _CELLS - 1)
-        grid[tuple(cell.T)] = True
-    forth = (one & ndimage.binary_dilation(other)).sum() / one.sum()
-    back = (other & ndimage.binary_dilation(one)).sum() / other.sum()
-    return float(forth), float(back)
 
 
 def _distances(cloud: Cloud, other: Cloud, diagonal_m: float) -> tuple[Floats, float]:

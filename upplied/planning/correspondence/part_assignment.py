@@ -71,7 +71,15 @@ def match_parts(
     here, there = np.full(len(source), -1), np.full(len(target), -1)
     has = np.flatnonzero(partner >= 0)
     here[has] = there[partner[has]] = np.arange(len(has))
-    _join_unions((source, here), (target, there), diagonal_m, fits)
+    # One part may correspond to two that make it up.
+    both_ways = ((source, here, target, there, False), (target, there, source, here, True))
+    for one_side, one_class, other_side, other_class, swapped in both_ways:
+        for part in np.flatnonzero(one_class < 0).tolist():
+            free = np.flatnonzero(other_class < 0)
+            for pair in _unions_like(one_side, part, other_side, free, diagonal_m):
+                if fits(pair, [part]) if swapped else fits([part], pair):
+                    one_class[part] = other_class[pair] = here.max() + 1
+                    break
     for _ in range(2):  # what was joined here may make it more alike to join its like there
         here = _with_pieces(here, source, there, target, diagonal_m)
         there = _with_pieces(there, target, here, source, diagonal_m)
@@ -165,21 +173,6 @@ def _total(partner: Ints, cost: Floats, source: Parts, target: Parts, diagonal_m
     new = ~source.touching[one, other]
     weight = np.sqrt(target.area[partner[one]] * target.area[partner[other]])
     return total + _NEIGHBOURS * float(weight[new].sum())
-
-
-def _join_unions(
-    here: tuple[Parts, Ints],
-    there: tuple[Parts, Ints],
-    diagonal_m: float,
-    fits: Callable[[Sequence[int], Sequence[int]], bool],
-) -> None:
-    """Let one part correspond to two that make it up: the classes of both structures' parts are changed."""
-    for (one, one_class), (other, other_class), swapped in ((here, there, False), (there, here, True)):
-        for part in np.flatnonzero(one_class < 0).tolist():
-            for pair in _unions_like(one, part, other, np.flatnonzero(other_class < 0), diagonal_m):
-                if fits(pair, [part]) if swapped else fits([part], pair):
-                    one_class[part] = other_class[pair] = here[1].max() + 1
-                    break
 
 
 def _with_pieces(own: Ints, one: Parts, others: Ints, other: Parts, diagonal_m: float) -> Ints:
