@@ -47,11 +47,9 @@ _PLOTS = "open3d.visualization.draw_plotly"
 
 @contextmanager
 def _plots_deferred() -> Iterator[None]:
-    """While Open3D loads, let its plots in a browser wait until somebody asks for one.
-
-    It imports Dash for them, with Plotly, pydantic and Flask: most of what it takes to load, and no
-    switch leaves them out.
-    """
+    """While Open3D loads, let its plots in a browser wait until somebody asks for one."""
+    # It imports Dash for them, with Plotly, pydantic and Flask: most of what it takes to load, and no switch
+    # leaves them out.
     if "open3d" in sys.modules:
         yield
         return

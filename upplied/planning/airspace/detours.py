@@ -216,11 +216,9 @@ def _with_count(line: Floats, count: int) -> Floats:
 def _corners_rounded(
     positions: Floats, movable: Bools, airspace: Airspace, like: Floats | None = None
 ) -> Floats:
-    """Corners rounded where that breaks no rule; ends and what is not movable stay.
-
-    Where a path to be `like` is given, the difference from it is smoothed instead: rounding the path
-    itself would pull every curve inwards.
-    """
+    """Corners rounded where that breaks no rule; ends and what is not movable stay."""
+    # Where a path to be `like` is given, the difference from it is smoothed instead: rounding the path itself
+    # would pull every curve inwards.
     smooth, movable = np.array(positions), np.array(movable)
     like = np.zeros_like(smooth) if like is None else like
     movable[[0, -1]] = False

@@ -189,11 +189,9 @@ def _round_box(box: Floats, distance_m: float, number: int) -> Floats:
 
 
 def _inside_posts(fence: Floats, heights_m: Floats, above_m: float) -> Floats:
-    """Positions inside each post of a fence (G, 2), where a path has to turn, from low to high.
-
-    One at each height, amid the directions that lead inside. A ring of them about a post would be
-    neighbours of each other alone, and lead nowhere else.
-    """
+    """Positions inside each post of a fence (G, 2), where a path has to turn, from low to high."""
+    # One at each height, amid the directions that lead inside. A ring of them about a post would be
+    # neighbours of each other alone, and lead nowhere else.
     turn = np.arange(16) * np.pi / 8
     ring = _POST_M * np.column_stack([np.cos(turn), np.sin(turn)])
     z = np.linspace(heights_m[0] - above_m, heights_m[1] + above_m, 5)
@@ -208,10 +206,8 @@ def _inside_posts(fence: Floats, heights_m: Floats, above_m: float) -> Floats:
 
 
 def _neighbours(places: Floats, spacing: float) -> tuple[Ints, Ints]:
-    """Edges from each place to its nearest ones, each pair once.
-
-    The same again among fewer and fewer places: long edges join patches that stand apart.
-    """
+    """Edges from each place to its nearest ones, each pair once."""
+    # The same again among fewer and fewer places: long edges join patches that stand apart.
     count, pairs = len(places), [np.empty(0, np.int64)]
     layer = np.arange(count)
     while len(layer) > 1:

@@ -16,12 +16,7 @@ import numpy as np
 from upplied.config import Settings
 from upplied.planning.carry.forecast import odd_number
 from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY
-from upplied.planning.correspondence.certainty import (
-    SAME_KIND,
-    certainty,
-    evidence_of_same_kind,
-    probability,
-)
+from upplied.planning.correspondence.certainty import SAME_KIND, certainty, evidence_of_same_kind, probability
 from upplied.planning.correspondence.naming import choices_for, place_of, side_of
 from upplied.planning.demonstration.repetition import Attended, Take, choices_in, inspected_parts
 from upplied.planning.geometry.clouds import diagonal_of
@@ -84,10 +79,8 @@ def _bodies(inspected: list[tuple[int, float]], take: Attended, source: _Side) -
 
 
 def _no_part_twice(counterparts: dict[str, Counterpart], there: str) -> dict[str, Counterpart]:
-    """The same, in doubt where one part of the target is flown for two parts of the source.
-
-    It lies in the middle, where the source has none of the kind: two in one, or what is left of another.
-    """
+    """The same, in doubt where one part of the target is flown for two parts of the source."""
+    # It lies in the middle, where the source has none of the kind: two in one, or what is left of another.
     times = Counter(name for one in counterparts.values() for name in one.flown)
     twice = [name for name, count in times.items() if count > 1]
     if not twice:

@@ -107,10 +107,8 @@ def _by_source(labelling: Labelling, part: int) -> tuple[Bools, float]:
 
 
 def _by_way_of_sibling(labelling: Labelling, part: int) -> tuple[Bools, float]:
-    """The same from the source to a sibling to the target; 0 where the sibling knows of no such part.
-
-    Where it has one and the target none, that is as certain as that it has.
-    """
+    """The same from the source to a sibling to the target; 0 where the sibling knows of no such part."""
+    # Where it has one and the target none, that is as certain as that it has.
     if labelling.to_sibling is not None:
         parts, sure = _forth(labelling.to_sibling, [part])
     else:

@@ -18,13 +18,7 @@ from upplied.planning.constants import LEAST_PART, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.naming import place_in
 from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
-from upplied.planning.geometry.clouds import (
-    UNTURNED,
-    diagonal_of,
-    in_source_frame,
-    nearest_facing,
-    spacing,
-)
+from upplied.planning.geometry.clouds import UNTURNED, diagonal_of, in_source_frame, nearest_facing, spacing
 from upplied.planning.surface.parts import blades_of
 from upplied.records import Cloud, Floats, Record, Registration
 
@@ -91,10 +85,8 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: F
 
 
 def _distances(cloud: Cloud, other: Cloud, diagonal_m: float) -> tuple[Floats, float]:
-    """For some samples, (_SAMPLES,), how far the other surface is beyond its spacing, and the mean.
-
-    Over the diagonal. A surface that faces another way is farther.
-    """
+    """For some samples, (_SAMPLES,), how far the other surface is beyond its spacing, and the mean."""
+    # Over the diagonal. A surface that faces another way is farther.
     index = spread_over(cloud, _SAMPLES)
     away = nearest_facing(cloud.at(index), other, GAP_FACING * diagonal_m)[0]
     distances = np.maximum(away - spacing(other), 0) / diagonal_m

@@ -119,10 +119,8 @@ def _box_on_box(part: Floats, partner: Floats) -> tuple[Floats, Floats]:
 
 
 def _another_shape(part: Floats, partner: Floats) -> bool:
-    """Whether extents differ by more than those of counterparts do: along the axes, and along their own.
-
-    What little sticks out does not count, nor a blade that hardly turned.
-    """
+    """Whether extents differ by more than those of counterparts do: along the axes, and along their own."""
+    # What little sticks out does not count, nor a blade that hardly turned.
     boxes = [np.ptp(_core(points), axis=0) for points in (part, partner)]
     own = [extent_of(points) for points in (part, partner)]
     least = LEAST_PART * float(np.linalg.norm(boxes[0]))
@@ -131,11 +129,9 @@ def _another_shape(part: Floats, partner: Floats) -> bool:
 
 
 def _core(part: Floats) -> Floats:
-    """Lower and upper corner (2, 3) of a part without what little sticks out of it.
-
-    A strip of the wing that was modelled with the engine would double the engine's box. Where
-    the outermost samples widen an axis by far more than their number, they do not count.
-    """
+    """Lower and upper corner (2, 3) of a part without what little sticks out of it."""
+    # A strip of the wing that was modelled with the engine would double the engine's box. Where the outermost
+    # samples widen an axis by far more than their number, they do not count.
     low, high = part.min(axis=0), part.max(axis=0)
     inner_low, inner_high = np.quantile(part, [TOLERANCE, 1 - TOLERANCE], axis=0)
     usual = (inner_high - inner_low) * TOLERANCE / (1 - 2 * TOLERANCE)

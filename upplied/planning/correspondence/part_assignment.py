@@ -103,10 +103,8 @@ def _costs(source: Parts, target: Parts, diagonal_m: float) -> tuple[Floats, Boo
 
 
 def _alike(source: Parts, target: Parts, diagonal_m: float, floor: float, most: float) -> Bools:
-    """Which parts (K, L) have extents of at most a ratio, where these are above a floor.
-
-    Blades may have turned: they are compared along their own axes as well.
-    """
+    """Which parts (K, L) have extents of at most a ratio, where these are above a floor."""
+    # Blades may have turned: they are compared along their own axes as well.
     boxes = _ratios(source.high - source.low, target.high - target.low, floor * diagonal_m)
     turned = _ratios(source.extent, target.extent, floor * diagonal_m)
     along = np.logical_and.outer(source.blade, target.blade) & (turned.max(axis=2) < np.log(most))
@@ -153,10 +151,8 @@ def _neighbours(partner: Ints, free: list[int], cost: Floats) -> Iterator[Ints]:
 
 
 def _total(partner: Ints, cost: Floats, source: Parts, target: Parts, diagonal_m: float) -> float:
-    """Cost of an assignment: of each pair, and of neighbours that lose touch or change sides.
-
-    Two parts that touch on the target alone count as well, or a tier might be left out in the middle.
-    """
+    """Cost of an assignment: of each pair, and of neighbours that lose touch or change sides."""
+    # Two parts that touch on the target alone count as well, or a tier might be left out in the middle.
     has = np.flatnonzero(partner >= 0)
     total = float(cost[has, partner[has]].sum()) + float(2 * np.sqrt(source.area[partner < 0]).sum())
     one, other = np.nonzero(np.triu(source.touching, 1))
@@ -176,11 +172,9 @@ def _total(partner: Ints, cost: Floats, source: Parts, target: Parts, diagonal_m
 
 
 def _with_pieces(own: Ints, one: Parts, others: Ints, other: Parts, diagonal_m: float) -> Ints:
-    """The classes (K,) of parts, where pieces in none joined the compact body that they touch.
-
-    The inlet of a nacelle is a part of its own here and not there. The body has to stay as alike to its
-    counterpart as it was.
-    """
+    """The classes (K,) of parts, where pieces in none joined the compact body that they touch."""
+    # The inlet of a nacelle is a part of its own here and not there. The body has to stay as alike to its
+    # counterpart as it was.
     own, size = own.copy(), (one.high - one.low).max(axis=1)
     compact = size < COMPACT * diagonal_m
     for part in np.flatnonzero((own < 0) & compact):

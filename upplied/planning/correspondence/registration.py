@@ -57,7 +57,6 @@ def register(
     ----------
     source, target : Cloud
         Of the demonstration structure, and of the target.
-    settings : RegistrationSettings
     declared : Declared, optional
         Without it both clouds are in their declared frames.
 

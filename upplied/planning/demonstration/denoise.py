@@ -121,11 +121,9 @@ def _at_even_times(flight: Trajectory) -> tuple[Floats, Floats]:
 
 
 def _without_spikes(values: Floats, tick: float) -> Floats:
-    """Single samples (K, 3) that no vehicle could have been at, put between their neighbours.
-
-    One sample out of place by s makes second differences of s, -2 s and s, whose sum is nothing; the
-    tip of a sharp turn does not.
-    """
+    """Single samples (K, 3) that no vehicle could have been at, put between their neighbours."""
+    # One sample out of place by s makes second differences of s, -2 s and s, whose sum is nothing; the tip of
+    # a sharp turn does not.
     bend = np.zeros_like(values)  # none at the ends, which are never wild
     bend[1:-1] = np.diff(values, 2, axis=0)
     total = bend + np.roll(bend, 1, axis=0) + np.roll(bend, -1, axis=0)
@@ -145,10 +143,8 @@ def noise_of(values: Floats) -> float:
 
 
 def _averaged(values: Floats, tick: float, jitter: float = 0.0) -> Floats:
-    """Each sample (K, 3) averaged over as long a time as changes nothing but the noise.
-
-    `jitter` is what may change besides.
-    """
+    """Each sample (K, 3) averaged over as long a time as changes nothing but the noise."""
+    # `jitter` is what may change besides.
     noise = noise_of(values)
     values = _with_calm_ends(values, round(SMOOTH_S / tick), noise)
     averages, spread = [values], [noise]
@@ -187,10 +183,8 @@ def _with_calm_ends(values: Floats, many: int, noise: float) -> Floats:
 
 
 def _fourth_order(values: Floats, sigma: float) -> Floats:
-    """Average (K, 3) whose weights keep parabolas: the Gaussian less half its second derivative.
-
-    The ends are continued by point reflection and so stay where they are.
-    """
+    """Average (K, 3) whose weights keep parabolas: the Gaussian less half its second derivative."""
+    # The ends are continued by point reflection and so stay where they are.
     many = min(int(4 * sigma) + 1, len(values) - 1)
     before, after = 2 * values[0] - values[many:0:-1], 2 * values[-1] - values[-2 : -many - 2 : -1]
     step = np.arange(-many, many + 1) / sigma

@@ -78,11 +78,9 @@ def _own_frame(structure: Structure) -> Frame:
 
 
 def _wall_heading(structure: Structure) -> float | None:
-    """Heading that walls face, modulo a right angle: -45 to 45 deg, rad; None where they face all ways.
-
-    The mean of the fourth powers of the horizontal normals, as complex numbers, weighted with the area
-    seen from the side, and of the squared mean of their squares.
-    """
+    """Heading that walls face, modulo a right angle: -45 to 45 deg, rad; None where they face all ways."""
+    # The mean of the fourth powers of the horizontal normals, as complex numbers, weighted with the area seen
+    # from the side, and of the squared mean of their squares.
     if len(structure.triangles):
         normal = area_vectors(structure.vertices[structure.triangles])
     elif structure.normals is not None:
@@ -100,10 +98,8 @@ def _wall_heading(structure: Structure) -> float | None:
 
 
 def _leaning(structure: Structure) -> float:
-    """A direction (rad) in which the surface reaches farther out, however its triangles are divided.
-
-    Else one that the numbering of the vertices gives: a sum of offsets with uneven weights.
-    """
+    """A direction (rad) in which the surface reaches farther out, however its triangles are divided."""
+    # Else one that the numbering of the vertices gives: a sum of offsets with uneven weights.
     if len(structure.triangles):
         middles, size = structure.vertices[structure.triangles].mean(axis=1), triangle_areas(structure)
         offset = middles - centre(structure)

@@ -91,10 +91,8 @@ def _priority(line: Ints) -> Ints:
 
 @njit(cache=True)
 def _crossings(corners: Floats, spacing: float, points: Floats, line: Ints, area: Floats) -> int:
-    """How many lines cross the triangles (T, 3, 3); written where there is room.
-
-    `line` (N, 4) is the triangle, the lattice and the row and column of the line.
-    """
+    """How many lines cross the triangles (T, 3, 3); written where there is room."""
+    # `line` (N, 4) is the triangle, the lattice and the row and column of the line.
     along, aside = np.cos(_HEADING), np.sin(_HEADING)
     cosine, sine = np.cos(_TILT), np.sin(_TILT)
     flat, count = np.empty((3, 2)), 0

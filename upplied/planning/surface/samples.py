@@ -49,10 +49,8 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
 
     Parameters
     ----------
-    structure : Structure
     scene : Scene
         Of the same structure.
-    settings : CloudSettings
 
     Returns
     -------

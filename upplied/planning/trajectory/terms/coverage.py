@@ -94,10 +94,8 @@ def _look(
     width: float,
     batch: Floats,
 ) -> None:
-    """What a pose shows of the samples in `batch`, and its slopes, beside them in `batch`.
-
-    One number of all samples after another: so a compiler decides several samples at a time.
-    """
+    """What a pose shows of the samples in `batch`, and its slopes, beside them in `batch`."""
+    # One number of all samples after another: so a compiler decides several samples at a time.
     round_ = half_h >= np.pi / 2  # so wide a field that there is no picture plane
     sin_h, cos_h, sin_v, cos_v = np.sin(half_h), np.cos(half_h), np.sin(half_v), np.cos(half_v)
     at_x, at_y, at_z, yaw, pitch = pose
@@ -207,7 +205,6 @@ class Hidden(Record):
 
         Parameters
         ----------
-        view : View
         airspace : Airspace
             Whose rules the places keep.
         path : Flown
@@ -239,10 +236,9 @@ class Hidden(Record):
 
 
 def _shared(shows: Bools, need: Floats, away_m: Floats) -> Floats:
-    """(C,) the need that each place has of the samples (C, m) that it shows: more, the better it is.
-
-    Each sample's need (m,) is shared by all places that show it, so that none is chosen by a hair's breadth.
-    """
+    """(C,) the need that each place has of the samples (C, m) that it shows: more, the better it is."""
+    # Each sample's need (m,) is shared by all places that show it, so that none is chosen by a hair's
+    # breadth.
     worth = (shows @ need) / away_m
     worth = (worth / worth.max(initial=1e-300)) ** _CHOOSY
     total = worth @ shows
