@@ -71,8 +71,15 @@ def alignments(moving: Patch, fixed: Patch) -> tuple[Floats, Floats, Bools]:
         part, partner = moving.points[mine], fixed.points[theirs]
         turn = _turned(part, moving.points, partner, fixed.points)
         turned[label] = turn is not None
-        if turn is None and _another_shape(part, partner):
-            continue
+        if turn is None:
+            # Do extents differ by more than those of counterparts do: along the axes, and along their own?
+            # What little sticks out does not count, nor a blade that hardly turned.
+            boxes = [np.ptp(_core(points), axis=0) for points in (part, partner)]
+            own = [extent_of(points) for points in (part, partner)]
+            least = LEAST_PART * float(np.linalg.norm(boxes[0]))
+            ratios = [np.log(np.maximum(a, least) / np.maximum(b, least)) for a, b in (boxes, own)]
+            if min(np.abs(ratio).max() for ratio in ratios) > np.log(MOST_RATIO):
+                continue
         matrix[label], offset[label] = _box_on_box(part, partner) if turn is None else turn
     return matrix, offset, turned
 
@@ -116,16 +123,6 @@ def _box_on_box(part: Floats, partner: Floats) -> tuple[Floats, Floats]:
     box, other = _core(part), _core(partner)
     scale = box_scale(other, box)
     return np.diag(scale), other[0] - scale * box[0]
-
-
-def _another_shape(part: Floats, partner: Floats) -> bool:
-    """Whether extents differ by more than those of counterparts do: along the axes, and along their own."""
-    # What little sticks out does not count, nor a blade that hardly turned.
-    boxes = [np.ptp(_core(points), axis=0) for points in (part, partner)]
-    own = [extent_of(points) for points in (part, partner)]
-    least = LEAST_PART * float(np.linalg.norm(boxes[0]))
-    ratios = [np.log(np.maximum(one, least) / np.maximum(other, least)) for one, other in (boxes, own)]
-    return bool(min(np.abs(ratio).max() for ratio in ratios) > np.log(MOST_RATIO))
 
 
 def _core(part: Floats) -> Floats:

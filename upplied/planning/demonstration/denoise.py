@@ -152,7 +152,14 @@ def _averaged(values: Floats, tick: float, jitter: float = 0.0) -> Floats:
         sigma = width / tick
         if sigma < 0.5 or 3 * sigma > len(values):
             continue
-        averages.append(_fourth_order(values, sigma))
+        # Weights that keep parabolas: the Gaussian less half its second derivative. The ends are continued by
+        # point reflection and so stay where they are.
+        many = min(int(4 * sigma) + 1, len(values) - 1)
+        before, after = 2 * values[0] - values[many:0:-1], 2 * values[-1] - values[-2 : -many - 2 : -1]
+        step = np.arange(-many, many + 1) / sigma
+        weight = (3 - step**2) * np.exp(-(step**2) / 2)
+        longer = np.vstack([before, values, after])
+        averages.append(convolve1d(longer, weight / weight.sum(), axis=0)[many:-many])
         spread.append(noise * np.sqrt(min(0.476 / sigma, 1.0)))
     level, agrees = np.zeros(len(values), np.int64), np.ones(len(values), bool)
     for wide in range(1, len(averages)):
@@ -180,13 +187,3 @@ def _with_calm_ends(values: Floats, many: int, noise: float) -> Floats:
         if np.linalg.norm(begin - end[0]) <= _AGREE * np.sqrt(3) * noise:
             end[0] = begin
     return calm
-
-
-def _fourth_order(values: Floats, sigma: float) -> Floats:
-    """Average (K, 3) whose weights keep parabolas: the Gaussian less half its second derivative."""
-    # The ends are continued by point reflection and so stay where they are.
-    many = min(int(4 * sigma) + 1, len(values) - 1)
-    before, after = 2 * values[0] - values[many:0:-1], 2 * values[-1] - values[-2 : -many - 2 : -1]
-    step = np.arange(-many, many + 1) / sigma
-    weight = (3 - step**2) * np.exp(-(step**2) / 2)
-    return convolve1d(np.vstack([before, values, after]), weight / weight.sum(), axis=0)[many:-many]

@@ -64,17 +64,16 @@ def own_frame(structure: Structure) -> Frame:
     of no consequence, but must turn with the structure. A round structure, whose walls tell no heading, has
     one from these alone.
     """
-    return structure.derived("own frame", lambda: _own_frame(structure))
 
+    def own() -> Frame:
+        middle = centre(structure) * [1.0, 1.0, 0.0]
+        walls, order = _wall_heading(structure), _leaning(structure)
+        if walls is None:
+            return Frame(order, middle)
+        heading = walls + np.round((order - walls - _OFF) / (np.pi / 2)) * np.pi / 2
+        return Frame(float(wrapped(np.asarray(heading))), middle)
 
-def _own_frame(structure: Structure) -> Frame:
-    middle = centre(structure) * [1.0, 1.0, 0.0]
-    walls, order = _wall_heading(structure), _leaning(structure)
-    if walls is None:
-        return Frame(order, middle)
-    quarters = np.round((order - walls - _OFF) / (np.pi / 2))
-    heading = walls + quarters * np.pi / 2
-    return Frame(float(wrapped(np.asarray(heading))), middle)
+    return structure.derived("own frame", own)
 
 
 def _wall_heading(structure: Structure) -> float | None:
