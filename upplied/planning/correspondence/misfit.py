@@ -1,10 +1,9 @@
 """Do two structures correspond at all? A measure free of density and scale, and where they do not fit.
 
-The published score cannot tell: it grows with the spacing of the samples and with the structure,
-sees one direction only, and the boxes it starts from make anything as large as anything. Here three
-things count, each without a unit: how much of the space that one occupies the other occupies too,
-how far the surfaces are apart beyond the spacing of their samples, and how unevenly the boxes had to be
-stretched.
+The published score cannot tell: it grows with the spacing of the samples and with the structure, sees one
+direction only, and the boxes it starts from make anything as large as anything. Here three things count, each
+without a unit: how much of the space that one occupies the other occupies too, how far the surfaces are apart
+beyond the spacing of their samples, and how unevenly the boxes had to be stretched.
 """
 
 from __future__ import annotations
