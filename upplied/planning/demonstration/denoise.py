@@ -146,7 +146,14 @@ def _averaged(values: Floats, tick: float, jitter: float = 0.0) -> Floats:
     """Each sample (K, 3) averaged over as long a time as changes nothing but the noise."""
     # `jitter` is what may change besides.
     noise = noise_of(values)
-    values = _with_calm_ends(values, round(SMOOTH_S / tick), noise)
+    # Both ends lie on the lines through the samples beside them, where no more than noise is off these: what
+    # is continued by reflection beyond an end shares the noise of that end.
+    values = np.array(values)
+    index = np.arange(min(round(SMOOTH_S / tick) + 1, len(values)))
+    for end in (values, values[::-1]) if len(index) >= 4 else ():  # views: what is set is set in `values`
+        _, begin = np.polyfit(index, end[index], 1)
+        if np.linalg.norm(begin - end[0]) <= _AGREE * np.sqrt(3) * noise:
+            end[0] = begin
     averages, spread = [values], [noise]
     for width in _WIDTHS_S:
         sigma = width / tick
@@ -171,19 +178,3 @@ def _averaged(values: Floats, tick: float, jitter: float = 0.0) -> Floats:
     shares = np.stack([level == index for index in range(len(averages))]).astype(float)
     shares = gaussian_filter1d(shares, SMOOTH_S / 3 / tick, axis=1, mode="nearest")
     return np.asarray(np.einsum("kn,knj->nj", shares, np.stack(averages)))
-
-
-def _with_calm_ends(values: Floats, many: int, noise: float) -> Floats:
-    """The samples, both ends on the lines through those beside them, where no more than noise is off these.
-
-    What is continued by reflection beyond an end shares the noise of that end.
-    """
-    calm = np.array(values)
-    index = np.arange(min(many + 1, len(values)))
-    if len(index) < 4:
-        return calm
-    for end in (calm, calm[::-1]):  # views: what is set is set in `calm`
-        _, begin = np.polyfit(index, end[index], 1)
-        if np.linalg.norm(begin - end[0]) <= _AGREE * np.sqrt(3) * noise:
-            end[0] = begin
-    return calm
