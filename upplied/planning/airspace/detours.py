@@ -169,9 +169,8 @@ def _moved_to_free(positions: Floats, good: Bools, graph: Roadmap) -> Floats:
     if len(graph.places) == 0:
         index = int(np.flatnonzero(~good)[0])
         raise _refusal(graph.airspace, index, positions[index], graph.airspace.why(positions[index]))
-    tree = cKDTree(graph.places)
     placed = np.array(positions)
-    placed[~good] = graph.places[tree.query(positions[~good])[1]]
+    placed[~good] = graph.places[cKDTree(graph.places).query(positions[~good])[1]]
     return placed
 
 
