@@ -59,7 +59,11 @@ class _Faces(Record):
         shared = first[count == 2]  # of three and more, which two were a pair would depend on their order
         one, other = order[shared], order[shared + 1]
         across = np.roll(triangles, -2, axis=1).reshape(-1)  # the corner that faces each edge
-        bend = _bend(structure.vertices[np.column_stack([ends[one], across[one], across[other]])])
+        # Of the four corners, how far they are from one plane: the volume over its gradient.
+        corners = structure.vertices[np.column_stack([ends[one], across[one], across[other]])]
+        volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
+        squared = sum((area_vectors(np.delete(corners, at, axis=1)) ** 2).sum(axis=1) for at in range(4))
+        bend = np.asarray(volume / np.sqrt(np.maximum(squared, 1e-60)))
         pairs = np.column_stack([one, other]) // 3
         cosine = np.einsum("pi,pi->p", normals[pairs[:, 0]], normals[pairs[:, 1]])
         return cls(edges, area, pairs, edges.reshape(-1)[one], cosine, bend)
@@ -81,14 +85,6 @@ class _Faces(Record):
         """Share of the area on both sides of edges that lie within a face."""
         angle = np.degrees(np.arccos(np.clip(np.abs(self.cosine), 0.0, 1.0))) / _FLAT_DEG
         return float(np.average(1 / (1 + angle**2), weights=self.area_m2[self.pairs].sum(axis=1)))
-
-
-def _bend(corners: Floats) -> Floats:
-    """Of four corners (P, 4, 3), how far they are from one plane, m: the volume over its gradient."""
-    sides = corners[:, 1:] - corners[:, :1]
-    volume = np.abs(np.linalg.det(sides))
-    squared = sum((area_vectors(np.delete(corners, left, axis=1)) ** 2).sum(axis=1) for left in range(4))
-    return np.asarray(volume / np.sqrt(np.maximum(squared, 1e-60)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

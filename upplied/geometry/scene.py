@@ -47,11 +47,9 @@ _PLOTS = "open3d.visualization.draw_plotly"
 
 @contextmanager
 def _plots_deferred() -> Iterator[None]:
-    """While Open3D loads, let its plots in a browser wait until somebody asks for one.
-
-    It imports Dash for them, with Plotly, pydantic and Flask: most of what it takes to load, and no
-    switch leaves them out.
-    """
+    """While Open3D loads, let its plots in a browser wait until somebody asks for one."""
+    # It imports Dash for them, with Plotly, pydantic and Flask: most of what it takes to load, and no switch
+    # leaves them out.
     if "open3d" in sys.modules:
         yield
         return
@@ -107,7 +105,13 @@ class Scene:
         mesh = (vertices - self.origin).astype(np.float32), triangles.astype(np.uint32)
         self._scene.add_triangles(*(open3d().core.Tensor(np.ascontiguousarray(each)) for each in mesh))
         self.thin_m, self.thin_error_m = thin_m, thin_error_m
-        self._thin = np.flatnonzero(self._is_thin(vertices, triangles) if thin_m else [])
+        self._thin = np.empty(0, np.int64)
+        if thin_m:  # the surface across, on either side, is nearer than that
+            corners = vertices[triangles] - self.origin
+            normals = area_vectors(corners)
+            across = thin_m * normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+            rays = (np.hstack([corners.mean(axis=1) + 1e-3 * way, way]) for way in (-across, across))
+            self._thin = np.flatnonzero(np.logical_or(*(self.blocked(each, slack=0.0) for each in rays)))
         if len(self._thin):
             self._ends = Scene(vertices, triangles[self._thin], self.threads, error_m=thin_error_m)
 
@@ -185,14 +189,6 @@ class Scene:
             places = np.where(nearer[:, None], others, places)
             triangle = np.where(nearer, self._thin[end], triangle)
         return places, triangle
-
-    def _is_thin(self, vertices: Floats, triangles: Ints) -> Bools:
-        """Of which triangles (T,) the surface across, on either side, is nearer than `thin_m`."""
-        corners = vertices[triangles] - self.origin
-        normals = area_vectors(corners)
-        across = self.thin_m * normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-        rays = (np.hstack([corners.mean(axis=1) + 1e-3 * way, way]) for way in (-across, across))
-        return np.logical_or(*(self.blocked(each, slack=0.0) for each in rays))
 
     def _rays(self, origins: Floats, directions: Floats) -> Any:
         starts = np.asarray(origins - self.origin, np.float32)

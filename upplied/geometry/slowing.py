@@ -57,19 +57,13 @@ def no_harder(times: Floats, positions: Floats, most_mps2: float) -> Floats:
         if not (excess > 1 + 1e-9).any():
             break
         slower = np.maximum(np.concatenate([[1.0], excess]), np.concatenate([excess, [1.0]]))
-        times = _slowed(times, np.where(slower > 1, slower + _EASED, 1.0))
+        slower = np.where(slower > 1, slower + _EASED, 1.0)  # so many times on each leg
+        clock = np.linspace(times[0], times[-1], int((times[-1] - times[0]) / _CLOCK_S) + 2)
+        leg = np.clip(np.searchsorted(times, clock, side="right") - 1, 0, len(slower) - 1)
+        # The slowest leg of each step of the clock: legs are shorter where photos are close to other poses.
+        rate = np.array([slower[first : last + 1].max() for first, last in itertools.pairwise(leg)])
+        brake = 2 * round(_BRAKING_S[1] / _CLOCK_S) + 1
+        # The mean of the slowest round about is nowhere faster than what it is the mean of.
+        rate = uniform_filter1d(maximum_filter1d(rate, brake, mode="nearest"), brake, mode="nearest")
+        times = times[0] + np.interp(times, clock, cumulated(rate * np.diff(clock)))
     return times
-
-
-def _slowed(times: Floats, slower: Floats) -> Floats:
-    """Moments (N,) of a flight so many times slower on its legs (N - 1,), braking before and after."""
-    if (slower <= 1).all():
-        return times
-    clock = np.linspace(times[0], times[-1], int((times[-1] - times[0]) / _CLOCK_S) + 2)
-    leg = np.clip(np.searchsorted(times, clock, side="right") - 1, 0, len(slower) - 1)
-    # The slowest leg of each step of the clock: the legs are shorter where photos are close to other poses.
-    rate = np.array([slower[first : last + 1].max() for first, last in itertools.pairwise(leg)])
-    brake = 2 * round(_BRAKING_S[1] / _CLOCK_S) + 1
-    # The mean of the slowest round about is nowhere faster than what it is the mean of.
-    rate = uniform_filter1d(maximum_filter1d(rate, brake, mode="nearest"), brake, mode="nearest")
-    return times[0] + np.interp(times, clock, cumulated(rate * np.diff(clock)))

@@ -48,17 +48,6 @@ def with_normals(points: Floats, normals: Floats, weight_m: float) -> Floats:
     return np.concatenate([points, weight_m * normals], axis=1)
 
 
-def nearest_of_all(points: Floats, count: int) -> tuple[Floats, Ints]:
-    """Distances (N, count), m, and indices of the nearest of the points (N, 3) to each, itself the first."""
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(points)
-    away, nearest = np.empty((len(points), count)), np.empty((len(points), count), np.int64)
-    order = tree.indices  # neighbours one after another find the tree's nodes in the processor's cache
-    away[order], nearest[order] = tree.query(points[order], k=[*range(1, count + 1)])
-    return away, nearest
-
-
 def neighbour_spacing(points: Floats, places: Floats | None = None) -> float:
     """Median distance of points (N, 3), or of some of them, to the nearest other one; 0 for a single one."""
     from scipy.spatial import cKDTree

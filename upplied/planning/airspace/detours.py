@@ -169,9 +169,8 @@ def _moved_to_free(positions: Floats, good: Bools, graph: Roadmap) -> Floats:
     if len(graph.places) == 0:
         index = int(np.flatnonzero(~good)[0])
         raise _refusal(graph.airspace, index, positions[index], graph.airspace.why(positions[index]))
-    tree = cKDTree(graph.places)
     placed = np.array(positions)
-    placed[~good] = graph.places[tree.query(positions[~good])[1]]
+    placed[~good] = graph.places[cKDTree(graph.places).query(positions[~good])[1]]
     return placed
 
 
@@ -216,11 +215,9 @@ def _with_count(line: Floats, count: int) -> Floats:
 def _corners_rounded(
     positions: Floats, movable: Bools, airspace: Airspace, like: Floats | None = None
 ) -> Floats:
-    """Corners rounded where that breaks no rule; ends and what is not movable stay.
-
-    Where a path to be `like` is given, the difference from it is smoothed instead: rounding the path
-    itself would pull every curve inwards.
-    """
+    """Corners rounded where that breaks no rule; ends and what is not movable stay."""
+    # Where a path to be `like` is given, the difference from it is smoothed instead: rounding the path itself
+    # would pull every curve inwards.
     smooth, movable = np.array(positions), np.array(movable)
     like = np.zeros_like(smooth) if like is None else like
     movable[[0, -1]] = False

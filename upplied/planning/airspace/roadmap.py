@@ -63,8 +63,17 @@ def roadmap(airspace: Airspace, surface: Cloud, further: Floats | None = None) -
     for box in airspace.surroundings.keep_out_m:
         round_it = _round_box(box, 0.05 + 0.1 * airspace.clearance_m, number=3)
         places.append(airspace.frame.from_declared(round_it))
-    posts = _inside_posts(airspace.surroundings.geofence_m, whole[:, 2], near)
-    places.append(airspace.frame.from_declared(posts))
+    # Inside each post of the fence, where a path has to turn, from low to high: one at each height, amid the
+    # directions that lead inside. A ring of them would be neighbours of each other alone, and lead nowhere.
+    fence, turns = airspace.surroundings.geofence_m, np.arange(16) * np.pi / 8
+    ring = _POST_M * np.column_stack([np.cos(turns), np.sin(turns)])
+    z, posts = np.linspace(whole[0, 2] - near, whole[1, 2] + near, 5), [np.empty((0, 3))]
+    for post in fence:
+        inside = ring[inside_fence(fence, post + ring)]
+        if len(inside):
+            amid = post + _POST_M * inside.mean(axis=0) / max(np.linalg.norm(inside.mean(axis=0)), 1e-9)
+            posts.append(np.column_stack([np.tile(amid, (len(z), 1)), z]))
+    places.append(airspace.frame.from_declared(np.vstack(posts)))
     if further is not None:
         places.append(further)
     stacked = np.vstack(places)
@@ -188,30 +197,9 @@ def _round_box(box: Floats, distance_m: float, number: int) -> Floats:
     return low - distance_m + grid * (high - low + 2 * distance_m)
 
 
-def _inside_posts(fence: Floats, heights_m: Floats, above_m: float) -> Floats:
-    """Positions inside each post of a fence (G, 2), where a path has to turn, from low to high.
-
-    One at each height, amid the directions that lead inside. A ring of them about a post would be
-    neighbours of each other alone, and lead nowhere else.
-    """
-    turn = np.arange(16) * np.pi / 8
-    ring = _POST_M * np.column_stack([np.cos(turn), np.sin(turn)])
-    z = np.linspace(heights_m[0] - above_m, heights_m[1] + above_m, 5)
-    positions = [np.empty((0, 3))]
-    for post in fence:
-        inside = ring[inside_fence(fence, post + ring)]
-        if len(inside) == 0:
-            continue
-        amid = post + _POST_M * inside.mean(axis=0) / max(np.linalg.norm(inside.mean(axis=0)), 1e-9)
-        positions.append(np.column_stack([np.tile(amid, (len(z), 1)), z]))
-    return np.vstack(positions)
-
-
 def _neighbours(places: Floats, spacing: float) -> tuple[Ints, Ints]:
-    """Edges from each place to its nearest ones, each pair once.
-
-    The same again among fewer and fewer places: long edges join patches that stand apart.
-    """
+    """Edges from each place to its nearest ones, each pair once."""
+    # The same again among fewer and fewer places: long edges join patches that stand apart.
     count, pairs = len(places), [np.empty(0, np.int64)]
     layer = np.arange(count)
     while len(layer) > 1:

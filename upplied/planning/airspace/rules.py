@@ -280,10 +280,8 @@ def push(positions: Floats, airspace: Airspace) -> Floats:
 
 
 def _kernel(positions: Floats, reach: float) -> csr_matrix:
-    """(M, M) weights of a running mean of the pushes along the path: a raised cosine, each row sums to 1.
-
-    What is farther along the path than `reach` has no weight, and takes no place.
-    """
+    """(M, M) weights of a running mean of the pushes along the path: a raised cosine, each row sums to 1."""
+    # What is farther along the path than `reach` has no weight, and takes no place.
     along = arc_length(positions)
     first = np.searchsorted(along, along - reach, side="left")
     count = np.searchsorted(along, along + reach, side="right") - first

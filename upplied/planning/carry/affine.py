@@ -194,10 +194,8 @@ def gauss_newton(
 
 
 def _solve(camera: Floats, points: Floats, wanted: Floats, iterations: int) -> Floats:
-    """Plain Gauss-Newton with the least-norm step; of all iterates the one with the least residual.
-
-    Without that choice single viewpoints run off by kilometres where the points in view lie in a plane.
-    """
+    """Plain Gauss-Newton with the least-norm step; of all iterates the one with the least residual."""
+    # Without that choice single viewpoints run off by kilometres where the points in view lie in a plane.
     here, best, least = camera, camera, np.inf
     residual, jacobian = np.empty(len(points)), np.empty(points.shape)
     room = [int(size) for size in dgelsd_lwork(*points.shape, 1, _SINGULAR)[:2]]

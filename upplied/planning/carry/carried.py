@@ -119,9 +119,7 @@ class Goal(Record):
     reference: Floats  # (K, 3) m, the demonstrated positions, by which the shape is measured
     standing: Floats  # (3, 3) turns the target's axes into the source's
     height_m: float | None  # of the plane that the path stays in
-    looked_m: (
-        Floats  # (S,) of the source's samples, from how near the expert looked at each, sharply or at all
-    )
+    looked_m: Floats  # (S,) m, of the source's samples, from how near each was looked at, sharply or at all
     area_ratio: float = 1.0  # of what corresponds to the inspected surface, to that surface
 
 

@@ -16,13 +16,7 @@ import numpy as np
 from upplied.config import Settings
 from upplied.planning.carry.forecast import odd_number
 from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY
-from upplied.planning.correspondence.certainty import (
-    SAME_KIND,
-    certainty,
-    evidence_of_same_kind,
-    probability,
-    wholes_of,
-)
+from upplied.planning.correspondence.certainty import SAME_KIND, certainty, evidence_of_same_kind, probability
 from upplied.planning.correspondence.naming import choices_for, place_of, side_of
 from upplied.planning.demonstration.repetition import Attended, Take, choices_in, inspected_parts
 from upplied.planning.geometry.clouds import diagonal_of
@@ -85,10 +79,8 @@ def _bodies(inspected: list[tuple[int, float]], take: Attended, source: _Side) -
 
 
 def _no_part_twice(counterparts: dict[str, Counterpart], there: str) -> dict[str, Counterpart]:
-    """The same, in doubt where one part of the target is flown for two parts of the source.
-
-    It lies in the middle, where the source has none of the kind: two in one, or what is left of another.
-    """
+    """The same, in doubt where one part of the target is flown for two parts of the source."""
+    # It lies in the middle, where the source has none of the kind: two in one, or what is left of another.
     times = Counter(name for one in counterparts.values() for name in one.flown)
     twice = [name for name, count in times.items() if count > 1]
     if not twice:
@@ -224,7 +216,9 @@ def _probability(
     if len(matched) == 1 and (take.choice >= 0 or settings.correspondence.counterparts):
         for other in alike:
             if other != matched[0]:
-                known = wholes_of(fit), fit.inferred >= 0
+                # How badly the target fits the structure that labelled its parts, of what was scanned of it.
+                wholes = fit if fit.labelling is None else fit.labelling.to_target
+                known = wholes.registration.scanned, fit.inferred >= 0
                 evidence = evidence_of_same_kind(fit.registered, other, matched[0], *known)
                 best = max(best, certainty(fit, part, [other]) * probability(evidence, SAME_KIND))
     return best

@@ -102,12 +102,10 @@ def inspected_surface(
 
 
 def _spread(target: Cloud, index: Ints, points: Floats) -> tuple[Ints, Floats]:
-    """The target samples (P, K) round each counterpart, and the share that each has of it.
-
-    Counterparts (P, 3) lie between samples; one that was given to the nearest alone would go to another one
-    for a change of a millimetre. The share is whole at a sample, and falls to nothing where the next sample
-    beyond the K would be (Franke and Little's weights).
-    """
+    """The target samples (P, K) round each counterpart, and the share that each has of it."""
+    # Counterparts (P, 3) lie between samples; one that was given to the nearest alone would go to another one
+    # for a change of a millimetre. The share is whole at a sample, and falls to nothing where the next sample
+    # beyond the K would be (Franke and Little's weights).
     outward, weight = target.outward, FACING * diagonal_of(target.points)
     count = min(_ROUND + 1, len(target))
     tree = cKDTree(with_normals(target.points, outward, weight))

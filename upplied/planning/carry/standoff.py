@@ -151,11 +151,9 @@ def counted(
 
 
 def _middles(positions: Floats, weight: Floats, here: Floats, there: Floats) -> tuple[Floats, Floats]:
-    """What is in the middle of each picture, (M, 3), m, and its counterpart; NaN where nothing is seen.
-
-    The middle is about the centre of what is seen, within some degrees: what is beside it is at another
-    depth, or round the corner.
-    """
+    """What is in the middle of each picture, (M, 3), m, and its counterpart; NaN where nothing is seen."""
+    # The middle is about the centre of what is seen, within some degrees: what is beside it is at another
+    # depth, or round the corner.
     with np.errstate(invalid="ignore", divide="ignore"):
         towards = (weight @ here) / weight.sum(axis=1)[:, None] - positions
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)

@@ -70,11 +70,6 @@ def certainty(fit: Fit, part: int, counterparts: Sequence[int], alone: bool = Fa
     return sure
 
 
-def wholes_of(fit: Fit) -> float:
-    """How badly the target fits the structure that labelled its parts, of what was scanned of it."""
-    return (fit if fit.labelling is None else fit.labelling.to_target).registration.scanned
-
-
 def named_by(fit: Fit) -> Bools:
     """Which samples of the target (M,) lie on the part that their place on the source corresponds to."""
     here, there = fit.correspondences.source_class, fit.correspondences.target_class
@@ -112,10 +107,8 @@ def _by_source(labelling: Labelling, part: int) -> tuple[Bools, float]:
 
 
 def _by_way_of_sibling(labelling: Labelling, part: int) -> tuple[Bools, float]:
-    """The same from the source to a sibling to the target; 0 where the sibling knows of no such part.
-
-    Where it has one and the target none, that is as certain as that it has.
-    """
+    """The same from the source to a sibling to the target; 0 where the sibling knows of no such part."""
+    # Where it has one and the target none, that is as certain as that it has.
     if labelling.to_sibling is not None:
         parts, sure = _forth(labelling.to_sibling, [part])
     else:

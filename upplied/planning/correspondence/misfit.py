@@ -1,10 +1,9 @@
 """Do two structures correspond at all? A measure free of density and scale, and where they do not fit.
 
-The published score cannot tell: it grows with the spacing of the samples and with the structure,
-sees one direction only, and the boxes it starts from make anything as large as anything. Here three
-things count, each without a unit: how much of the space that one occupies the other occupies too,
-how far the surfaces are apart beyond the spacing of their samples, and how unevenly the boxes had to be
-stretched.
+The published score cannot tell: it grows with the spacing of the samples and with the structure, sees one
+direction only, and the boxes it starts from make anything as large as anything. Here three things count, each
+without a unit: how much of the space that one occupies the other occupies too, how far the surfaces are apart
+beyond the spacing of their samples, and how unevenly the boxes had to be stretched.
 """
 
 from __future__ import annotations
@@ -18,13 +17,7 @@ from upplied.planning.constants import LEAST_PART, TOLERANCE
 from upplied.planning.correspondence.coherent_point_drift import spread_over
 from upplied.planning.correspondence.naming import place_in
 from upplied.planning.correspondence.part_alignment import aligned_parts, matched, patches
-from upplied.planning.geometry.clouds import (
-    UNTURNED,
-    diagonal_of,
-    in_source_frame,
-    nearest_facing,
-    spacing,
-)
+from upplied.planning.geometry.clouds import UNTURNED, diagonal_of, in_source_frame, nearest_facing, spacing
 from upplied.planning.surface.parts import blades_of
 from upplied.records import Cloud, Floats, Record, Registration
 
@@ -69,7 +62,15 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: F
     if blades_of(source).any() and blades_of(registered).any():
         moved = aligned_parts(*patches(source, registered, matched(source, registered)), turned_only=True)
         here = Cloud(moved.points, moved.normals, source.area_m2, source.part)
-    common, explained = _overlaps(here.points, registered.points)
+    # Share of the cells of either that are at most one cell from the other's.
+    low = np.minimum(here.points.min(axis=0), registered.points.min(axis=0))
+    size = np.maximum(np.maximum(here.points.max(axis=0), registered.points.max(axis=0)) - low, 1e-9)
+    one, other = np.zeros((2, _CELLS, _CELLS, _CELLS), bool)
+    for grid, places in ((one, here.points), (other, registered.points)):
+        cell = np.clip(((places - low) / size * _CELLS).astype(int), 0, _CELLS - 1)
+        grid[tuple(cell.T)] = True
+    common = float((one & ndimage.binary_dilation(other)).sum() / one.sum())
+    explained = float((other & ndimage.binary_dilation(one)).sum() / other.sum())
     overlap = (common + explained) / 2
     forth, gap_here = _distances(here, registered, diagonal)
     back, gap_there = _distances(registered, here, diagonal)
@@ -82,24 +83,9 @@ def misfit_of(source: Cloud, target: Cloud, registration: Registration, words: F
     return Misfit(overlap, gap, stretch, value, scanned, common, worst)
 
 
-def _overlaps(points: Floats, others: Floats) -> tuple[float, float]:
-    """Share of the cells of either that are at most one cell from the other's."""
-    low = np.minimum(points.min(axis=0), others.min(axis=0))
-    size = np.maximum(np.maximum(points.max(axis=0), others.max(axis=0)) - low, 1e-9)
-    one, other = np.zeros((2, _CELLS, _CELLS, _CELLS), bool)
-    for grid, places in ((one, points), (other, others)):
-        cell = np.clip(((places - low) / size * _CELLS).astype(int), 0, _CELLS - 1)
-        grid[tuple(cell.T)] = True
-    forth = (one & ndimage.binary_dilation(other)).sum() / one.sum()
-    back = (other & ndimage.binary_dilation(one)).sum() / other.sum()
-    return float(forth), float(back)
-
-
 def _distances(cloud: Cloud, other: Cloud, diagonal_m: float) -> tuple[Floats, float]:
-    """For some samples, (_SAMPLES,), how far the other surface is beyond its spacing, and the mean.
-
-    Over the diagonal. A surface that faces another way is farther.
-    """
+    """For some samples, (_SAMPLES,), how far the other surface is beyond its spacing, and the mean."""
+    # Over the diagonal. A surface that faces another way is farther.
     index = spread_over(cloud, _SAMPLES)
     away = nearest_facing(cloud.at(index), other, GAP_FACING * diagonal_m)[0]
     distances = np.maximum(away - spacing(other), 0) / diagonal_m

@@ -71,8 +71,15 @@ def alignments(moving: Patch, fixed: Patch) -> tuple[Floats, Floats, Bools]:
         part, partner = moving.points[mine], fixed.points[theirs]
         turn = _turned(part, moving.points, partner, fixed.points)
         turned[label] = turn is not None
-        if turn is None and _another_shape(part, partner):
-            continue
+        if turn is None:
+            # Do extents differ by more than those of counterparts do: along the axes, and along their own?
+            # What little sticks out does not count, nor a blade that hardly turned.
+            boxes = [np.ptp(_core(points), axis=0) for points in (part, partner)]
+            own = [extent_of(points) for points in (part, partner)]
+            least = LEAST_PART * float(np.linalg.norm(boxes[0]))
+            ratios = [np.log(np.maximum(a, least) / np.maximum(b, least)) for a, b in (boxes, own)]
+            if min(np.abs(ratio).max() for ratio in ratios) > np.log(MOST_RATIO):
+                continue
         matrix[label], offset[label] = _box_on_box(part, partner) if turn is None else turn
     return matrix, offset, turned
 
@@ -118,24 +125,10 @@ def _box_on_box(part: Floats, partner: Floats) -> tuple[Floats, Floats]:
     return np.diag(scale), other[0] - scale * box[0]
 
 
-def _another_shape(part: Floats, partner: Floats) -> bool:
-    """Whether extents differ by more than those of counterparts do: along the axes, and along their own.
-
-    What little sticks out does not count, nor a blade that hardly turned.
-    """
-    boxes = [np.ptp(_core(points), axis=0) for points in (part, partner)]
-    own = [extent_of(points) for points in (part, partner)]
-    least = LEAST_PART * float(np.linalg.norm(boxes[0]))
-    ratios = [np.log(np.maximum(one, least) / np.maximum(other, least)) for one, other in (boxes, own)]
-    return bool(min(np.abs(ratio).max() for ratio in ratios) > np.log(MOST_RATIO))
-
-
 def _core(part: Floats) -> Floats:
-    """Lower and upper corner (2, 3) of a part without what little sticks out of it.
-
-    A strip of the wing that was modelled with the engine would double the engine's box. Where
-    the outermost samples widen an axis by far more than their number, they do not count.
-    """
+    """Lower and upper corner (2, 3) of a part without what little sticks out of it."""
+    # A strip of the wing that was modelled with the engine would double the engine's box. Where the outermost
+    # samples widen an axis by far more than their number, they do not count.
     low, high = part.min(axis=0), part.max(axis=0)
     inner_low, inner_high = np.quantile(part, [TOLERANCE, 1 - TOLERANCE], axis=0)
     usual = (inner_high - inner_low) * TOLERANCE / (1 - 2 * TOLERANCE)

@@ -71,7 +71,15 @@ def match_parts(
     here, there = np.full(len(source), -1), np.full(len(target), -1)
     has = np.flatnonzero(partner >= 0)
     here[has] = there[partner[has]] = np.arange(len(has))
-    _join_unions((source, here), (target, there), diagonal_m, fits)
+    # One part may correspond to two that make it up.
+    both_ways = ((source, here, target, there, False), (target, there, source, here, True))
+    for one_side, one_class, other_side, other_class, swapped in both_ways:
+        for part in np.flatnonzero(one_class < 0).tolist():
+            free = np.flatnonzero(other_class < 0)
+            for pair in _unions_like(one_side, part, other_side, free, diagonal_m):
+                if fits(pair, [part]) if swapped else fits([part], pair):
+                    one_class[part] = other_class[pair] = here.max() + 1
+                    break
     for _ in range(2):  # what was joined here may make it more alike to join its like there
         here = _with_pieces(here, source, there, target, diagonal_m)
         there = _with_pieces(there, target, here, source, diagonal_m)
@@ -95,10 +103,8 @@ def _costs(source: Parts, target: Parts, diagonal_m: float) -> tuple[Floats, Boo
 
 
 def _alike(source: Parts, target: Parts, diagonal_m: float, floor: float, most: float) -> Bools:
-    """Which parts (K, L) have extents of at most a ratio, where these are above a floor.
-
-    Blades may have turned: they are compared along their own axes as well.
-    """
+    """Which parts (K, L) have extents of at most a ratio, where these are above a floor."""
+    # Blades may have turned: they are compared along their own axes as well.
     boxes = _ratios(source.high - source.low, target.high - target.low, floor * diagonal_m)
     turned = _ratios(source.extent, target.extent, floor * diagonal_m)
     along = np.logical_and.outer(source.blade, target.blade) & (turned.max(axis=2) < np.log(most))
@@ -145,10 +151,8 @@ def _neighbours(partner: Ints, free: list[int], cost: Floats) -> Iterator[Ints]:
 
 
 def _total(partner: Ints, cost: Floats, source: Parts, target: Parts, diagonal_m: float) -> float:
-    """Cost of an assignment: of each pair, and of neighbours that lose touch or change sides.
-
-    Two parts that touch on the target alone count as well, or a tier might be left out in the middle.
-    """
+    """Cost of an assignment: of each pair, and of neighbours that lose touch or change sides."""
+    # Two parts that touch on the target alone count as well, or a tier might be left out in the middle.
     has = np.flatnonzero(partner >= 0)
     total = float(cost[has, partner[has]].sum()) + float(2 * np.sqrt(source.area[partner < 0]).sum())
     one, other = np.nonzero(np.triu(source.touching, 1))
@@ -167,27 +171,10 @@ def _total(partner: Ints, cost: Floats, source: Parts, target: Parts, diagonal_m
     return total + _NEIGHBOURS * float(weight[new].sum())
 
 
-def _join_unions(
-    here: tuple[Parts, Ints],
-    there: tuple[Parts, Ints],
-    diagonal_m: float,
-    fits: Callable[[Sequence[int], Sequence[int]], bool],
-) -> None:
-    """Let one part correspond to two that make it up: the classes of both structures' parts are changed."""
-    for (one, one_class), (other, other_class), swapped in ((here, there, False), (there, here, True)):
-        for part in np.flatnonzero(one_class < 0).tolist():
-            for pair in _unions_like(one, part, other, np.flatnonzero(other_class < 0), diagonal_m):
-                if fits(pair, [part]) if swapped else fits([part], pair):
-                    one_class[part] = other_class[pair] = here[1].max() + 1
-                    break
-
-
 def _with_pieces(own: Ints, one: Parts, others: Ints, other: Parts, diagonal_m: float) -> Ints:
-    """The classes (K,) of parts, where pieces in none joined the compact body that they touch.
-
-    The inlet of a nacelle is a part of its own here and not there. The body has to stay as alike to its
-    counterpart as it was.
-    """
+    """The classes (K,) of parts, where pieces in none joined the compact body that they touch."""
+    # The inlet of a nacelle is a part of its own here and not there. The body has to stay as alike to its
+    # counterpart as it was.
     own, size = own.copy(), (one.high - one.low).max(axis=1)
     compact = size < COMPACT * diagonal_m
     for part in np.flatnonzero((own < 0) & compact):

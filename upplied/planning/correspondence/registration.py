@@ -57,7 +57,6 @@ def register(
     ----------
     source, target : Cloud
         Of the demonstration structure, and of the target.
-    settings : RegistrationSettings
     declared : Declared, optional
         Without it both clouds are in their declared frames.
 
@@ -146,7 +145,15 @@ def _best_registration(
         if judgement.value < CLEARLY_BETTER * misfit.value:
             best, misfit, chosen = body, judgement, "; registered body on body, since blades may have turned"
     if is_open(target):
-        return _of_open(source, target, gate, words, (best, misfit, chosen))
+        # As a whole target, unless a partial one leaves clearly less of its residual.
+        before, *others = ways_of_open(source, target, start, best)
+        for other in others:
+            if other.apart_m > MAJORITY * before.apart_m:
+                break
+            judgement = misfit_of(source, target, other.registration, words)
+            if judgement.value < gate and judgement.common > _COVERED:
+                return other.registration, judgement, "; registered by what was scanned"
+        return best, misfit, chosen
     if misfit.value > _PARTLY * gate and (partly := registered_partly(source, target, start)) is not None:
         judgement = misfit_of(source, target, partly, words)
         lies_well = judgement.scanned < _PARTLY * gate and judgement.common > _COVERED
@@ -154,21 +161,6 @@ def _best_registration(
         if CLEARLY_BETTER * judgement.value < misfit.value if misfit.value < gate else lies_well:
             best, misfit, chosen = partly, judgement, "; registered by what is on both structures"
     return best, misfit, chosen
-
-
-def _of_open(
-    source: Cloud, target: Cloud, gate: float, words: Floats, closed: tuple[Registration, Misfit, str]
-) -> tuple[Registration, Misfit, str]:
-    """The registration as of a whole target, unless a partial one leaves clearly less of its residual."""
-    box = box_on_box(source, target, closed[0].turn)
-    before, *others = ways_of_open(source, target, box, closed[0])
-    for other in others:
-        if other.apart_m > MAJORITY * before.apart_m:
-            break
-        misfit = misfit_of(source, target, other.registration, words)
-        if misfit.value < gate and misfit.common > _COVERED:
-            return other.registration, misfit, "; registered by what was scanned"
-    return closed
 
 
 def box_on_box(source: Cloud, target: Cloud, turn: Floats = UNTURNED) -> Registration:

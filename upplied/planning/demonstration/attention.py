@@ -108,10 +108,9 @@ def attention(
 
 
 def _meant(stretch: Ints, gazed: Floats, area: Floats) -> Floats:
-    """How much (N,) the flight was about each sample by how completely its stretch was gazed at.
-
-    The mean over the divisions (J, N) of the skin; of a stretch that is as complete as the flight's own all.
-    """
+    """How much (N,) the flight was about each sample by how completely its stretch was gazed at."""
+    # The mean over the divisions (J, N) of the skin; of a stretch that is as complete as the flight's own
+    # all.
     meant = np.zeros(len(area))
     for part in stretch:
         complete = np.bincount(part, gazed) / np.maximum(np.bincount(part, area), 1e-300)

@@ -19,24 +19,12 @@ from upplied.planning.correspondence.naming import choices_for, side_of
 from upplied.planning.correspondence.never_scanned import without
 from upplied.planning.correspondence.pair import Pair, Task, grained, skin_of
 from upplied.planning.correspondence.registration import declared_for
-from upplied.planning.demonstration.inspection import (
-    Inspection,
-    attended_by,
-    inspect_demonstration,
-)
+from upplied.planning.demonstration.inspection import Inspection, attended_by, inspect_demonstration
 from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.surface.frames import named_axes
 from upplied.planning.surface.parts import Parts, labels_of, parts_of_both
 from upplied.planning.surface.skin import Skin
-from upplied.records import (
-    Demonstration,
-    Floats,
-    Ints,
-    Record,
-    Structure,
-    SurfaceStates,
-    Trajectory,
-)
+from upplied.records import Demonstration, Floats, Ints, Record, Structure, SurfaceStates, Trajectory
 from upplied.records.plans import RequiredSurface
 
 _MEANT = 0.05  # of attention, from which a sample lies on what was inspected

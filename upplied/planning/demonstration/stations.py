@@ -26,7 +26,6 @@ def pauses(flight: Trajectory, least_s: float = 3.0) -> list[tuple[float, float]
 
     Parameters
     ----------
-    flight : Trajectory
     least_s : float
         Shorter ones are hesitations.
     """
@@ -157,7 +156,6 @@ def find_viewpoints(
         N poses.
     visibility : Visibility
         What each pose sees, (N, points).
-    settings : ViewpointSettings
     breaks : array of int, optional
         Poses that start a new part after a gap in the log; they always start a segment.
     """

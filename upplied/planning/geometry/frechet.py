@@ -127,10 +127,8 @@ def curve_spread(path: Floats) -> tuple[Floats, Floats]:
 
 @njit(cache=True)
 def _simplified(curve: Floats, off: float) -> Floats:
-    """The curve without vertices that its chords pass within a distance, in their order (greedy).
-
-    The Frechet distance of both is at most that distance: along each chord they advance together.
-    """
+    """The curve without vertices that its chords pass within a distance, in their order (greedy)."""
+    # The Frechet distance of both is at most that distance: along each chord they advance together.
     chosen, count, dimensions = np.zeros(len(curve), np.bool_), len(curve), curve.shape[1]
     chosen[0] = chosen[count - 1] = True
     start = 0

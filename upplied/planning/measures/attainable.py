@@ -170,10 +170,8 @@ def _ask_neighbours(
 
 
 def _candidates(max_incidence_deg: float) -> tuple[Floats, Floats, Floats]:
-    """Tilt from the normal, turn around it (rad), and distance, as a share of the way from near to far.
-
-    Likely ones first.
-    """
+    """Tilt from the normal, turn around it (rad), and distance, as a share of the way from near to far."""
+    # Likely ones first.
     ladder = np.roll(np.linspace(0, 1, _DISTANCES), -2)
     limit = np.radians(min(max_incidence_deg, 89.9))
     rows = [(0.0, 0.0, length) for length in ladder]

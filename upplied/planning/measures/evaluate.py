@@ -22,7 +22,6 @@ from upplied.planning.carry.affine import demonstrated_on_target, registered_map
 from upplied.planning.carry.forecast import forecast_of
 from upplied.planning.carry.inspected_surface import InspectedSurface, coverage, inspected_surface
 from upplied.planning.carry.standoff import carried_sight, counted, picture_share
-from upplied.planning.correspondence.pair import Pair
 from upplied.planning.demonstration.repetition import Take, begins_of
 from upplied.planning.geometry.clouds import weighted_percentile
 from upplied.planning.geometry.frechet import frechet, frechet_floored, frechet_z
@@ -88,7 +87,13 @@ def judge(
         never_scanned_m2=pair.missing.area_m2,
     )
     if added is not None and not added.all():
-        measures = replace(measures, **_shape_of_demonstrated(trajectory, added, carried, pair, measures))
+        # How far the part of the plan that is carried from the demonstration departs from it.
+        own_at, axes = trajectory.positions[~added], standing(pair)
+        off = {"frechet_demonstrated_m": measures.frechet_m}
+        if added.any():
+            off["frechet_demonstrated_m"] = frechet(carried, own_at, FRECHET)
+            off["frechet_floored"] = frechet_floored(carried @ axes.T, own_at @ axes.T, FRECHET)
+        measures = replace(measures, **off)
     if demonstrated_s is not None:
         own = np.ones(len(trajectory), bool) if added is None or added.all() else ~added
         flown = trajectory.take(own), demonstrated_s[own]
@@ -99,19 +104,6 @@ def judge(
         *by_camera(measures, takes, settings),
     )
     return measures, surface_states(shown), warnings
-
-
-def _shape_of_demonstrated(
-    trajectory: Trajectory, added: Bools, carried: Floats, pair: Pair, measures: Measures
-) -> dict[str, float]:
-    """How far the part of a plan that is carried from the demonstration departs from it."""
-    if not added.any():
-        return {"frechet_demonstrated_m": measures.frechet_m}
-    own, axes = trajectory.positions[~added], standing(pair)
-    return {
-        "frechet_demonstrated_m": frechet(carried, own, FRECHET),
-        "frechet_floored": frechet_floored(carried @ axes.T, own @ axes.T, FRECHET),
-    }
 
 
 def _standoff_kept(
@@ -188,7 +180,15 @@ def measure(
     axes = np.eye(3) if standing is None else standing
     quality: dict[str, float] = {}
     if true is not None:
-        ratio, incidence = _view_quality(*true)
+        # Median of nearest view over the demonstration's, and 95th percentile of the least incidence.
+        inspected, ratio, incidence = true[0], float("nan"), float("nan")
+        near, cosine = true[1].nearest(inspected.cloud.points, inspected.cloud.normals)
+        used = (inspected.need > 0) & np.isfinite(near)
+        if used.any():
+            ratio = weighted_percentile(near[used] / inspected.standoff_m[used], inspected.need[used], 50)
+        if used.any() and inspected.cloud.normals is not None:
+            angle = np.degrees(np.arccos(np.clip(cosine[used], -1, 1)))
+            incidence = weighted_percentile(angle, inspected.need[used], 95)
         quality = {
             "coverage_seen_pct": coverage(true[0], true[1].total),
             "standoff_ratio_p50": ratio,
@@ -226,17 +226,3 @@ def peaks(trajectory: Trajectory) -> tuple[float, float]:
         return 0.0, 0.0
     speed = float((leg_lengths(trajectory.positions) / np.diff(trajectory.t_s)).max())
     return speed, float(accelerations(trajectory.t_s, trajectory.positions).max(initial=0.0))
-
-
-def _view_quality(inspected: InspectedSurface, views: Views) -> tuple[float, float]:
-    """Median of nearest view over the demonstration's, and 95th percentile of the least incidence."""
-    normals = inspected.cloud.normals
-    near, cosine = views.nearest(inspected.cloud.points, normals)
-    used = (inspected.need > 0) & np.isfinite(near)
-    if not used.any():
-        return float("nan"), float("nan")
-    ratio = weighted_percentile(near[used] / inspected.standoff_m[used], inspected.need[used], 50)
-    if normals is None:
-        return ratio, float("nan")
-    angle = np.degrees(np.arccos(np.clip(cosine[used], -1, 1)))
-    return ratio, weighted_percentile(angle, inspected.need[used], 95)

@@ -124,10 +124,7 @@ def _share(part: float, whole: float) -> float:
 
 
 def _smoothness(
-    steps: Moments,
-    flown: Sequence[Moments],
-    inspected: InspectedSurface,
-    limit_radps: float,
+    steps: Moments, flown: Sequence[Moments], inspected: InspectedSurface, limit_radps: float
 ) -> dict[str, float]:
     """How much the camera and the path turn, over what the demonstration turned."""
     near = inspected.standoff_m[inspected.need > 0]

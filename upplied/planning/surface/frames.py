@@ -64,25 +64,22 @@ def own_frame(structure: Structure) -> Frame:
     of no consequence, but must turn with the structure. A round structure, whose walls tell no heading, has
     one from these alone.
     """
-    return structure.derived("own frame", lambda: _own_frame(structure))
 
+    def own() -> Frame:
+        middle = centre(structure) * [1.0, 1.0, 0.0]
+        walls, order = _wall_heading(structure), _leaning(structure)
+        if walls is None:
+            return Frame(order, middle)
+        heading = walls + np.round((order - walls - _OFF) / (np.pi / 2)) * np.pi / 2
+        return Frame(float(wrapped(np.asarray(heading))), middle)
 
-def _own_frame(structure: Structure) -> Frame:
-    middle = centre(structure) * [1.0, 1.0, 0.0]
-    walls, order = _wall_heading(structure), _leaning(structure)
-    if walls is None:
-        return Frame(order, middle)
-    quarters = np.round((order - walls - _OFF) / (np.pi / 2))
-    heading = walls + quarters * np.pi / 2
-    return Frame(float(wrapped(np.asarray(heading))), middle)
+    return structure.derived("own frame", own)
 
 
 def _wall_heading(structure: Structure) -> float | None:
-    """Heading that walls face, modulo a right angle: -45 to 45 deg, rad; None where they face all ways.
-
-    The mean of the fourth powers of the horizontal normals, as complex numbers, weighted with the area
-    seen from the side, and of the squared mean of their squares.
-    """
+    """Heading that walls face, modulo a right angle: -45 to 45 deg, rad; None where they face all ways."""
+    # The mean of the fourth powers of the horizontal normals, as complex numbers, weighted with the area seen
+    # from the side, and of the squared mean of their squares.
     if len(structure.triangles):
         normal = area_vectors(structure.vertices[structure.triangles])
     elif structure.normals is not None:
@@ -100,10 +97,8 @@ def _wall_heading(structure: Structure) -> float | None:
 
 
 def _leaning(structure: Structure) -> float:
-    """A direction (rad) in which the surface reaches farther out, however its triangles are divided.
-
-    Else one that the numbering of the vertices gives: a sum of offsets with uneven weights.
-    """
+    """A direction (rad) in which the surface reaches farther out, however its triangles are divided."""
+    # Else one that the numbering of the vertices gives: a sum of offsets with uneven weights.
     if len(structure.triangles):
         middles, size = structure.vertices[structure.triangles].mean(axis=1), triangle_areas(structure)
         offset = middles - centre(structure)

@@ -50,7 +50,15 @@ def lattice(structure: Structure, spacing_m: float, some: Ints | None = None) ->
     number = _crossings(corners, spacing_m, np.empty((0, 3)), np.empty((0, 4), np.int64), np.empty(0))
     points, line, area = np.empty((number, 3)), np.empty((number, 4), np.int64), np.empty(number)
     _crossings(corners, spacing_m, points, line, area)
-    order = np.argsort(_priority(line[:, 1:]), kind="stable")
+    # A number for each line by which they are mixed: the same line has the same.
+    mixed = np.zeros(len(line), np.uint64)
+    with np.errstate(over="ignore"):
+        for part in line[:, 1:].T:
+            mixed = (mixed ^ part.astype(np.uint64)) + np.uint64(0x9E3779B97F4A7C15)
+            mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            mixed ^= mixed >> np.uint64(31)
+    order = np.argsort(mixed.view(np.int64), kind="stable")
     line = line[order]
     coarse = (line[:, 2] + line[:, 3]) % 2 == 0
     return Lattice(points[order] + middle, chosen[line[:, 0]], area[order], coarse)
@@ -77,24 +85,10 @@ def spacing_for(structure: Structure, area_m2: float, number: float) -> float:
     return float(structure.diagonal_m * 2.0 ** (-step / _STEPS))
 
 
-def _priority(line: Ints) -> Ints:
-    """A number for each line (N, 3) by which they are mixed: the same line has the same."""
-    mixed = np.zeros(len(line), np.uint64)
-    with np.errstate(over="ignore"):
-        for part in line.T:
-            mixed = (mixed ^ part.astype(np.uint64)) + np.uint64(0x9E3779B97F4A7C15)
-            mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-            mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-            mixed ^= mixed >> np.uint64(31)
-    return mixed.view(np.int64)
-
-
 @njit(cache=True)
 def _crossings(corners: Floats, spacing: float, points: Floats, line: Ints, area: Floats) -> int:
-    """How many lines cross the triangles (T, 3, 3); written where there is room.
-
-    `line` (N, 4) is the triangle, the lattice and the row and column of the line.
-    """
+    """How many lines cross the triangles (T, 3, 3); written where there is room."""
+    # `line` (N, 4) is the triangle, the lattice and the row and column of the line.
     along, aside = np.cos(_HEADING), np.sin(_HEADING)
     cosine, sine = np.cos(_TILT), np.sin(_TILT)
     flat, count = np.empty((3, 2)), 0
@@ -175,7 +169,16 @@ def voxel_cloud(structure: Structure, settings: CloudSettings) -> Cloud:
         raw, _ = points_on_triangles(structure, settings.raw_points, rng)
     else:
         raw = structure.vertices
-    leaf = _leaf_for(raw, settings.voxel_points)
+    # The leaf that leaves about so many points, by bisection on its logarithm.
+    columns = np.ascontiguousarray((raw - raw.min(axis=0)).T)
+    extent = float(columns.max())
+    low, high = np.log(extent / 2000), np.log(extent)
+    for _ in range(20):
+        middle = (low + high) / 2
+        voxel, whole = _voxels(columns, float(np.exp(middle)))
+        many = len(np.unique(voxel)) if whole > _MOST_VOXELS else np.count_nonzero(np.bincount(voxel))
+        low, high = (middle, high) if many > settings.voxel_points else (low, middle)
+    leaf = float(np.exp(high))
     return Cloud(points=voxel_filter(raw, leaf), leaf_m=leaf)
 
 
@@ -201,22 +204,6 @@ def _voxels(columns: Floats, leaf_m: float) -> tuple[Ints, int]:
     return (x * size[1] + y) * size[2] + z, int(size.prod())
 
 
-def _leaf_for(points: Floats, number: int) -> float:
-    """The leaf that leaves about `number` points, found by bisection on its logarithm."""
-    columns = np.ascontiguousarray((points - points.min(axis=0)).T)
-    extent = float(columns.max())
-    low, high = np.log(extent / 2000), np.log(extent)
-    for _ in range(20):
-        middle = (low + high) / 2
-        voxel, whole = _voxels(columns, float(np.exp(middle)))
-        many = whole > _MOST_VOXELS
-        if (len(np.unique(voxel)) if many else np.count_nonzero(np.bincount(voxel))) > number:
-            low = middle
-        else:
-            high = middle
-    return float(np.exp(high))
-
-
 def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
     """About `number` of the candidates, none nearer to another on the same side than it must be.
 
@@ -236,10 +223,7 @@ def thin(points: Floats, normals: Floats, number: int, area: float) -> Ints:
     for _ in range(12):
         middle = (low + high) / 2
         chosen = _greedy(start, pairs[:, 1], distance, middle)
-        if chosen.sum() > number:
-            low = middle
-        else:
-            high = middle
+        low, high = (middle, high) if chosen.sum() > number else (low, middle)
     return np.flatnonzero(chosen)
 
 

@@ -14,15 +14,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from upplied.planning.constants import (
-    COMPACT,
-    LEAST_PART,
-    MAJORITY,
-    SAME_FACE,
-    SAME_SIZE,
-    SLENDER,
-    TOLERANCE,
-)
+from upplied.planning.constants import COMPACT, LEAST_PART, MAJORITY, SAME_FACE, SAME_SIZE, SLENDER, TOLERANCE
 from upplied.planning.geometry.clouds import spacing
 from upplied.records import Bools, Cloud, Floats, Ints, Record, Structure
 

@@ -49,10 +49,8 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
 
     Parameters
     ----------
-    structure : Structure
     scene : Scene
         Of the same structure.
-    settings : CloudSettings
 
     Returns
     -------
@@ -61,26 +59,30 @@ def surface_samples(structure: Structure, scene: Scene, settings: CloudSettings)
         the outside area; `part` (N,), 0 the largest; `open` (N,) of a scan. Every beginning of
         them is spread evenly (`surface.lattice`).
     """
-    sampled = _from_triangles if len(structure.triangles) else _from_points
-    cloud = sampled(structure, scene, settings)
-    if not structure.is_scan:
-        return cloud
-    return replace(cloud, open=shows_inside(structure, scene, cloud))
-
-
-def _from_triangles(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
-    floor, piece = floor_of(structure), mesh_pieces(structure)
-    wanted = _SPARE * settings.surface_samples
-    spacing = spacing_for(structure, float(triangle_areas(structure).sum()), wanted / _SPARE)
-    few = lattice(structure, spacing)
-    # A hidden inside takes some of them: so many more are needed.
-    seen = _outside(few, piece, structure, scene, floor)[0]
-    outside = float(few.area[seen].sum())
-    lines = lattice(structure, spacing_for(structure, outside, wanted))
-    index, normals = _outside(lines, piece, structure, scene, floor)
-    chosen = np.flatnonzero(lines.coarse[index])
-    points, area = lines.points[index], lines.area[index]
-    return _standing_for(points, normals, area, piece[lines.triangle[index]], chosen)
+    if len(structure.triangles):
+        floor, pieces = floor_of(structure), mesh_pieces(structure)
+        wanted = _SPARE * settings.surface_samples
+        spacing_m = spacing_for(structure, float(triangle_areas(structure).sum()), wanted / _SPARE)
+        few = lattice(structure, spacing_m)
+        # A hidden inside takes some of them: so many more are needed.
+        outside = float(few.area[_outside(few, pieces, structure, scene, floor)[0]].sum())
+        lines = lattice(structure, spacing_for(structure, outside, wanted))
+        index, normals = _outside(lines, pieces, structure, scene, floor)
+        chosen = np.flatnonzero(lines.coarse[index])
+        points, area, piece = lines.points[index], lines.area[index], pieces[lines.triangle[index]]
+    else:  # of the points that its discs lie at, thinned
+        points, normals, area = _of_discs(structure, scene)
+        piece = np.zeros(len(points), np.int64)
+        chosen = thin(points, normals, settings.surface_samples, float(area.sum()))
+        # So that every beginning of them is spread evenly.
+        chosen = np.random.default_rng(0).permutation(chosen)
+    # The chosen candidates stand for all, but those that lie where another one does.
+    share = shares(points, normals, area, chosen)
+    chosen, share = chosen[share > 0], share[share > 0]
+    # By all candidates: a piece is not cut off, or joined, by where some of them were left out.
+    part = part_labels(points, area, piece)[chosen]
+    cloud = Cloud(points[chosen], normals[chosen], share, part)
+    return replace(cloud, open=shows_inside(structure, scene, cloud)) if structure.is_scan else cloud
 
 
 def _outside(
@@ -113,16 +115,8 @@ def _outside(
     return index, sign_of[:, None] * normals[index]
 
 
-def _standing_for(points: Floats, normals: Floats, area: Floats, piece: Ints, chosen: Ints) -> Cloud:
-    """The chosen candidates, which stand for all, but those that lie where another one does."""
-    share = shares(points, normals, area, chosen)
-    chosen, share = chosen[share > 0], share[share > 0]
-    # By all candidates: a piece is not cut off, or joined, by where some of them were left out.
-    return Cloud(points[chosen], normals[chosen], share, part_labels(points, area, piece)[chosen])
-
-
-def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) -> Cloud:
-    """Samples of a structure given as a point cloud: of the points that its discs lie at, thinned."""
+def _of_discs(structure: Structure, scene: Scene) -> tuple[Floats, Floats, Floats]:
+    """The points that the discs of a point cloud lie at and that are seen, their normals and areas."""
     discs = discs_of(structure)
     points, normals, distance = discs.points, discs.normals, discs.away[:, :_AREA]
     area = np.pi * distance[:, -1] ** 2 / max(distance.shape[1] - 1, 1)
@@ -134,9 +128,7 @@ def _from_points(structure: Structure, scene: Scene, settings: CloudSettings) ->
         outward = np.where((behind > ahead)[:, None], -normals, normals)
         seen: Bools = np.maximum(ahead, behind) >= ESCAPE
         points, normals, area = points[seen], outward[seen], area[seen]
-    chosen = thin(points, normals, settings.surface_samples, float(area.sum()))
-    chosen = np.random.default_rng(0).permutation(chosen)  # so that every beginning of them is spread evenly
-    return _standing_for(points, normals, area, np.zeros(len(points), np.int64), chosen)
+    return points, normals, area
 
 
 def beside(cloud: Cloud, region: Bools) -> Bools:

@@ -174,10 +174,9 @@ def _lengths(points: Floats, normals: Floats, piece: Ints, pairs: Ints) -> Float
 
 @njit(cache=True)
 def _basins(pairs: Ints, depth: Floats, neck: float) -> Ints:
-    """Parts (F,) by watershed: two meet where the way between them is wide, as wide as they are.
-
-    `pairs` (E, 2) are the widest first; what lies on the rim (depth 0) joins nothing; `neck` is of `_NECKS`.
-    """
+    """Parts (F,) by watershed: two meet where the way between them is wide, as wide as they are."""
+    # `pairs` (E, 2) are the widest first; what lies on the rim (depth 0) joins nothing; `neck` is of
+    # `_NECKS`.
     number = len(depth)
     root, peak = np.arange(number), depth.copy()
     for way in range(len(pairs)):

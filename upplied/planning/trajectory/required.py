@@ -16,7 +16,7 @@ from upplied.planning.airspace.rules import Airspace
 from upplied.planning.geometry.clouds import nearest_facing, spacing
 from upplied.planning.trajectory.state import Flown
 from upplied.planning.trajectory.view import View, places_beside
-from upplied.records import Bools, Cloud, Ints
+from upplied.records import Bools, Cloud
 from upplied.records.plans import RequiredSurface
 
 _STATIONS = 160  # of the path, that are asked what they could show
@@ -56,7 +56,17 @@ def required_first(
         farthest[zone] = np.minimum(farthest[zone], wanted_m)
     cosine[zone] = np.cos(np.radians(required.incidence_deg[mine[zone]]))
     asking = replace(view, farthest_m=farthest, least_cosine=cosine)
-    near = zone[_in_reach(asking, zone, path, airspace, usual_m)]
+    # Which of them the path, or a place beside it, would show with its camera turned.
+    within = replace(asking, farthest_m=np.minimum(asking.farthest_m, _WITHIN * usual_m))
+    station = chosen_evenly(len(path), _STATIONS)
+    reached: Bools = np.asarray(within.reach(path.positions[station], zone, station=station).any(axis=0))
+    if (left := np.flatnonzero(~reached)).size:
+        at, off = places_beside(path, usual_m)
+        places = path.positions[at] + off
+        free = airspace.allowed(places)
+        if free.any():
+            reached[left] = within.reach(places[free], zone[left], station=at[free]).any(axis=0)
+    near = zone[reached]
     if not len(near):
         return view
     strict = np.zeros(len(mine), bool)
@@ -73,17 +83,3 @@ def required_first(
         inspected=view.inspected | strict,
         least_cosine=np.where(strict, cosine, 0.0),
     )
-
-
-def _in_reach(view: View, zone: Ints, path: Flown, airspace: Airspace, usual_m: float) -> Bools:
-    """Which samples of the zone (Z,) the path, or a place beside it, would show with its camera turned."""
-    view = replace(view, farthest_m=np.minimum(view.farthest_m, _WITHIN * usual_m))
-    station = chosen_evenly(len(path), _STATIONS)
-    reached: Bools = np.asarray(view.reach(path.positions[station], zone, station=station).any(axis=0))
-    if (left := np.flatnonzero(~reached)).size:
-        at, off = places_beside(path, usual_m)
-        places = path.positions[at] + off
-        free = airspace.allowed(places)
-        if free.any():
-            reached[left] = view.reach(places[free], zone[left], station=at[free]).any(axis=0)
-    return reached

@@ -42,9 +42,7 @@ def sharply_timed(
     sharp = sharp_limits(path, flight, takes, inspected, settings)
     timed = retime(path, flight, settings.retime, breaks_of(takes), sharp)
     steadied = steadied_swings(sharp, path.t_s, timed, steady_radps(takes, settings.inspection))
-    if steadied is sharp:
-        return timed
-    return retime(path, flight, settings.retime, breaks_of(takes), steadied)
+    return timed if steadied is sharp else retime(path, flight, settings.retime, breaks_of(takes), steadied)
 
 
 def sharp_limits(

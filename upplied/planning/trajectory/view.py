@@ -81,12 +81,6 @@ class View(Record):
             return np.empty(0, np.int64), np.empty(0)
         return np.concatenate(chosen), np.concatenate(needs)
 
-    def halves_rad(self, stations: int) -> Floats:
-        """Half the field of view of each station (M, 2), across and up."""
-        if self.fov_deg is not None:
-            return np.radians(self.fov_deg) / 2
-        return np.tile(np.radians([self.camera.hfov_deg, self.camera.vfov_deg]) / 2, (stations, 1))
-
     def _closeness(self, chosen: Ints, fov_deg: Floats | None) -> Closeness:
         least = None if self.least_cosine is None else self.least_cosine[chosen]
         return Closeness(self.farthest_m[chosen], least, coarseness(self.camera, fov_deg))
